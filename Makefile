@@ -1,0 +1,56 @@
+# make demo        the main job on the sample videos        make test   lint and tests
+# KORNIA=0         leaves torch and kornia out              PYTHON=...  another interpreter (3.11 or newer)
+PYTHON ?= python3
+KORNIA ?= 1
+VENV := .venv
+BIN := $(VENV)/bin
+SOURCES := pyproject.toml Makefile
+
+ifeq ($(KORNIA),0)
+DEMO_EXTRAS := .
+TEST_EXTRAS := .[test]
+STAMP := plain
+else
+DEMO_EXTRAS := .[kornia]
+TEST_EXTRAS := .[test,kornia]
+STAMP := kornia
+endif
+
+.PHONY: demo test lint wheel clean docs
+
+demo: $(VENV)/.demo-$(STAMP)
+	$(BIN)/towline run sample_videos/mariner/x1446 sample_videos/mariner/x1548 sample_videos/mariner/x1649 sample_videos/mariner/x1751
+	$(BIN)/towline run sample_videos/leander_steady/hole6 sample_videos/leander_steady/hole5 sample_videos/leander_steady/hole4 sample_videos/leander_steady/hole3
+
+test: lint
+	$(BIN)/python -m pytest tests
+
+lint: $(VENV)/.test-$(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	@mkdir -p $(VENV)/typed && ln -sfn ../.. $(VENV)/typed/towline
+	$(BIN)/basedpyright --project $(VENV)/typed/towline/tests/pyrightconfig.json --pythonpath $(BIN)/python
+
+docs: $(VENV)/.test-$(STAMP)
+	$(BIN)/python -m towline.record.reference > docs/formats/reference.md
+
+# A virtual environment with only python3 and pip: the standard venv where its ensurepip is there, else virtualenv from pip.
+$(BIN)/python:
+	@if $(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then :; else echo "towline needs Python 3.11 or newer; $(PYTHON) is older (make PYTHON=python3.12 ...)" >&2; exit 1; fi
+	@$(PYTHON) -m venv $(VENV) 2>/dev/null || { rm -rf $(VENV); \
+	  $(PYTHON) -m pip install --quiet --target .virtualenv-bootstrap virtualenv && \
+	  PYTHONPATH=.virtualenv-bootstrap $(PYTHON) -m virtualenv --quiet $(VENV) && rm -rf .virtualenv-bootstrap; }
+
+$(VENV)/.demo-$(STAMP): $(BIN)/python $(SOURCES)
+	$(BIN)/python -m pip install --quiet -e '$(DEMO_EXTRAS)'
+	@touch $@
+
+$(VENV)/.test-$(STAMP): $(BIN)/python $(SOURCES)
+	$(BIN)/python -m pip install --quiet -e '$(TEST_EXTRAS)'
+	@touch $@
+
+wheel: $(VENV)/.demo-$(STAMP)
+	$(BIN)/python -m pip wheel --quiet --no-deps -w dist .
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info

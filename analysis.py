@@ -1,0 +1,192 @@
+"""What takes several runs: derivatives and steady state, with failed runs kept beside the good ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from . import __version__
+from .identify import Fit, RunData, derivatives_file, fit_runs, fit_steady, run_data, steady_file, steady_state
+from .identify.steady import SteadyState
+from .record.errors import EstimationError, InputError, TowlineError
+from .record.priors import Priors
+from .record.results import DerivativesFile, SteadyFile
+from .record.run import RUN_FILE, read_run
+from .simulate.model import DERIVATIVE_UNITS, Hull, alpha_from_y
+from .stages import Moved, Progress, moved, truth_of
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Runs with their motion, and those that failed.
+
+    Attributes
+    ----------
+    runs : in the order given
+    failed : folder or run name -> why
+    """
+
+    runs: list[Moved]
+    failed: dict[str, str]
+
+
+def moved_batch(
+    folders: Sequence[str | Path], method: str = "exact", progress: Progress | None = None, fresh: bool = False
+) -> Batch:
+    """Motion of every run; a bad run is put aside with its reason and the others go on."""
+    runs: list[Moved] = []
+    failed: dict[str, str] = {}
+    for folder in folders:
+        name = str(folder)
+        try:
+            run = read_run(folder)
+            name = run.name
+            if any(m.run.name == name for m in runs) or name in failed:
+                raise InputError(
+                    run.folder / RUN_FILE, "name", f"{name!r} is another run's name as well; names must differ"
+                )
+            runs.append(moved(run, method, progress, fresh))
+        except TowlineError as error:
+            failed[name if name not in failed else str(folder)] = str(error)
+    return Batch(runs, failed)
+
+
+def output_folder(folders: Sequence[str | Path]) -> Path:
+    """RUN/out for one run, else out/ in the deepest folder that holds all of them."""
+    paths = [Path(f).resolve() for f in folders]
+    paths = [p.parent if p.name == RUN_FILE else p for p in paths]
+    common = paths[0]
+    while not all(p == common or common in p.parents for p in paths):
+        common = common.parent
+    return common / "out"
+
+
+def all_inputs(runs: Sequence[Moved]) -> dict[str, str]:
+    """Hashes of every input of every run, by run name and path."""
+    return {f"{m.run.name}/{name}": digest for m in runs for name, digest in m.run.input_hashes().items()}
+
+
+@dataclass(frozen=True)
+class Identified:
+    """Derivatives with what the page shows of them.
+
+    Attributes
+    ----------
+    result : derivatives.json
+    fitted : run name -> t_s, y_cg_m, beta_rad, alpha_rad of the fit, biases included
+    """
+
+    result: DerivativesFile
+    fitted: dict[str, pd.DataFrame]
+
+
+def identified(
+    batch: Batch,
+    form: str = "full",
+    speed_m_s: float | None = None,
+    priors: Priors | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Identified:
+    """Joint fit of the six derivatives over the batch.
+
+    Raises
+    ------
+    EstimationError : no run can be used
+    """
+    failed = dict(batch.failed)
+    data: list[RunData] = []
+    used: list[Moved] = []
+    for m in batch.runs:
+        try:
+            data.append(run_data(m.run, m.motion, m.common, priors))
+            used.append(m)
+        except TowlineError as error:
+            failed[m.run.name] = str(error)
+    if not used:
+        raise EstimationError(next(iter(failed.values()), "no run to fit"))
+    hulls = {(m.run.model.length_pp_m, m.run.model.mass_kg, m.run.water.density_kg_m3) for m in used}
+    if len(hulls) > 1:
+        raise EstimationError(
+            f"the runs are not of one hull in one water: (length_pp_m, mass_kg, density_kg_m3) = {sorted(hulls)}"
+        )
+    fit = fit_runs(data, form, speed_m_s, progress)
+    first = used[0].run
+    result = derivatives_file(
+        fit, data, first.model, first.water, __version__, all_inputs(used), failed, _true_six(used, fit.speed_m_s)
+    )
+    return Identified(result, {d.name: _fitted(fit, d, m, i) for i, (d, m) in enumerate(zip(data, used, strict=True))})
+
+
+def _fitted(fit: Fit, data: RunData, m: Moved, index: int) -> pd.DataFrame:
+    y, beta = fit.response[index].T
+    tow = data.tow
+    post, _ = tow.post_motion(data.t_s)
+    return pd.DataFrame(
+        {
+            "t_s": data.t_s,
+            "y_cg_m": y + m.run.tow.post_m[1],
+            "beta_rad": beta,
+            "alpha_rad": alpha_from_y(y, beta, replace(tow, post_m=(tow.post_m[0], 0.0)), post),
+        }
+    )
+
+
+def _true_six(runs: Sequence[Moved], speed_m_s: float) -> dict[str, float] | None:
+    """The rendered runs' derivatives at the fit's speed, where all runs carry the same."""
+    found = []
+    for m in runs:
+        truth = truth_of(m.run)
+        if truth is None or not set(DERIVATIVE_UNITS) <= set(truth.derivatives):
+            return None
+        six = [truth.derivatives[name] for name in DERIVATIVE_UNITS]
+        found.append(Hull(*six, speed_m_s=truth.speed_m_s).at_speed(speed_m_s).six)
+    if not np.allclose(found, found[0], rtol=1e-9):
+        return None
+    return dict(zip(DERIVATIVE_UNITS, (float(x) for x in found[0]), strict=True))
+
+
+def steadied(batch: Batch) -> SteadyFile:
+    """Neutral point of the batch's steady tows.
+
+    Raises
+    ------
+    EstimationError : fewer than two usable tows
+    """
+    failed = dict(batch.failed)
+    tows: list[SteadyState] = []
+    used: list[Moved] = []
+    for m in batch.runs:
+        try:
+            tows.append(steady_state(m.run, m.motion, m.common))
+            used.append(m)
+        except TowlineError as error:
+            failed[m.run.name] = str(error)
+    if len(tows) < 2:
+        reasons = "; ".join(f"{name}: {why}" for name, why in failed.items())
+        raise EstimationError(f"{len(tows)} steady tows; two or more are needed{f' ({reasons})' if reasons else ''}")
+    fit = fit_steady(tows, used[0].run.model.x_delta_m)
+    truths = {t.x_v_m for m in used if (t := truth_of(m.run)) is not None}
+    true_x_v = truths.pop() if len(truths) == 1 else None
+    return steady_file(fit, tows, __version__, all_inputs(used), failed, true_x_v)
+
+
+def wants_steady(m: Moved) -> bool:
+    """A tow with its rudder over, or without a measured tension, is analysed for its steady state."""
+    tow = m.run.file.tow
+    return m.run.file.kind == "tow" and tow is not None and (tow.rudder_rad != 0.0 or not has_tension(m))
+
+
+def has_tension(m: Moved) -> bool:
+    """T is known: stated, logged, or in the motion."""
+    tow = m.run.file.tow
+    if tow is None:
+        return False
+    return bool(
+        tow.tension_n is not None
+        or tow.tension is not None
+        or ("tension_n" in m.motion and m.motion["tension_n"].notna().any())
+    )

@@ -1,0 +1,401 @@
+"""The command line: parse, call, print. No computing here, and nothing heavy is imported before it is needed."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from . import __version__
+
+EXIT_OK, EXIT_ERROR, EXIT_USAGE, EXIT_SOME_FAILED, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code (0 done, 1 error, 2 usage, 3 done but some runs failed, 130 interrupted)."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if options.command is None:
+        parser.print_help()
+        return EXIT_USAGE
+    from .record.errors import TowlineError
+
+    try:
+        return options.call(options)
+    except TowlineError as error:
+        if options.debug:
+            raise
+        print(f"towline: error: {_one_line(str(error))}", file=sys.stderr)
+        return EXIT_ERROR
+    except OSError as error:
+        if options.debug:
+            raise
+        place = f"{error.filename}: " if error.filename else ""
+        print(f"towline: error: {place}{error.strerror or error}", file=sys.stderr)
+        return EXIT_ERROR
+    except KeyboardInterrupt:
+        print("towline: interrupted; what was finished is kept", file=sys.stderr)
+        return EXIT_INTERRUPTED
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="towline",
+        description="From a camera recording of a towed ship model to its hydrodynamic derivatives.",
+        epilog="Exit codes: 0 done, 1 error, 2 wrong usage, 3 done but some runs failed, 130 interrupted.",
+    )
+    parser.add_argument("--version", action="version", version=f"towline {__version__}")
+    parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND")
+
+    def command(name: str, call: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=text, description=text)
+        sub.set_defaults(call=call)
+        return sub
+
+    sub = command("run", _run, "everything: video to tracks, motion, derivatives or steady state, and an HTML page")
+    _add_runs(sub)
+    _add_method(sub)
+    _add_fit(sub)
+    sub.add_argument("-o", "--out", type=Path, help="where results go (default: RUN/out, or out/ beside several runs)")
+    sub.add_argument("--fresh", action="store_true", help="redo stages whose results are up to date")
+
+    sub = command("track", _track, "video to pixel tracks (out/tracks.csv) and an overlay video (out/overlay.mp4)")
+    _add_runs(sub)
+    sub.add_argument("--no-overlay", action="store_true", help="do not write out/overlay.mp4")
+
+    sub = command(
+        "motion", _motion, "tracks to metres (out/marks.csv), motion (out/motion.csv) and camera (out/camera.json)"
+    )
+    _add_runs(sub)
+    _add_method(sub)
+
+    sub = command("identify", _identify, "joint fit of the six linear derivatives over all runs (out/derivatives.json)")
+    _add_runs(sub)
+    _add_method(sub)
+    _add_fit(sub)
+    sub.add_argument("-o", "--out", type=Path, help="where derivatives.json goes")
+
+    sub = command("steady", _steady, "neutral point X_v from steady tows at two or more tow points (out/steady.json)")
+    _add_runs(sub)
+    _add_method(sub)
+    sub.add_argument("-o", "--out", type=Path, help="where steady.json goes")
+
+    sub = command("simulate", _simulate, "scenario.toml to motion.csv and the tow's stability verdict")
+    sub.add_argument("scenario", type=Path, metavar="SCENARIO.toml")
+    sub.add_argument(
+        "-o", "--out", type=Path, help="the motion table, .csv or .parquet (default: motion.csv beside it)"
+    )
+
+    sub = command("render", _render, "scenario.toml to a filmed run: video, run.toml and its truth")
+    sub.add_argument("scenario", type=Path, metavar="SCENARIO.toml")
+    sub.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="the run folder to write")
+    return parser
+
+
+def _add_runs(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folder (with a run.toml)")
+
+
+def _add_method(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "--method",
+        choices=("exact", "trapezoid", "trapezoid_corners"),
+        default="exact",
+        help="exact plane at each marker's depth (default), the thesis's trapezoid with its deck-height shift (4.2), or "
+        "the trapezoid with its corners moved down",
+    )
+
+
+def _add_fit(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "--form",
+        choices=("full", "linear"),
+        default="full",
+        help="full sine and kinematics (default) or the linear model",
+    )
+    sub.add_argument(
+        "--speed", type=float, metavar="M_S", help="quote the derivatives at this speed (default: the runs' mean)"
+    )
+    sub.add_argument("--priors", type=Path, metavar="PRIORS.toml", help="priors instead of each run.toml's own")
+
+
+# progress and printing -------------------------------------------------------------------------------------------
+
+
+def _console(error: bool = False) -> Any:
+    from rich.console import Console
+
+    return Console(stderr=error, highlight=False, soft_wrap=True)
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str, int, int | None], None]]:
+    """A progress line on the terminal; silent where the output is not one."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
+
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
+    console = _console(error=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("starting", total=None)
+
+        def show(text: str, done: int, total: int | None) -> None:
+            bar.update(task, description=text, completed=done, total=total)
+
+        yield show
+
+
+def _fail_lines(failed: dict[str, str]) -> None:
+    for name, why in failed.items():
+        print(f"towline: failed: {name}: {_one_line(why)}", file=sys.stderr)
+
+
+def _notes(notes: Sequence[str]) -> None:
+    for note in notes:
+        print(f"note: {note}")
+
+
+def _batch(options: argparse.Namespace, fresh: bool = False):
+    from .analysis import moved_batch
+    from .record.errors import TowlineError
+
+    with _progress() as show:
+        batch = moved_batch(options.runs, options.method, show, fresh)
+    if not batch.runs:
+        if len(batch.failed) == 1:
+            raise TowlineError(next(iter(batch.failed.values())))
+        _fail_lines(batch.failed)
+        raise TowlineError("no run could be used")
+    return batch
+
+
+def _code(failed: dict[str, str]) -> int:
+    return EXIT_SOME_FAILED if failed else EXIT_OK
+
+
+# commands --------------------------------------------------------------------------------------------------------
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from .record.tables import write_table
+    from .simulate import read_scenario, scenario_stability, simulate_scenario
+
+    file = read_scenario(options.scenario)
+    motion = simulate_scenario(file, options.scenario.parent)
+    target = options.out or options.scenario.parent / "motion.csv"
+    write_table(target, motion)
+    verdict = scenario_stability(file)
+    if verdict is not None:
+        print(f"tow {verdict.sentence}")
+        print("roots 1/s: " + ", ".join(f"{root:.4f}" for root in verdict.roots))
+    print(f"wrote {target}: {len(motion)} samples, {motion['t_s'].iloc[-1]:.2f} s")
+    return EXIT_OK
+
+
+def _render(options: argparse.Namespace) -> int:
+    from .simulate import read_scenario
+    from .simulate.render import render_scenario
+
+    file = read_scenario(options.scenario)
+    with _progress() as show:
+        render_scenario(
+            file, options.scenario.parent, options.out, lambda done, total: show(f"{file.name}: rendering", done, total)
+        )
+    print(f"wrote {options.out}")
+    return EXIT_OK
+
+
+def _track(options: argparse.Namespace) -> int:
+    from .record.errors import TowlineError
+    from .record.run import read_run
+    from .stages import tracked
+
+    failed: dict[str, str] = {}
+    for folder in options.runs:
+        try:
+            run = read_run(folder)
+            with _progress() as show:
+                table, _ = tracked(run, show, overlay=not options.no_overlay and run.file.source.video is not None)
+        except TowlineError as error:
+            if len(options.runs) == 1:
+                raise
+            failed[str(folder)] = str(error)
+            continue
+        print(f"{run.name}: {_seen(table)}")
+        if run.file.source.video is not None:
+            files = ["tracks.csv"] if options.no_overlay else ["tracks.csv", "overlay.mp4"]
+            print("wrote " + ", ".join(str(run.out / name) for name in files))
+    _fail_lines(failed)
+    return _code(failed)
+
+
+def _seen(table: Any) -> str:
+    parts = []
+    for marker, rows in table.groupby("marker", sort=False):
+        share = (rows["status"] == "measured").mean()
+        sigma = rows[["sigma_u_px", "sigma_v_px"]].median().mean()
+        parts.append(f"{marker} measured in {100 * share:.2f} % of {len(rows)} frames (sigma {sigma:.3f} px)")
+    return "; ".join(parts)
+
+
+def _motion(options: argparse.Namespace) -> int:
+    batch = _batch(options)
+    for m in batch.runs:
+        print(f"{m.run.name}: {_motion_line(m)}")
+        if m.camera is not None:
+            _notes(m.camera.notes)
+            print("wrote " + ", ".join(str(m.run.out / name) for name in ("marks.csv", "motion.csv", "camera.json")))
+    _fail_lines(batch.failed)
+    return _code(batch.failed)
+
+
+def _motion_line(m: Any) -> str:
+    motion = m.motion
+    good = motion["status"] == "measured"
+    text = f"{int(good.sum())} of {len(motion)} frames, {motion['t_s'].iloc[-1] - motion['t_s'].iloc[0]:.1f} s"
+    if m.camera is not None:
+        rows = motion[good]
+        frame, common = (1e3 * rows[f"{kind}_y_cg_m"].median() for kind in ("sigma", "common"))
+        text += f"; y_CG +- {frame:.2f} mm frame to frame, {common:.2f} mm common"
+        text += f"; camera {m.camera.method}, datum {m.camera.rms_px:.2f} px rms"
+        for name, value in m.camera.invariants.items():
+            text += f"; {name} off by {1e3 * value.value:+.1f} mm (scatter {1e3 * value.std:.1f})"
+    return text
+
+
+def _truth_lines(runs: Sequence[Any]) -> None:
+    from .diagnose import motion_error
+    from .stages import truth_motion
+
+    for m in runs:
+        truth = truth_motion(m.run)
+        if truth is None:
+            continue
+        error = motion_error(m.motion, truth)
+        print(
+            f"{m.run.name}: against its truth: y_CG {1e3 * error.y_cg_m:.2f} mm, beta {error.beta_deg:.4f} deg, "
+            f"alpha {error.alpha_deg:.4f} deg rms"
+        )
+
+
+def _identify(options: argparse.Namespace) -> int:
+    from .analysis import output_folder
+
+    batch = _batch(options)
+    out = options.out or output_folder(options.runs)
+    result = _fit_and_write(options, batch, out).result
+    _fail_lines(result.failed)
+    return _code(result.failed)
+
+
+def _fit_and_write(options: argparse.Namespace, batch: Any, out: Path) -> Any:
+    from .analysis import identified
+    from .record.results import write_result
+    from .report import derivatives_table
+    from .stages import read_priors
+
+    priors = None if options.priors is None else read_priors(options.priors)
+    with _progress() as show:
+        answer = identified(batch, options.form, options.speed, priors, lambda text: show(text, 0, None))
+    write_result(out / "derivatives.json", answer.result)
+    _console().print(derivatives_table(answer.result))
+    _notes([*answer.result.not_identifiable, *answer.result.notes])
+    print(f"wrote {out / 'derivatives.json'}")
+    return answer
+
+
+def _steady(options: argparse.Namespace) -> int:
+    from .analysis import output_folder
+
+    batch = _batch(options)
+    result = _steady_and_write(batch, options.out or output_folder(options.runs))
+    _fail_lines(result.failed)
+    return _code(result.failed)
+
+
+def _steady_and_write(batch: Any, out: Path) -> Any:
+    from .analysis import steadied
+    from .record.results import write_result
+    from .report import steady_table
+
+    result = steadied(batch)
+    write_result(out / "steady.json", result)
+    _console().print(steady_table(result))
+    _notes(result.notes)
+    print(f"wrote {out / 'steady.json'}")
+    return result
+
+
+def _run(options: argparse.Namespace) -> int:
+    from .analysis import Batch, has_tension, output_folder, wants_steady
+    from .record.errors import TowlineError
+    from .report import RunPage, write_page
+    from .stages import picture_of, truth_motion
+
+    batch = _batch(options, options.fresh)
+    out = options.out or output_folder(options.runs)
+    for m in batch.runs:
+        print(f"{m.run.name}: {_motion_line(m)}")
+    _truth_lines(batch.runs)
+    failed = dict(batch.failed)
+    notes: list[str] = []
+    identified = steady = None
+    fitted: dict[str, Any] = {}
+    tensioned = [m for m in batch.runs if m.run.file.kind != "free" and has_tension(m)]
+    settled = [m for m in batch.runs if wants_steady(m)]
+    if tensioned:
+        try:
+            identified = _fit_and_write(options, Batch(tensioned, batch.failed), out)
+            failed |= identified.result.failed
+            fitted = identified.fitted
+        except TowlineError as error:
+            notes.append(f"no derivatives: {_one_line(str(error))}")
+    if len({m.run.tow.tow_point_m for m in settled}) > 1:
+        try:
+            steady = _steady_and_write(Batch(settled, batch.failed), out)
+            failed |= steady.failed
+        except TowlineError as error:
+            notes.append(f"no neutral point: {_one_line(str(error))}")
+    elif settled and not tensioned:
+        notes.append(
+            "no derivatives: no tension is given; no neutral point: steady tows at two or more tow points are needed"
+        )
+    for note in notes:
+        print(f"towline: {note}", file=sys.stderr)
+    pages = [
+        RunPage(
+            name=m.run.name,
+            picture=picture_of(m.run, m.tracks),
+            tracks=m.tracks,
+            motion=m.motion,
+            fitted=fitted.get(m.run.name),
+            truth=truth_motion(m.run),
+            camera=m.camera,
+            problem=failed.get(m.run.name),
+        )
+        for m in batch.runs
+    ]
+    page = out / "report.html"
+    title = pages[0].name if len(pages) == 1 else f"{out.parent.name}: {len(pages)} runs"
+    derivatives = identified.result if identified is not None else None
+    write_page(
+        page, title, pages, derivatives, steady, [*notes, *(f"{name}: {why}" for name, why in batch.failed.items())]
+    )
+    print(f"page: {page}")
+    _fail_lines(failed)
+    if derivatives is None and steady is None:
+        return EXIT_ERROR
+    return _code(failed)

@@ -1,0 +1,105 @@
+"""From a pixel to a place at a known depth, with its derivatives: what every camera model must offer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from .camera import Array, Lens
+
+
+@dataclass(frozen=True)
+class Places:
+    """Places of pixels on the plane at one depth.
+
+    Attributes
+    ----------
+    xy_m : (n, 2), tank axes
+    per_px : (n, 2, 2), d(xy_m)/d(pixel), m/px
+    modes_m : (k, n, 2), change of xy_m with each common mode of the camera (independent, unit variance)
+    """
+
+    xy_m: Array
+    per_px: Array
+    modes_m: Array
+
+
+class Mapping(Protocol):
+    """A camera over its datum."""
+
+    @property
+    def method(self) -> str:
+        """How the camera was found."""
+        ...
+
+    def to_tank(self, pixel_px: Array, depth_m: float) -> Places:
+        """Pixels ``(n, 2)`` -> places at ``depth_m`` below the datum plane; NaN in, NaN out."""
+        ...
+
+    def to_pixel(self, tank_m: Array) -> Array:
+        """Tank points ``(n, 3)`` -> pixels ``(n, 2)``."""
+        ...
+
+    def homography(self, depth_m: float) -> Array:
+        """Ideal (undistorted) pixel -> tank at ``depth_m``, (3, 3)."""
+        ...
+
+
+@dataclass(frozen=True)
+class ProjectiveMapping:
+    """A camera matrix behind a lens: the exact form, H(z) = [p1 p2 z p3 + p4] (theory.md 4).
+
+    Attributes
+    ----------
+    method : how the matrix was found
+    lens : of [camera], or the identity (pixels taken as ideal)
+    matrix : (3, 4), tank (x, y, z, 1) -> ideal coordinates of ``lens``
+    matrix_modes : (k, 3, 4), its change with each independent unit-variance mode of the datum's uncertainty
+    """
+
+    method: str
+    lens: Lens
+    matrix: Array
+    matrix_modes: Array
+
+    def to_pixel(self, tank_m: Array) -> Array:
+        """Tank points ``(n, 3)`` -> pixels ``(n, 2)``."""
+        seen = _homogeneous(np.asarray(tank_m, dtype=float).reshape(-1, 3)) @ self.matrix.T
+        return self.lens.distort(seen[:, :2] / seen[:, 2:])
+
+    def plane(self, depth_m: float) -> Array:
+        """H(z): tank (x, y, 1) at ``depth_m`` -> ideal coordinates, (3, 3)."""
+        return np.column_stack([self.matrix[:, 0], self.matrix[:, 1], depth_m * self.matrix[:, 2] + self.matrix[:, 3]])
+
+    def homography(self, depth_m: float) -> Array:
+        """Ideal pixel (px) -> tank at ``depth_m``, (3, 3), scaled to a unit last element."""
+        inverse = np.linalg.inv(self.lens.matrix @ self.plane(depth_m))
+        return inverse / inverse[2, 2]
+
+    def to_tank(self, pixel_px: Array, depth_m: float) -> Places:
+        """Pixels ``(n, 2)`` -> places; derivatives by the implicit function theorem."""
+        ideal, ideal_per_px = self.lens.normalise(pixel_px)
+        plane = self.plane(depth_m)
+        back = _homogeneous(ideal) @ np.linalg.inv(plane).T
+        xy = back[:, :2] / back[:, 2:]
+        point = np.column_stack([xy, np.full(len(xy), depth_m), np.ones(len(xy))])
+        seen = point @ self.matrix.T
+        scale = seen[:, 2]
+        forward = (plane[None, :2, :2] - ideal[:, :, None] * plane[None, 2:, :2]) / scale[:, None, None]
+        inverse = _inverse_2x2(forward)
+        moved = np.einsum("kij,nj->kni", self.matrix_modes, point)
+        moved = (moved[:, :, :2] - ideal[None] * moved[:, :, 2:]) / scale[None, :, None]
+        return Places(xy, inverse @ ideal_per_px, -np.einsum("nij,knj->kni", inverse, moved))
+
+
+def _inverse_2x2(matrices: Array) -> Array:
+    """Inverse of ``(n, 2, 2)``; NaN passes through (LAPACK would raise or be slow on it)."""
+    a, b, c, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.stack([np.stack([d, -b], -1), np.stack([-c, a], -1)], -2) / (a * d - b * c)[:, None, None]
+
+
+def _homogeneous(points: Array) -> Array:
+    return np.column_stack([points, np.ones(len(points))])

@@ -1,0 +1,163 @@
+"""What the estimators take: a run's motion with its weights, its tow, and its common camera modes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from ..record.errors import InputError
+from ..record.files import sha256_of_texts
+from ..record.priors import Priors
+from ..record.run import RUN_FILE, Run
+from ..record.tables import read_history
+from ..simulate.model import Array, Tow
+from ..simulate.scenario import tow_from_table
+
+ASSUMED_SIGMA_Y_M = 1e-3
+ASSUMED_SIGMA_BETA_RAD = np.radians(0.1)
+"""Weights of a motion without sigma columns; the fit measures the noise itself, these only start it."""
+
+
+@dataclass(frozen=True)
+class RunData:
+    """One run for the estimators.
+
+    Attributes
+    ----------
+    name : of the run
+    t_s : (n,), measured samples only, rising
+    y_m, beta_rad : (n,), y_CG measured from the post, heading
+    covariance : (n, 2, 2), frame part, of (y m, beta rad)
+    common : (k, n, 2), change of (y, beta) with each unit-variance common mode
+    common_key : runs with the same key share their modes (same camera, datum, markers)
+    tow : Tow; tension_n is the mean of a history
+    tension : (times, values) of a history on the run's clock, or None
+    speed : the same of the carriage speed
+    priors : of the run
+    assumed_sigma : the motion came without sigma
+    """
+
+    name: str
+    t_s: Array
+    y_m: Array
+    beta_rad: Array
+    covariance: Array
+    common: Array
+    common_key: str
+    tow: Tow
+    tension: tuple[Array, Array] | None
+    speed: tuple[Array, Array] | None
+    priors: Priors
+    assumed_sigma: bool
+
+
+def run_data(run: Run, motion: pd.DataFrame, common: Array | None, priors: Priors | None = None) -> RunData:
+    """Prepare a run of kind "tow" or "forced".
+
+    Parameters
+    ----------
+    motion : as ``record.read_motion`` gives or ``geometry.motion_from_tracks`` makes
+    common : (k, n, 3) of ``geometry.Motion``, rows as ``motion``; None = none known
+    priors : instead of the run's own
+
+    Raises
+    ------
+    InputError : a free run, no tension, an unsupported history, or fewer than 20 measured samples
+    """
+    where = run.folder / RUN_FILE
+    if run.file.kind == "free":
+        raise InputError(
+            where, "kind", '"free": this estimator needs the line\'s force; kind "tow" or "forced" is expected'
+        )
+    table = run.tow
+    if table.rudder is not None:
+        raise InputError(
+            where, "tow.rudder", "a rudder history is not evaluated by this version; a constant rudder_rad is"
+        )
+    span = run.file.source.span_s
+    measured = (motion["status"] == "measured").to_numpy() & np.isfinite(motion[["y_cg_m", "beta_rad"]].to_numpy()).all(
+        axis=1
+    )
+    if span is not None:
+        measured &= motion["t_s"].between(span[0], span[1]).to_numpy()
+    if measured.sum() < 20:
+        raise InputError(run.source_path, "", f"{int(measured.sum())} measured samples; at least 20 are needed")
+    rows = motion[measured]
+    times = rows["t_s"].to_numpy()
+    tow = tow_from_table(table)
+    tension = speed = None
+    if table.tension is not None:
+        tension = _history(run, table.tension, "tension_n", table.tension_delay_s, times)
+    elif "tension_n" in rows and rows["tension_n"].notna().all():
+        tension = (times, rows["tension_n"].to_numpy())
+    elif table.tension_n is None:
+        raise InputError(where, "tow.tension_n", "missing key; the derivatives are proportional to the tension")
+    if tension is not None:
+        tow = _with(tow, tension_n=float(np.interp(times, *tension).mean()), resistance_n=None)
+    if table.speed is not None:
+        speed = _history(run, table.speed, "speed_m_s", table.speed_delay_s, times)
+        tow = _with(tow, speed_m_s=float(np.interp(times, *speed).mean()))
+    if tow.tension_n is not None and tow.tension_n <= 0:
+        raise InputError(where, "tow.tension_n", f"{tow.tension_n:g} N; a tow needs a tension above 0")
+    if tow.speed_m_s <= 0:
+        raise InputError(where, "tow.speed_m_s", f"{tow.speed_m_s:g} m/s; a tow needs a speed above 0")
+    covariance, assumed = _covariance(rows)
+    modes = np.zeros((0, len(rows), 2)) if common is None else common[:, measured, :2]
+    return RunData(
+        name=run.name,
+        t_s=times,
+        y_m=rows["y_cg_m"].to_numpy() - tow.post_m[1],
+        beta_rad=rows["beta_rad"].to_numpy(),
+        covariance=covariance,
+        common=modes,
+        common_key=common_key(run),
+        tow=_with(tow, post_m=(tow.post_m[0], 0.0)),
+        tension=tension,
+        speed=speed,
+        priors=run.file.priors if priors is None else priors,
+        assumed_sigma=assumed,
+    )
+
+
+def _with(tow: Tow, **changes) -> Tow:
+    from dataclasses import replace
+
+    return replace(tow, **changes)
+
+
+def _history(run: Run, name: str, column: str, delay_s: float, times: Array) -> tuple[Array, Array]:
+    table = read_history(run.path(name), column)
+    clock = table["t_s"].to_numpy() + delay_s
+    if clock[0] > times[0] or clock[-1] < times[-1]:
+        raise InputError(
+            run.path(name),
+            "column t_s",
+            f"covers {clock[0]:.2f} .. {clock[-1]:.2f} s of the recording's clock; {times[0]:.2f} .. {times[-1]:.2f} s is needed",
+        )
+    return clock, table[column].to_numpy()
+
+
+def _covariance(rows: pd.DataFrame) -> tuple[Array, bool]:
+    covariance = np.zeros((len(rows), 2, 2))
+    known = {"sigma_y_cg_m", "sigma_beta_rad"} <= set(rows.columns)
+    if known:
+        sd = rows[["sigma_y_cg_m", "sigma_beta_rad"]].to_numpy()
+        known = bool(np.isfinite(sd).all() and (sd > 0).all())
+    if not known:
+        covariance[:, 0, 0], covariance[:, 1, 1] = ASSUMED_SIGMA_Y_M**2, ASSUMED_SIGMA_BETA_RAD**2
+        return covariance, True
+    sd = rows[["sigma_y_cg_m", "sigma_beta_rad"]].to_numpy()
+    covariance[:, 0, 0], covariance[:, 1, 1] = sd[:, 0] ** 2, sd[:, 1] ** 2
+    if "cov_y_cg_beta_m_rad" in rows:
+        cross = np.nan_to_num(rows["cov_y_cg_beta_m_rad"].to_numpy())
+        covariance[:, 0, 1] = covariance[:, 1, 0] = np.clip(
+            cross, -0.999 * sd[:, 0] * sd[:, 1], 0.999 * sd[:, 0] * sd[:, 1]
+        )
+    return covariance, False
+
+
+def common_key(run: Run) -> str:
+    file = run.file
+    return sha256_of_texts(repr(file.camera), repr(file.datum), repr(file.marker))

@@ -1,0 +1,83 @@
+"""A start for the fit without any guess: the equations of motion against smooth test functions (weak form).
+
+Multiplied by test functions that vanish with their slopes at their ends and integrated by parts, the equations need no
+differentiated record: they are linear in the six derivatives.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..simulate.model import Array, alpha_from_y
+from .data import RunData
+
+_WIDTH_S = (4.0, 7.0)
+"""Lengths of the test functions, in units of length_scale/U (about two and four seconds of a 2.7 m model at 1.3 m/s)."""
+
+
+def weak_form_start(runs: list[RunData], reference_speed_m_s: float) -> Array:
+    """Six derivatives at ``reference_speed_m_s`` by least squares, (6,); signs and sizes forced to be usable."""
+    sway_rows, sway_right, yaw_rows, yaw_right = [], [], [], []
+    for index, data in enumerate(runs):
+        ratio = data.tow.speed_m_s / reference_speed_m_s
+        constant = np.zeros(len(runs))
+        constant[index] = 1.0
+        speed = data.tow.speed_m_s
+        alpha = alpha_from_y(data.y_m, data.beta_rad, data.tow)
+        linear = (data.y_m + data.tow.tow_point_m * data.beta_rad) / data.tow.line_length_m
+        s = np.sin(np.where(np.isfinite(alpha), alpha, linear) + data.beta_rad)
+        assert data.tow.tension_n is not None
+        for phi, slope, curve in _test_functions(data.t_s, data.tow.line_length_m + data.tow.tow_point_m, speed):
+            v_dot = curve @ data.y_m + speed * (slope @ data.beta_rad)
+            v = -(slope @ data.y_m) - speed * (phi @ data.beta_rad)
+            r_dot, r = curve @ data.beta_rad, -(slope @ data.beta_rad)
+            one = phi.sum()
+            pull = data.tow.tension_n * (phi @ s)
+            sway_rows.append([v_dot, -v * ratio, -r * ratio, *(-one * constant)])
+            sway_right.append(-pull)
+            yaw_rows.append([r_dot, -v * ratio, -r * ratio, *(-one * constant)])
+            yaw_right.append(-pull * data.tow.tow_point_m)
+    sway = _least_squares(np.array(sway_rows), np.array(sway_right))
+    yaw = _least_squares(np.array(yaw_rows), np.array(yaw_right))
+    length = 1.4 * max(d.tow.tow_point_m for d in runs)
+    # a mass of the order that the line can swing at the observed rate, if the record gave nonsense
+    mass = sway[0] if sway[0] > 0 else 10.0
+    inertia = yaw[0] if yaw[0] > 0 else mass * (0.25 * length) ** 2
+    y_v = sway[1] if sway[1] < 0 else -0.3 * mass * reference_speed_m_s / length * 2
+    n_r = yaw[2] if yaw[2] < 0 else -inertia * reference_speed_m_s / length * 2
+    return np.array([mass, inertia, y_v, sway[2], yaw[1], n_r])
+
+
+def start_state(data: RunData) -> tuple[float, float, float, float]:
+    """(y, beta, v, r) at the first sample from quadratics through the first part of the record."""
+    span = max(1.0, 4.0 * np.median(np.diff(data.t_s)))
+    near = data.t_s - data.t_s[0] <= span
+    if near.sum() < 6:
+        near = np.arange(len(data.t_s)) < 6
+    t = data.t_s[near] - data.t_s[0]
+    y = np.polynomial.polynomial.polyfit(t, data.y_m[near], 2)
+    beta = np.polynomial.polynomial.polyfit(t, data.beta_rad[near], 2)
+    return float(y[0]), float(beta[0]), float(y[1] - data.tow.speed_m_s * beta[0]), float(beta[1])
+
+
+def _test_functions(t_s: Array, length_m: float, speed_m_s: float):
+    """(phi, phi', phi'') as weights over the samples (quadrature included): (1 - x^2)^4 bumps, half overlapping."""
+    weight = np.gradient(t_s)
+    for share in _WIDTH_S:
+        half = min(share * length_m / speed_m_s / 2, (t_s[-1] - t_s[0]) / 4)
+        centres = np.arange(t_s[0] + half, t_s[-1] - half + 1e-9, half / 3)
+        for centre in centres:
+            x = (t_s - centre) / half
+            inside = np.abs(x) < 1
+            bump = np.where(inside, 1 - x**2, 0.0)
+            yield (
+                weight * bump**4,
+                weight * (-8 * x * bump**3) / half,
+                weight * np.where(inside, -8 * bump**3 + 48 * x**2 * bump**2, 0.0) / half**2,
+            )
+
+
+def _least_squares(rows: Array, right: Array) -> Array:
+    scale = np.linalg.norm(rows, axis=0)
+    scale[scale == 0] = 1.0
+    return np.linalg.lstsq(rows / scale, right, rcond=1e-10)[0] / scale

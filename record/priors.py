@@ -1,0 +1,54 @@
+"""Priors: what is known of a tow beside its recording, as standard deviations. Frozen here, used by ``identify``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from .toml import Table
+
+_Sd = Annotated[float, Field(ge=0)]
+_Value = float
+DERIVATIVE_NAMES = ("m_minus_y_vdot", "i_minus_n_rdot", "y_v", "y_r_minus_mu", "n_v", "n_r")
+"""The six linear derivatives, in the order of every parameter vector: m-Y_vdot, I-N_rdot, Y_v, Y_r-mU, N_v, N_r."""
+
+
+class ValuePrior(Table):
+    """A Gaussian prior on one derivative, dimensional, at the run's speed."""
+
+    value: _Value = Field(description="mean")
+    std: Annotated[float, Field(gt=0)] = Field(description="standard deviation; small = fixed")
+
+
+class DerivativePriors(Table):
+    """Priors on derivatives (a captive test's values, a measured inertia)."""
+
+    m_minus_y_vdot: ValuePrior | None = Field(default=None, description="m - Y_vdot, kg")
+    i_minus_n_rdot: ValuePrior | None = Field(default=None, description="I - N_rdot, kg m2")
+    y_v: ValuePrior | None = Field(default=None, description="Y_v, N s/m")
+    y_r_minus_mu: ValuePrior | None = Field(default=None, description="Y_r - mU, N s")
+    n_v: ValuePrior | None = Field(default=None, description="N_v, N s")
+    n_r: ValuePrior | None = Field(default=None, description="N_r, N m s")
+
+
+class Priors(Table):
+    """[priors] in run.toml, or a priors.toml of its own. 0 = taken as exact; biases: absent = free."""
+
+    tension_sd_rel: _Sd = Field(default=0.0, description="scatter of T from run to run, relative; 0: T as stated")
+    tow_point_sd_m: _Sd = Field(default=0.0, description="scatter of X_T from run to run")
+    tension_common_sd_rel: _Sd = Field(
+        default=0.0,
+        description="error of T common to all runs, relative: moves all derivatives together, unseen by the motion",
+    )
+    line_length_sd_m: _Sd = Field(default=0.0, description="error of L common to all runs")
+    speed_sd_rel: _Sd = Field(default=0.0, description="error of U common to all runs, relative")
+    y_bias_sd_m: _Sd | None = Field(default=None, description="datum bias y_b of a run; absent: free")
+    beta_bias_sd_rad: _Sd | None = Field(default=None, description="datum bias beta_b of a run; absent: free")
+    marker_depth_sd_m: _Sd = Field(
+        default=0.0, description="error of each marker's depth_m, the same in all runs of a model"
+    )
+    marker_place_sd_m: _Sd = Field(default=0.0, description="error of each marker's body_m along and across")
+    derivatives: DerivativePriors = Field(
+        default_factory=lambda: DerivativePriors(), description="priors on the derivatives themselves"
+    )

@@ -1,0 +1,114 @@
+"""docs/formats/reference.md, generated from the schemas: ``python -m towline.record.reference > docs/formats/reference.md``."""
+
+from __future__ import annotations
+
+import sys
+import types
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
+
+from .priors import Priors
+from .results import CameraFile, DerivativesFile, SteadyFile, TruthFile
+from .scenario import ScenarioFile
+from .schema import RunFile
+
+_PAGES: tuple[tuple[str, type[BaseModel], str], ...] = (
+    ("run.toml", RunFile, "The description of a run folder."),
+    ("priors.toml", Priors, "The same keys as run.toml's [priors], as a file of their own (`--priors`)."),
+    ("scenario.toml", ScenarioFile, "What `towline simulate` and `towline render` make."),
+    ("out/camera.json", CameraFile, "Written by `towline motion`."),
+    ("out/derivatives.json", DerivativesFile, "Written by `towline identify`."),
+    ("out/steady.json", SteadyFile, "Written by `towline steady`."),
+    ("truth/derivatives.json", TruthFile, "Written by `towline render`."),
+)
+
+
+def reference_page() -> str:
+    """Return the reference page as Markdown."""
+    lines = [
+        "# Formats: every key",
+        "",
+        "Generated from the schemas in `record/`; do not edit. `python -m towline.record.reference` prints it.",
+        "An unknown key is an error. Paths start at the folder of the file that names them.",
+    ]
+    for title, model, remark in _PAGES:
+        lines += ["", f"## {title}", "", remark]
+        lines += _tables(model, "", [])
+    return "\n".join(lines) + "\n"
+
+
+def _tables(model: type[BaseModel], prefix: str, seen: list[type[BaseModel]]) -> list[str]:
+    lines = [
+        "",
+        f"### {prefix}" if prefix else "### (top)",
+        "",
+        "| key | type | default | meaning |",
+        "|---|---|---|---|",
+    ]
+    inner: list[tuple[str, type[BaseModel]]] = []
+    for name, field in model.model_fields.items():
+        key = field.alias or name
+        found = _model_in(field.annotation)
+        if found is not None:
+            inner.append((f"{prefix}.{key}" if prefix else key, found))
+        lines.append(f"| `{key}` | {_type_name(field.annotation)} | {_default(field)} | {_escape(field.description)} |")
+    for path, found in inner:
+        if found not in seen:
+            seen.append(found)
+            lines += _tables(found, path, seen)
+        else:
+            lines += ["", f"### {path}", "", f"The keys of {found.__name__}, above."]
+    return lines
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for part in get_args(annotation):
+        found = _model_in(part)
+        if found is not None:
+            return found
+    return None
+
+
+def _type_name(annotation: Any) -> str:
+    origin = get_origin(annotation)
+    if origin is Annotated:
+        return _type_name(get_args(annotation)[0])
+    if origin is Literal:
+        return " / ".join(str(value) for value in get_args(annotation))
+    if origin in (Union, types.UnionType):
+        return _type_name(next(part for part in get_args(annotation) if part is not type(None)))
+    if origin in (tuple, list):
+        parts = get_args(annotation)
+        if (len(parts) == 2 and parts[1] is Ellipsis) or origin is list:
+            return f"array of {_type_name(parts[0])}"
+        return "[" + ", ".join(_type_name(part) for part in parts) + "]"
+    if origin is dict:
+        return f"table of {_type_name(get_args(annotation)[1])}"
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return "table"
+    names = {float: "number", str: "text", int: "integer", bool: "true/false"}
+    return names.get(annotation, getattr(annotation, "__name__", str(annotation)))
+
+
+def _escape(text: str | None) -> str:
+    return (text or "").replace("|", "\\|")
+
+
+def _default(field: Any) -> str:
+    if field.default is PydanticUndefined:
+        return "" if field.default_factory is not None else "**needed**"
+    if field.default is None or field.default == ():
+        return "absent"
+    if isinstance(field.default, tuple):
+        return f"`{list(field.default)}`"
+    if isinstance(field.default, bool):
+        return f"`{str(field.default).lower()}`"
+    return f"`{field.default!r}`".replace("'", '"')
+
+
+if __name__ == "__main__":
+    sys.stdout.write(reference_page())

@@ -1,0 +1,171 @@
+"""Result files: JSON, one object a file, with schema, version, the tool's version and a hash of every input."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from .errors import InputError
+from .files import write_text
+
+ResultT = TypeVar("ResultT", bound="ResultFile")
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ResultFile(_Part):
+    """Base of every result file."""
+
+    tool: str = Field(description="version of towline that wrote it")
+    inputs: dict[str, str] = Field(description="SHA-256 of every input, by its path")
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_by_name=True, validate_by_alias=True)
+
+
+class Derivative(_Part):
+    """One derivative with its uncertainty."""
+
+    value: float = Field(description="dimensional, SI, at the file's speed_m_s")
+    std: float = Field(description="standard deviation of value")
+    unit: str = Field(description="unit of value")
+    prime: float = Field(description="non-dimensional value (theory.md 2)")
+    prime_std: float = Field(description="standard deviation of prime")
+    true_value: float | None = Field(default=None, description="where the run carries its truth (rendered runs)")
+
+
+class Measured(_Part):
+    """A number with its standard deviation."""
+
+    value: float = Field(description="value")
+    std: float = Field(description="standard deviation")
+
+
+class RunFit(_Part):
+    """How one run was fitted."""
+
+    start: dict[str, Measured] = Field(description="state at the first sample: y_m, beta_rad, v_m_s, r_rad_s")
+    bias: dict[str, Measured] = Field(description="datum biases: y_b_m, beta_b_rad")
+    nuisance: dict[str, Measured] = Field(description="tension_n, tow_point_m where priors let them move")
+    noise: dict[str, float] = Field(
+        description="root mean square residuals y_m, beta_rad; and these over the stated sigmas"
+    )
+    tests: dict[str, float] = Field(
+        description="lag-1 autocorrelation of residuals, order of the noise model, Ljung-Box p of the whitened ones"
+    )
+    samples: int = Field(description="samples used")
+
+
+class DerivativesFile(ResultFile):
+    """out/derivatives.json."""
+
+    schema_name: Literal["towline/derivatives"] = Field(
+        default="towline/derivatives", alias="schema", description="this file"
+    )
+    version: int = Field(default=1, description="of the schema")
+    method: str = Field(description="estimator: output_error")
+    form: Literal["linear", "full"] = Field(description="equations fitted: linear or full sine")
+    speed_m_s: float = Field(description="speed at which the dimensional values are quoted")
+    density_kg_m3: float = Field(description="rho of the prime system")
+    length_pp_m: float = Field(description="L of the prime system")
+    mass_kg: float = Field(description="m, displacement mass")
+    derivatives: dict[str, Derivative] = Field(
+        description="m_minus_y_vdot, i_minus_n_rdot, y_v, y_r_minus_mu, n_v, n_r"
+    )
+    correlation: list[list[float]] = Field(description="of the derivatives, in the order of the keys above")
+    straight_line_stable: bool = Field(description="X_r > X_v, that is Y_v N_r - N_v Y_R > 0")
+    runs: dict[str, RunFit] = Field(description="per run, by name")
+    failed: dict[str, str] = Field(description="runs that could not be used, and why")
+    not_identifiable: list[str] = Field(description="what these runs do not fix, in words")
+    notes: list[str] = Field(description="what the reader must know")
+
+
+class SteadyTow(_Part):
+    """The steady state of one tow."""
+
+    tow_point_m: float = Field(description="X_T")
+    alpha_rad: Annotated[Measured, Field(description="tow line angle")]
+    beta_rad: Annotated[Measured, Field(description="heading")]
+    force: Measured = Field(description="F = T sin(alpha+beta), in the file's force_unit")
+    span_s: tuple[float, float] = Field(description="the part that was taken as steady")
+    settled: bool = Field(description="false: the angles still drift within that part")
+
+
+class SteadyFile(ResultFile):
+    """out/steady.json."""
+
+    schema_name: Literal["towline/steady"] = Field(default="towline/steady", alias="schema", description="this file")
+    version: int = Field(default=1, description="of the schema")
+    force_unit: Literal["N", "F/R"] = Field(description="of every force: N, or F/R where T was not measured")
+    x_v_m: Measured = Field(description="neutral point ahead of LCG, intercept of X_T over 1/F (5.4)")
+    x_v_interval_m: tuple[float, float] = Field(description="95 % interval of x_v_m")
+    slope: Measured = Field(description="k of X_T = X_v + k/F, in force_unit times m")
+    chi2_per_dof: float | None = Field(description="of the line; null for two tows")
+    pairs: dict[str, Measured] = Field(description="X_v of every two tows (4.9), by their names")
+    y_v: Measured | None = Field(description="Y_v, N s/m, with X_delta known and T measured (5.6)")
+    y_delta_delta: Measured | None = Field(description="Y_delta delta, N (5.7)")
+    n_delta_delta: Measured | None = Field(description="N_delta delta, N m")
+    x_v_true_m: float | None = Field(default=None, description="where the runs carry their truth (rendered runs)")
+    tows: dict[str, SteadyTow] = Field(description="per run, by name")
+    failed: dict[str, str] = Field(description="runs that could not be used, and why")
+    notes: list[str] = Field(description="what the reader must know")
+
+
+class DatumResidual(_Part):
+    """How one datum point fits."""
+
+    name: str = Field(description="datum point")
+    residual_px: tuple[float, float] = Field(description="picked minus projected")
+    sigma_px: float = Field(description="stated picking error")
+
+
+class CameraFile(ResultFile):
+    """out/camera.json."""
+
+    schema_name: Literal["towline/camera"] = Field(default="towline/camera", alias="schema", description="this file")
+    version: int = Field(default=1, description="of the schema")
+    method: str = Field(description="pose | two_planes | homography | square_pixels | trapezoid")
+    homographies: dict[str, list[list[float]]] = Field(
+        description="per marker: undistorted pixel -> tank at its depth, 3 x 3"
+    )
+    rms_px: float = Field(description="root mean square of the datum residuals")
+    datum: list[DatumResidual] = Field(description="per datum point")
+    uncertainty_mm: dict[str, float] = Field(description="common error of x, y in the working area: largest, median")
+    invariants: dict[str, Measured] = Field(
+        description="marker distances and taut-line radius: mean minus stated, in m, with their scatter"
+    )
+    notes: list[str] = Field(description="assumptions and warnings")
+
+
+class TruthFile(ResultFile):
+    """truth/derivatives.json of a rendered run: what it was made from."""
+
+    schema_name: Literal["towline/truth"] = Field(default="towline/truth", alias="schema", description="this file")
+    version: int = Field(default=1, description="of the schema")
+    speed_m_s: float = Field(description="speed at which the damping derivatives are quoted")
+    derivatives: dict[str, float] = Field(description="the six linear derivatives and the rest of the hull")
+    x_v_m: float = Field(description="neutral point N_v/Y_v")
+
+
+def write_result(path: str | Path, result: ResultFile) -> None:
+    """Write a result file atomically."""
+    content = result.model_dump(mode="json", by_alias=True)
+    write_text(path, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def read_result(path: str | Path, kind: type[ResultT]) -> ResultT:
+    """Read a result file; InputError if it is absent, no JSON, or another schema."""
+    path = Path(path)
+    try:
+        return kind.model_validate_json(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(path, "", "no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(path, "", f"cannot be read ({error})") from None
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in fault["loc"])
+        raise InputError(path, where, fault["msg"].lower()) from None

@@ -1,0 +1,122 @@
+"""A run folder: the checked run.toml with the folder it lies in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from .errors import InputError
+from .files import sha256_of_file, sha256_of_texts
+from .schema import ModelTable, RunFile, TowTable, WaterTable
+from .toml import read_toml
+
+RUN_FILE = "run.toml"
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run folder.
+
+    Attributes
+    ----------
+    folder : where run.toml lies; all of its paths start there
+    file : the checked content of run.toml
+    """
+
+    folder: Path
+    file: RunFile
+
+    @property
+    def name(self) -> str:
+        """The run's name."""
+        return self.file.name
+
+    @property
+    def out(self) -> Path:
+        """Where the commands write; deleting it loses nothing that was measured."""
+        return self.folder / "out"
+
+    @property
+    def source_path(self) -> Path:
+        """The recording, tracks or motion."""
+        return self.folder / self.file.source.file
+
+    @property
+    def tow(self) -> TowTable:
+        """The tow table; InputError where run.toml has none."""
+        return self._needed(self.file.tow, "tow")
+
+    @property
+    def model(self) -> ModelTable:
+        """The model table; InputError where run.toml has none."""
+        return self._needed(self.file.model, "model")
+
+    @property
+    def water(self) -> WaterTable:
+        """The water table; InputError where run.toml has none."""
+        return self._needed(self.file.water, "water")
+
+    def path(self, relative: str) -> Path:
+        """A path of run.toml, from the run folder."""
+        return self.folder / relative
+
+    def _needed(self, table, name: str):
+        if table is None:
+            raise InputError(self.folder / RUN_FILE, name, "missing table; this command needs it")
+        return table
+
+    def need(self, value, key: str):
+        """Return ``value`` or raise the error that ``key`` of run.toml is missing for this command."""
+        if value is None:
+            raise InputError(self.folder / RUN_FILE, key, "missing key; this command needs it")
+        return value
+
+    def input_hashes(self) -> dict[str, str]:
+        """SHA-256 of run.toml and of every file that it names, by their paths in the folder."""
+        names = [RUN_FILE, *self._named_files()]
+        return {name: sha256_of_file(self.path(name)) for name in names if self.path(name).is_file()}
+
+    def input_hash(self, *stage: str) -> str:
+        """One hash over all inputs and the ``stage`` words (version, options) that an output depends on."""
+        hashes = self.input_hashes()
+        return sha256_of_texts(*stage, *(f"{name}={digest}" for name, digest in sorted(hashes.items())))
+
+    def _named_files(self) -> list[str]:
+        file, tow = self.file, self.file.tow
+        named = [file.source.file, file.noise.static if file.noise else None]
+        if tow is not None:
+            named += [tow.tension, tow.rudder, tow.speed]
+        return [name for name in named if name]
+
+
+def read_run(folder: str | Path) -> Run:
+    """Read the run folder (or the run.toml in it).
+
+    Raises
+    ------
+    InputError : run.toml or a file that it names is missing, or its content cannot be used.
+    """
+    folder = Path(folder)
+    if folder.name == RUN_FILE and not folder.is_dir():
+        folder = folder.parent
+    if not folder.is_dir():
+        raise InputError(folder, "", "no such run folder")
+    path = folder / RUN_FILE
+    run = Run(folder, read_toml(path, RunFile))
+    for key, name in _paths(run.file):
+        if not (folder / name).is_file():
+            raise InputError(path, key, f"no such file: {name}")
+    return run
+
+
+def _paths(file: RunFile) -> list[tuple[str, str]]:
+    pairs = [
+        ("source.video", file.source.video),
+        ("source.tracks", file.source.tracks),
+        ("source.motion", file.source.motion),
+        ("noise.static", file.noise.static if file.noise else None),
+        ("tow.tension", file.tow.tension if file.tow else None),
+        ("tow.rudder", file.tow.rudder if file.tow else None),
+        ("tow.speed", file.tow.speed if file.tow else None),
+    ]
+    return [(key, name) for key, name in pairs if name]

@@ -1,0 +1,272 @@
+"""run.toml: every key of the run folder's description, with its unit, its range and what it means.
+
+The field descriptions here are the reference: ``docs/formats/reference.md`` is generated from them.
+Ranges are wide; they are there to catch a value in the wrong unit (mm for m, degrees for radians).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field, model_validator
+
+from .priors import Priors
+from .toml import Table
+
+Kind = Literal["tow", "forced", "free"]
+Colour = Literal["red", "green", "blue", "white", "yellow", "bright", "dark"]
+LOOK = re.compile(r"^(led|disc|template|aruco:\d+|apriltag:\d+)$")
+
+SAME_PLACE_M = 1e-3
+"""Two markers (or datum points) nearer than this cannot be told apart in any picture."""
+COLLINEAR_RATIO = 1e-3
+"""Datum points whose spread across their common line is below this share of the spread along it are collinear."""
+
+
+def _within(low: float, high: float, unit: str, hint: str):
+    def check(value: float) -> float:
+        if not low <= value <= high:
+            raise ValueError(f"{value:g} is outside {low:g} .. {high:g} {unit} ({hint})")
+        return value
+
+    return AfterValidator(check)
+
+
+Number = float
+"""A float; in TOML an integer will do."""
+Length = Annotated[Number, _within(-100.0, 100.0, "m", "is it in mm?")]
+Depth = Annotated[Number, _within(-20.0, 20.0, "m", "is it in mm?")]
+PositiveLength = Annotated[Number, _within(1e-4, 1000.0, "m", "a positive length; is it in mm?")]
+Speed = Annotated[Number, _within(0.0, 30.0, "m/s", "carriage speed; is it in mm/s?")]
+Angle = Annotated[Number, _within(-math.pi / 2, math.pi / 2, "rad", "is it in degrees?")]
+Phase = Annotated[Number, _within(-2 * math.pi, 2 * math.pi, "rad", "is it in degrees?")]
+Delay = Annotated[Number, _within(-3600.0, 3600.0, "s", "is it in ms?")]
+Tension = Annotated[Number, _within(0.0, 1e6, "N", "must not be negative")]
+Positive = Annotated[Number, Field(gt=0)]
+NotNegative = Annotated[Number, Field(ge=0)]
+Density = Annotated[Number, _within(500.0, 1500.0, "kg/m3", "is it in g/cm3?")]
+Sigma = Annotated[Number, Field(gt=0, le=100)]
+Pixel = tuple[Number, Number]
+Span = tuple[Number, Number]
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+
+
+class SourceTable(Table):
+    """What was recorded: exactly one of video, tracks, motion."""
+
+    video: str | None = Field(
+        default=None, description="the recording, any container OpenCV reads; path from the run folder"
+    )
+    tracks: str | None = Field(default=None, description="pixel tracks (tracks.csv or .parquet) made elsewhere")
+    motion: str | None = Field(default=None, description="motion (motion.csv or .parquet) from a tracking system")
+    span_s: Span | None = Field(default=None, description="the part to analyse, in the source's own time")
+    frame_rate_hz: Positive | None = Field(default=None, description="replaces the container's own timestamps")
+
+    @model_validator(mode="after")
+    def _one_source(self) -> SourceTable:
+        given = [name for name in ("video", "tracks", "motion") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(f"exactly one of video, tracks, motion is needed, found {', '.join(given) or 'none'}")
+        if self.span_s is not None and not self.span_s[0] < self.span_s[1]:
+            raise ValueError(f"span_s = {list(self.span_s)} must rise")
+        return self
+
+    @property
+    def file(self) -> str:
+        """The one path given."""
+        return self.video or self.tracks or self.motion or ""
+
+
+class NoiseTable(Table):
+    """Records of the measurement's own noise."""
+
+    static: str = Field(description="the same marks while the model is held still: tracks, or a video")
+
+
+class CameraTable(Table):
+    """The lens; without this table the picture is taken as free of distortion."""
+
+    image_size_px: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]] = Field(description="width, height")
+    fx_px: Positive = Field(description="focal length along u")
+    fy_px: Positive = Field(description="focal length along v")
+    cx_px: Number = Field(description="principal point, u")
+    cy_px: Number = Field(description="principal point, v")
+    distortion: tuple[Number, Number, Number, Number, Number] = Field(
+        default=(0.0, 0.0, 0.0, 0.0, 0.0), description="k1 k2 p1 p2 k3 of OpenCV's model"
+    )
+
+
+class DatumPoint(Table):
+    """A point of known place, picked in the picture."""
+
+    name: Name = Field(default="", description="what the point is called in reports")
+    pixel_px: Pixel = Field(description="where it was picked, u right and v down, integers at pixel centres")
+    tank_m: tuple[Length, Length, Depth] = Field(
+        description="x, y and depth below the datum plane (>= 0); points at a second depth make the height exact"
+    )
+    sigma_px: Sigma = Field(default=0.5, description="how well it was picked, standard deviation along u and along v")
+    track: bool = Field(default=False, description="re-found in every frame (shaken camera); false: stands as picked")
+
+    @model_validator(mode="after")
+    def _below_datum(self) -> DatumPoint:
+        if self.tank_m[2] < 0:
+            raise ValueError(f"tank_m depth {self.tank_m[2]:g} m lies above the datum plane; depth is >= 0")
+        return self
+
+
+class Marker(Table):
+    """A mark to be found in every frame."""
+
+    name: Name = Field(description="its name in tracks.csv")
+    body_m: tuple[Length, Length] = Field(description='ahead of LCG, to starboard (on = "post": from post_m)')
+    depth_m: Depth = Field(description="below the datum plane (negative: above)")
+    look: str = Field(default="led", description="led | disc | template | aruco:N | apriltag:N")
+    colour: Colour = Field(default="bright", description="red | green | blue | white | yellow | bright | dark")
+    seen_at_px: Pixel | None = Field(
+        default=None, description="where it is in the first analysed frame: needed for template, helps the others"
+    )
+    on: Literal["model", "post"] = Field(
+        default="model", description="what it is fixed to; post: camera fixed to the tank"
+    )
+
+    @model_validator(mode="after")
+    def _look_known(self) -> Marker:
+        if not LOOK.match(self.look):
+            raise ValueError(f"look = {self.look!r}; expected led, disc, template, aruco:N or apriltag:N")
+        if self.look == "template" and self.seen_at_px is None:
+            raise ValueError('look = "template" needs seen_at_px, the place of the patch in the first analysed frame')
+        return self
+
+
+class TowTable(Table):
+    """How the model was towed."""
+
+    speed_m_s: Speed = Field(description="carriage speed U")
+    speed: str | None = Field(
+        default=None, description="history of U (t_s, speed_m_s); speed_m_s stays the nominal value"
+    )
+    speed_delay_s: Delay = Field(default=0.0, description="t_video = t_speed + speed_delay_s")
+    line_length_m: PositiveLength | None = Field(default=None, description="L; needed unless kind is free")
+    tow_point_m: Length | None = Field(default=None, description="X_T, ahead of LCG; needed unless kind is free")
+    tow_point_offset_m: Length = Field(default=0.0, description="Y_T, to starboard")
+    post_m: tuple[Length, Length] = Field(default=(0.0, 0.0), description="tow post in tank axes")
+    tension_n: Tension | None = Field(default=None, description="constant line tension T (or tension, not both)")
+    tension: str | None = Field(default=None, description="history of T (t_s, tension_n) on the load cell's own clock")
+    tension_delay_s: Delay = Field(default=0.0, description="t_video = t_tension + tension_delay_s")
+    rudder_rad: Angle = Field(default=0.0, description="rudder angle, positive to port")
+    rudder: str | None = Field(
+        default=None, description="history of the rudder (t_s, rudder_rad) instead of rudder_rad"
+    )
+    rudder_delay_s: Delay = Field(default=0.0, description="t_video = t_rudder + rudder_delay_s")
+    post_amplitude_m: NotNegative = Field(default=0.0, description="forced: y_o = amplitude sin(2 pi f t + phase)")
+    post_frequency_hz: NotNegative = Field(default=0.0, description="forced: f")
+    post_phase_rad: Phase = Field(default=0.0, description="forced: phase")
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> TowTable:
+        if self.tension_n is not None and self.tension is not None:
+            raise ValueError("tension_n and tension are both given; one of them is expected")
+        if self.rudder is not None and self.rudder_rad != 0.0:
+            raise ValueError("rudder_rad and rudder are both given; one of them is expected")
+        return self
+
+
+class ModelTable(Table):
+    """The ship model."""
+
+    length_pp_m: PositiveLength = Field(description="LBP, the length of the prime system")
+    mass_kg: Positive = Field(description="displacement mass m")
+    yaw_inertia_kg_m2: Positive | None = Field(default=None, description="I, dry, about the LCG")
+    rudder_arm_m: Length | None = Field(default=None, description="X_delta ahead of LCG; default -0.45 length_pp_m")
+
+    @property
+    def x_delta_m(self) -> float:
+        """X_delta, the rudder's point of action (theory.md 5)."""
+        return -0.45 * self.length_pp_m if self.rudder_arm_m is None else self.rudder_arm_m
+
+
+class WaterTable(Table):
+    """The water and the tank."""
+
+    density_kg_m3: Density = Field(default=1000.0, description="rho of the prime system")
+    tank_width_m: PositiveLength | None = Field(default=None, description="between the walls")
+
+
+class RunFile(Table):
+    """run.toml."""
+
+    name: Name = Field(description="name of the run in tables and reports")
+    kind: Kind = Field(default="tow", description="tow | forced (post oscillates) | free (no line)")
+    notes: str = Field(default="", description="free text")
+    source: SourceTable = Field(description="what was recorded")
+    noise: NoiseTable | None = Field(default=None, description="records of the measurement's own noise")
+    camera: CameraTable | None = Field(default=None, description="the lens")
+    datum: tuple[DatumPoint, ...] = Field(
+        default=(), description="at least 4 points, not collinear (none if source.motion)"
+    )
+    marker: tuple[Marker, ...] = Field(default=(), description="at least 2 (none if source.motion)")
+    tow: TowTable | None = Field(default=None, description="needed unless kind is free")
+    model: ModelTable | None = Field(default=None, description="needed unless kind is free")
+    water: WaterTable | None = Field(default=None, description="needed unless kind is free")
+    priors: Priors = Field(default_factory=lambda: Priors(), description="what is known beside the recording")
+
+    @model_validator(mode="after")
+    def _whole(self) -> RunFile:
+        if self.kind != "free":
+            for table in ("tow", "model", "water"):
+                if getattr(self, table) is None:
+                    raise ValueError(f"{table}: missing table; kind = {self.kind!r} needs it")
+            assert self.tow is not None
+            for key in ("line_length_m", "tow_point_m"):
+                if getattr(self.tow, key) is None:
+                    raise ValueError(f"tow.{key}: missing key; kind = {self.kind!r} needs it")
+            if self.kind == "forced" and not (self.tow.post_amplitude_m > 0 and self.tow.post_frequency_hz > 0):
+                raise ValueError('tow.post_amplitude_m: kind = "forced" needs an amplitude and a frequency above 0')
+        if self.source.motion is None:
+            check_datum(self.datum)
+            check_markers(self.marker)
+        return self
+
+
+def check_datum(points: tuple[DatumPoint, ...]) -> None:
+    """Raise ValueError unless there are 4 points whose places in the tank span a plane and are all different."""
+    if len(points) < 4:
+        raise ValueError(f"datum: {len(points)} points, at least 4 are needed")
+    tank = np.array([point.tank_m for point in points], dtype=float)
+    for i in range(len(points)):
+        for j in range(i):
+            if np.linalg.norm(tank[i] - tank[j]) < SAME_PLACE_M:
+                raise ValueError(f"datum: {_label(points, j)} and {_label(points, i)} stand at one place in tank_m")
+            if points[i].pixel_px == points[j].pixel_px:
+                raise ValueError(f"datum: {_label(points, j)} and {_label(points, i)} stand at one place in pixel_px")
+    for depth in np.unique(tank[:, 2]):
+        level = tank[tank[:, 2] == depth, :2]
+        if len(level) < 4:
+            continue
+        spread = np.linalg.svd(level - level.mean(axis=0), compute_uv=False)
+        if spread[1] > COLLINEAR_RATIO * spread[0]:
+            return
+    spread = np.linalg.svd(tank[:, :2] - tank[:, :2].mean(axis=0), compute_uv=False)
+    if spread[1] <= COLLINEAR_RATIO * spread[0]:
+        raise ValueError("datum: the points are collinear in tank_m; they must span the tank's width and length")
+
+
+def check_markers(markers: tuple[Marker, ...]) -> None:
+    """Raise ValueError unless at least 2 markers on the model stand at different places under different names."""
+    if len([m for m in markers if m.on == "model"]) < 2:
+        raise ValueError(f"marker: {len(markers)} on the model, at least 2 are needed")
+    for i in range(len(markers)):
+        for j in range(i):
+            a, b = markers[j], markers[i]
+            if a.name == b.name:
+                raise ValueError(f"marker: two are called {a.name!r}")
+            apart = np.hypot(a.body_m[0] - b.body_m[0], a.body_m[1] - b.body_m[1])
+            if a.on == b.on and apart < SAME_PLACE_M:
+                raise ValueError(f"marker: {a.name!r} and {b.name!r} stand at one place in body_m {list(a.body_m)}")
+
+
+def _label(points: tuple[DatumPoint, ...], index: int) -> str:
+    return repr(points[index].name) if points[index].name else f"point {index + 1}"

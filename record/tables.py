@@ -1,0 +1,175 @@
+"""Tables (tracks, motion, marks, histories) as pandas frames, CSV or Parquet, checked when read."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from .errors import InputError
+from .files import replacing
+
+STATUS = ("measured", "predicted", "lost")
+TRACK_COLUMNS = ("frame", "t_s", "marker", "u_px", "v_px", "sigma_u_px", "sigma_v_px", "status")
+MARK_COLUMNS = ("t_s", "marker", "x_m", "y_m", "sigma_x_m", "sigma_y_m", "status")
+MOTION_COLUMNS = ("t_s", "y_cg_m", "beta_rad", "alpha_rad")
+_HASH_PREFIX = "# inputs sha256 "
+
+
+def read_table(path: str | Path, needed: tuple[str, ...]) -> pd.DataFrame:
+    """Read a CSV (comma, header row, UTF-8, ``#`` comments before the header) or a Parquet file.
+
+    Raises
+    ------
+    InputError : missing or empty file, no header, a needed column absent, or a value that is no number (row named).
+    """
+    path = Path(path)
+    try:
+        if path.suffix == ".parquet":
+            table = pd.read_parquet(path)
+        else:
+            table = _read_csv(path)
+    except FileNotFoundError:
+        raise InputError(path, "", "no such file") from None
+    except InputError:
+        raise
+    except (OSError, ValueError, UnicodeDecodeError) as error:  # pandas and pyarrow raise their own ValueErrors
+        raise InputError(path, "", f"cannot be read as a table ({_first_line(error)})") from None
+    missing = [name for name in needed if name not in table.columns]
+    if missing:
+        found = ", ".join(str(c) for c in table.columns)
+        raise InputError(path, f"column {missing[0]}", f"missing; found {found or 'none'}")
+    return table
+
+
+def _read_csv(path: Path) -> pd.DataFrame:
+    text = path.read_text(encoding="utf-8")
+    lines = text.splitlines(keepends=True)
+    skip = 0
+    while skip < len(lines) and (lines[skip].startswith("#") or not lines[skip].strip()):
+        skip += 1
+    if skip == len(lines):
+        raise InputError(path, "", "is empty; a header row is expected")
+    return pd.read_csv(io.StringIO("".join(lines[skip:])), skip_blank_lines=False)
+
+
+def _first_line(error: Exception) -> str:
+    text = str(error).strip()
+    return text.splitlines()[0] if text else type(error).__name__
+
+
+def write_table(path: str | Path, table: pd.DataFrame, input_hash: str | None = None) -> None:
+    """Write CSV or Parquet (by the suffix) atomically; ``input_hash`` goes into a comment line before the header."""
+    path = Path(path)
+    with replacing(path) as temporary:
+        if path.suffix == ".parquet":
+            table.to_parquet(temporary, index=False)
+            return
+        with open(temporary, "w", encoding="utf-8", newline="") as stream:
+            if input_hash is not None:
+                stream.write(f"{_HASH_PREFIX}{input_hash}\n")
+            table.to_csv(stream, index=False, float_format="%.10g", lineterminator="\n")
+
+
+def input_hash_of(path: str | Path) -> str | None:
+    """The hash that ``write_table`` put into a CSV, or None."""
+    try:
+        with open(path, encoding="utf-8") as stream:
+            first = stream.readline()
+    except (OSError, UnicodeDecodeError):
+        return None
+    return first.removeprefix(_HASH_PREFIX).strip() if first.startswith(_HASH_PREFIX) else None
+
+
+def read_tracks(path: str | Path) -> pd.DataFrame:
+    """Read pixel tracks: ``frame, t_s, marker, u_px, v_px`` and optionally sigmas and status.
+
+    A point without u or v is ``lost``. Times rise strictly per marker, and the rows of one frame share their time.
+    """
+    table = read_table(path, ("frame", "t_s", "marker", "u_px", "v_px")).copy()
+    _numbers(path, table, ("frame", "t_s", "u_px", "v_px"))
+    for name in ("sigma_u_px", "sigma_v_px"):
+        if name in table:
+            _numbers(path, table, (name,))
+        else:
+            table[name] = np.nan
+    if "status" not in table:
+        table["status"] = "measured"
+    unknown = ~table["status"].isin(STATUS)
+    if unknown.any():
+        row = int(np.flatnonzero(unknown.to_numpy())[0])
+        raise InputError(path, _row(row), f"status {table['status'].iloc[row]!r}; expected {', '.join(STATUS)}")
+    absent = table[["u_px", "v_px"]].isna().any(axis=1)
+    table.loc[absent, "status"] = "lost"
+    _no_gap(path, table, ("frame", "t_s"))
+    table["marker"] = table["marker"].astype(str)
+    for marker, rows in table.groupby("marker", sort=False):
+        _rising(path, rows["t_s"], f"of marker {marker!r}")
+    shared = table.groupby("frame")["t_s"].agg(["min", "max"])
+    apart = shared.index[shared["min"] != shared["max"]]
+    if len(apart):
+        row = int(np.flatnonzero((table["frame"] == apart[0]).to_numpy())[-1])
+        raise InputError(path, _row(row), f"frame {apart[0]:g} stands at two times; its rows must share one t_s")
+    return table
+
+
+def read_motion(path: str | Path) -> pd.DataFrame:
+    """Read motion: ``t_s, y_cg_m, beta_rad`` and optionally alpha_rad, x_cg_m, tension_n, sigmas, status."""
+    table = read_table(path, ("t_s", "y_cg_m", "beta_rad")).copy()
+    for name in ("alpha_rad", "x_cg_m"):
+        if name not in table:
+            table[name] = np.nan
+    numeric = [c for c in table.columns if c.startswith(("t_s", "y_cg", "x_cg", "beta", "alpha", "sigma_", "tension"))]
+    _numbers(path, table, tuple(numeric))
+    _no_gap(path, table, ("t_s",))
+    _rising(path, table["t_s"], "")
+    if "status" not in table:
+        table["status"] = np.where(table[["y_cg_m", "beta_rad"]].isna().any(axis=1), "lost", "measured")
+    return table
+
+
+def read_history(path: str | Path, column: str) -> pd.DataFrame:
+    """Read a history (``t_s`` and one ``column``) on its own clock; times rise strictly, no value is missing."""
+    table = read_table(path, ("t_s", column)).copy()
+    _numbers(path, table, ("t_s", column))
+    _no_gap(path, table, ("t_s", column))
+    _rising(path, table["t_s"], "")
+    if len(table) < 2:
+        raise InputError(path, "", f"{len(table)} rows; a history needs at least 2")
+    return table
+
+
+def _numbers(path: str | Path, table: pd.DataFrame, names: tuple[str, ...]) -> None:
+    for name in names:
+        numbers = pd.to_numeric(table[name], errors="coerce")
+        wrong = (numbers.isna() & table[name].notna()) | np.isinf(numbers.to_numpy(dtype=float, na_value=np.nan))
+        if wrong.any():
+            row = int(np.flatnonzero(wrong.to_numpy())[0])
+            raise InputError(path, f"{_row(row)}, {name}", f"{table[name].iloc[row]!r} is not a finite number")
+        table[name] = numbers.astype(float)
+
+
+def _no_gap(path: str | Path, table: pd.DataFrame, names: tuple[str, ...]) -> None:
+    for name in names:
+        gaps = table[name].isna().to_numpy()
+        if gaps.any():
+            raise InputError(path, f"{_row(int(np.flatnonzero(gaps)[0]))}, {name}", "is empty")
+    if table.empty:
+        raise InputError(path, "", "holds no row")
+
+
+def _rising(path: str | Path, times: pd.Series, whose: str) -> None:
+    falls = np.flatnonzero(np.diff(times.to_numpy()) <= 0)
+    if len(falls):
+        index = int(falls[0]) + 1
+        row = int(times.index[index])
+        before, here = times.iloc[index - 1], times.iloc[index]
+        word = "repeats" if here == before else "falls"
+        detail = f"{here:g} after {before:g}; times must rise strictly {whose}".rstrip()
+        raise InputError(path, f"{_row(row)}, t_s", f"{word}: {detail}")
+
+
+def _row(index: int) -> str:
+    return f"row {index + 1}"

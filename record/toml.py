@@ -1,0 +1,120 @@
+"""TOML files checked against a pydantic model; the first fault becomes one line that names file and key."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from .errors import InputError
+
+ModelT = TypeVar("ModelT", bound=BaseModel)
+
+
+class Table(BaseModel):
+    """Base of every TOML table: immutable; an unknown key is an error; numbers are finite; no silent conversions."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+
+def read_toml(path: str | Path, model: type[ModelT]) -> ModelT:
+    """Read ``path`` as ``model``.
+
+    Raises
+    ------
+    InputError : the file is missing, is no TOML, or a key is unknown, missing, of the wrong kind or out of range.
+    """
+    path = Path(path)
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(path, "", "no such file") from None
+    except OSError as error:
+        raise InputError(path, "", f"cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise InputError(path, "", "is not UTF-8 text") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(path, "", f"is not valid TOML: {error}") from None
+    return check_tables(content, model, path)
+
+
+def check_tables(content: dict[str, Any], model: type[ModelT], path: str | Path) -> ModelT:
+    """Check already parsed TOML ``content``; ``path`` is only quoted in errors."""
+    try:
+        return model.model_validate(_lists_to_tuples(content))
+    except ValidationError as error:
+        where, message = _describe(error, model, content)
+        raise InputError(path, where, message) from None
+
+
+def _lists_to_tuples(value: Any) -> Any:
+    """TOML has lists only; the frozen tables hold tuples, which pydantic's strict mode does not take lists for."""
+    if isinstance(value, dict):
+        return {key: _lists_to_tuples(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return tuple(_lists_to_tuples(inner) for inner in value)
+    return value
+
+
+def _describe(error: ValidationError, model: type[BaseModel], content: dict[str, Any]) -> tuple[str, str]:
+    faults = error.errors(include_url=False)
+    # unknown keys first: a misspelt key also leaves its right name missing, and the misspelling is what the user must see
+    fault = next((f for f in faults if f["type"] == "extra_forbidden"), faults[0])
+    where = _key_path(fault["loc"], content)
+    kind = fault["type"]
+    if kind == "extra_forbidden":
+        known = sorted(_fields_at(model, fault["loc"][:-1]))
+        close = difflib.get_close_matches(str(fault["loc"][-1]), known, n=1, cutoff=0.6)
+        hint = f"did you mean {close[0]!r}?" if close else f"known here: {', '.join(known)}"
+        return where, f"unknown key; {hint}"
+    if kind == "missing":
+        return where, "missing key"
+    message = fault["msg"].removeprefix("Value error, ")
+    if kind == "value_error":
+        return where, message
+    return where, f"{_short(fault['input'])}: {message[0].lower()}{message[1:]}"
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _key_path(location: tuple[int | str, ...], content: Any) -> str:
+    """``("datum", 2, "pixel_px", 0)`` -> ``datum[3 "near_port"].pixel_px[1]`` (numbers counted from one)."""
+    text = ""
+    here: Any = content
+    for part in location:
+        if isinstance(part, int):
+            here = here[part] if isinstance(here, (list, tuple)) and part < len(here) else None
+            name = here.get("name") if isinstance(here, dict) else None
+            text += f'[{part + 1} "{name}"]' if isinstance(name, str) else f"[{part + 1}]"
+        elif isinstance(here, dict) or here is None:
+            here = here.get(part) if isinstance(here, dict) else None
+            text += f".{part}" if text else part
+    return text
+
+
+def _fields_at(model: type[BaseModel], location: tuple[int | str, ...]) -> set[str]:
+    current: Any = model
+    for part in location:
+        if isinstance(part, int) or not hasattr(current, "model_fields"):
+            continue
+        field = current.model_fields.get(part)
+        if field is None:
+            break
+        current = _inner_model(field.annotation)
+    return set(current.model_fields) if hasattr(current, "model_fields") else set()
+
+
+def _inner_model(annotation: Any) -> Any:
+    if hasattr(annotation, "model_fields"):
+        return annotation
+    for inner in get_args(annotation):
+        found = _inner_model(inner)
+        if hasattr(found, "model_fields"):
+            return found
+    return annotation

@@ -1,0 +1,69 @@
+"""HTML building blocks that escape by default: a plain ``str`` is text, an ``Html`` is markup."""
+
+from __future__ import annotations
+
+import base64
+import html
+import re
+from collections.abc import Iterable, Sequence
+
+
+class Html(str):
+    """Markup that may go into a page as it stands."""
+
+    __slots__ = ()
+
+
+def safe(content: object) -> Html:
+    """``content`` as markup: Html stays, everything else becomes escaped text."""
+    return content if isinstance(content, Html) else Html(html.escape(str(content), quote=True))
+
+
+def join(parts: Iterable[object], between: str = "") -> Html:
+    """The parts one after another."""
+    return Html(safe(between).join(safe(part) for part in parts))
+
+
+def tag(name: str, *content: object, **attributes: str) -> Html:
+    """``<name attribute="...">content</name>``; a trailing underscore in an attribute's name is dropped."""
+    written = "".join(f' {key.rstrip("_")}="{safe(value)}"' for key, value in attributes.items())
+    return Html(f"<{name}{written}>{join(content)}</{name}>")
+
+
+def number(text: str) -> Html:
+    """A number's ASCII text with typographic signs; powers of ten written out."""
+    shown = safe(text).replace("+-", "±")
+    shown = re.sub(r"(?<![\w.])-(?=\d)", "−", shown)
+    shown = re.sub(r"(\d)e([+-])0*(\d+)", lambda m: f"{m[1]}·10<sup>{'−' if m[2] == '-' else ''}{m[3]}</sup>", shown)
+    return Html("–" if shown == "-" else shown)
+
+
+def unit(text: str) -> Html:
+    """A unit with its exponent raised: ``kg m2`` reads kg m²."""
+    return Html(re.sub(r"\bm2\b", "m²", safe(text)))
+
+
+def table(head: Sequence[object], rows: Iterable[Sequence[object]], *, kind: str = "", caption: object = "") -> Html:
+    """A table; the first cell of a row is its heading."""
+    top = tag("tr", join(tag("th", cell, scope="col") for cell in head))
+    body = [tag("tr", tag("th", row[0], scope="row"), join(tag("td", cell) for cell in row[1:])) for row in rows]
+    title = tag("caption", caption) if caption else ""
+    inner = tag("table", title, tag("thead", top), tag("tbody", join(body)), class_=kind)
+    return tag("div", inner, class_="scroll")
+
+
+def figure(image: Html, caption: object, *, before: object = "", kind: str = "") -> Html:
+    """A picture with its caption below and an optional key above."""
+    return tag("figure", before, image, tag("figcaption", Html(safe(caption).replace(" %", "\u00a0%"))), class_=kind)
+
+
+def image(data: bytes, media_type: str, alternative: str) -> Html:
+    """An inline image; ``alternative`` is what a screen reader says."""
+    coded = base64.b64encode(data).decode("ascii")
+    return Html(f'<img src="data:{media_type};base64,{coded}" alt="{safe(alternative)}">')
+
+
+def bullets(items: Iterable[object]) -> Html:
+    """An unordered list; nothing for no items."""
+    rows = [tag("li", item) for item in items]
+    return tag("ul", *rows) if rows else Html("")

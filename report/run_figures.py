@@ -1,0 +1,195 @@
+"""The pictures of one run: pixel tracks, motion, residuals, whiteness."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from .draw import (
+    BLUE,
+    GREY,
+    MARKER_COLOURS,
+    MARKER_SHAPES,
+    ORANGE,
+    SKY,
+    VECTOR_LIMIT,
+    VERMILION,
+    cloud,
+    curve,
+    headroom,
+    label,
+    legend,
+    new_figure,
+    shade,
+    svg_image,
+    time_limits,
+)
+from .html import Html, join, tag
+from .series import (
+    Residuals,
+    autocorrelation,
+    column,
+    lost_spans,
+    measured_rows,
+    pieces,
+    rms,
+    status_is,
+    usual_step,
+)
+
+LAGS = 40
+BINS = np.arange(-4.0, 4.01, 0.5)
+
+
+def markers_of(tracks: pd.DataFrame) -> list[str]:
+    """Marker names in the order of their appearance."""
+    return [str(name) for name in tracks["marker"].drop_duplicates()]
+
+
+def marker_key(tracks: pd.DataFrame) -> Html:
+    """The legend of the tracks, as page text: names are a user's and stay out of the picture."""
+    rows = [
+        tag("span", tag("i", "", style=f"background:{MARKER_COLOURS[k % len(MARKER_COLOURS)]}"), name, class_="swatch")
+        for k, name in enumerate(markers_of(tracks))
+    ]
+    return tag("p", join(rows, " "), class_="key")
+
+
+def tracks_figure(tracks: pd.DataFrame) -> Html:
+    """u and v over time per marker; below, one lane per marker that is open where the marker was lost."""
+    names = markers_of(tracks)
+    lanes = 0.32 + 0.17 * len(names)
+    figure, axes = new_figure(3.9 + lanes, (1.7, 1.7, lanes))
+    times = np.unique(column(tracks, "t_s"))
+    everywhere = np.ones(len(times), dtype=bool)
+    for k, name in enumerate(names):
+        rows = tracks[tracks["marker"].astype(str) == name]
+        t_s = column(rows, "t_s")
+        good = np.isfinite(column(rows, "u_px")) & ~status_is(rows, "lost")
+        predicted = good & status_is(rows, "predicted")
+        seen = np.isin(times, t_s[good])
+        everywhere &= seen
+        colour, shape = MARKER_COLOURS[k % len(MARKER_COLOURS)], MARKER_SHAPES[k % len(MARKER_SHAPES)]
+        for ax, values in zip(axes, (column(rows, "u_px"), column(rows, "v_px")), strict=False):
+            cloud(ax, t_s, values, good & ~predicted, colour=colour, shape=shape)
+            cloud(ax, t_s, values, predicted, colour=colour, shape=shape, joined=False, size=3, alpha=0.25)
+        _lane(axes[2], t_s, good & ~predicted, len(names) - k, colour, 0.7)
+        _lane(axes[2], t_s, predicted, len(names) - k, colour, 0.25)
+    shade(axes[:2], lost_spans(times, everywhere))
+    axes[1].invert_yaxis()
+    axes[2].set_ylim(0.4, len(names) + 0.6)
+    axes[2].set_yticks([])
+    axes[2].grid(False, axis="y")
+    label(axes[0], y="u, right (px)")
+    label(axes[1], y="v, down (px)")
+    label(axes[2], x="time (s)", y="seen")
+    time_limits(axes, times)
+    return svg_image(figure, "pixel coordinates u and v of every marker over time")
+
+
+def _lane(ax, t_s, mask, level: int, colour: str, height: float) -> None:
+    if not mask.any():
+        return
+    half = usual_step(t_s) / 2
+    bars = [(t_s[s.start] - half, t_s[s.stop - 1] - t_s[s.start] + 2 * half) for s in pieces(t_s, mask)]
+    ax.broken_barh(bars, (level - height / 2, height), facecolors=colour, linewidth=0)
+
+
+def motion_figure(motion: pd.DataFrame, fitted: pd.DataFrame | None, truth: pd.DataFrame | None) -> Html:
+    """alpha, beta and y_CG over time: measured, simulated with the fitted derivatives, truth."""
+    figure, axes = new_figure(5.2, (1, 1, 1))
+    t_s, good = column(motion, "t_s"), measured_rows(motion)
+    predicted = status_is(motion, "predicted")
+    rows = (
+        ("alpha_rad", np.degrees(1.0), "α, tow line (deg)"),
+        ("beta_rad", np.degrees(1.0), "β, heading (deg)"),
+        ("y_cg_m", 1.0, r"$y_{CG}$ (m)"),
+    )
+    for ax, (name, scale, text) in zip(axes, rows, strict=True):
+        cloud(ax, t_s, scale * column(motion, name), good, colour="#8C8C8C", text="measured", size=3.4)
+        if predicted.any():
+            cloud(
+                ax, t_s, scale * column(motion, name), predicted, colour=SKY, text="predicted", joined=False, size=3.4
+            )
+        if fitted is not None and name in fitted:
+            curve(
+                ax,
+                column(fitted, "t_s"),
+                scale * column(fitted, name),
+                colour=VERMILION,
+                text="simulated fit",
+                width=1.4,
+            )
+        if truth is not None and name in truth:
+            curve(
+                ax, column(truth, "t_s"), scale * column(truth, name), colour=BLUE, text="truth", dashed=True, width=1.3
+            )
+        label(ax, y=text)
+    shade(axes, lost_spans(t_s, good))
+    headroom(axes[1], 0.3)
+    legend(axes[1], columns=5)
+    label(axes[2], x="time (s)")
+    time_limits(axes, t_s)
+    return svg_image(figure, "tow line angle, heading and sideways place over time: measured and simulated")
+
+
+def residuals_figure(rest: Residuals) -> Html:
+    """Measured minus simulated over time, with the band of +-2 sigma."""
+    figure, axes = new_figure(3.9, (1, 1))
+    rows = (
+        (1e3 * rest.y_m, 1e3 * rest.sigma_y_m, r"$y_{CG}$ residual (mm)"),
+        (np.degrees(rest.beta_rad), np.degrees(rest.sigma_beta_rad), "β residual (deg)"),
+    )
+    good = np.isfinite(rest.y_m)
+    for ax, (values, sigma, text) in zip(axes, rows, strict=True):
+        known = np.isfinite(sigma)
+        ax.fill_between(
+            rest.t_s, -2 * sigma, 2 * sigma, where=known.tolist(), facecolor=SKY, alpha=0.35, linewidth=0,
+            label="±2 σ", rasterized=len(sigma) > VECTOR_LIMIT,
+        )  # fmt: skip
+        ax.axhline(0, color="#1A1A1A", linewidth=0.8)
+        cloud(ax, rest.t_s, values, good, colour=GREY, joined=False, text="measured − simulated")
+        label(ax, y=text)
+        ends = 1.15 * max(float(np.nanmax(np.abs(values), initial=0.0)), 2 * float(np.nanmedian(sigma)), 1e-9)
+        ax.set_ylim(-ends, ends)
+    shade(axes, lost_spans(rest.t_s, good))
+    headroom(axes[0], 0.2)
+    legend(axes[0])
+    label(axes[1], x="time (s)")
+    time_limits(axes, rest.t_s)
+    return svg_image(figure, "residuals of sideways place and heading over time with the two sigma band")
+
+
+def whiteness_figure(rest: Residuals) -> Html:
+    """Autocorrelation of the residuals to lag 40 with the bound of white noise, and their histogram."""
+    figure, axes = new_figure(3.1, columns=2)
+    left, right = axes
+    lags = np.arange(LAGS + 1)
+    grid = np.linspace(-4, 4, 81)
+    bound = np.nan
+    for values, colour, shape, text in ((rest.y_m, BLUE, "o", "y"), (rest.beta_rad, ORANGE, "s", "β")):
+        rho, bound = autocorrelation(rest.t_s, values, LAGS)
+        shift = -0.18 if text == "y" else 0.18
+        left.vlines(lags[1:] + shift, 0, rho[1:], color=colour, linewidth=1.2)
+        left.plot(lags[1:] + shift, rho[1:], linestyle="", marker=shape, markersize=3, color=colour, label=text)
+        finite, spread = values[np.isfinite(values)], rms(values)
+        if spread > 0:
+            inside = np.clip(finite / spread, BINS[0], BINS[-1] - 1e-9)
+            right.hist(
+                inside, bins=BINS.tolist(), density=True, histtype="step", color=colour, linewidth=1.7, label=text,
+                linestyle="-" if text == "y" else "--",
+            )  # fmt: skip
+    right.plot(grid, np.exp(-(grid**2) / 2) / np.sqrt(2 * np.pi), color=GREY, linewidth=1, label="normal")
+    left.axhline(0, color="#1A1A1A", linewidth=0.8)
+    if np.isfinite(bound):
+        for level in (-bound, bound):
+            left.axhline(level, color="#1A1A1A", linestyle="--", linewidth=1, label="white" if level > 0 else None)
+    low, high = left.get_ylim()
+    left.set_ylim(min(low, -0.25), max(high, 0.4))
+    left.set_xlim(0, LAGS + 1)
+    legend(left, columns=3)
+    right.set_ylim(0, 0.62)
+    legend(right, columns=3)
+    label(left, "lag (samples)", "autocorrelation (–)")
+    label(right, "residual / its own rms (–)", "density (–)")
+    return svg_image(figure, "autocorrelation and histogram of the residuals")

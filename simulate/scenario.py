@@ -1,0 +1,89 @@
+"""scenario.toml -> motion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from ..record.errors import InputError
+from ..record.scenario import ScenarioFile
+from ..record.schema import TowTable
+from ..record.tables import read_history
+from ..record.toml import read_toml
+from .characteristic import Stability, stability
+from .model import Array, Hull, Tow
+from .motion import Histories, Start, simulate_full, simulate_linear
+
+
+def read_scenario(path: str | Path) -> ScenarioFile:
+    """Read and check a scenario.toml."""
+    return read_toml(path, ScenarioFile)
+
+
+def hull_of(file: ScenarioFile) -> Hull:
+    """The hull of a scenario."""
+    return Hull(**file.hull.model_dump())
+
+
+def tow_from_table(table: TowTable) -> Tow:
+    """The tow of a run.toml or scenario.toml; a model without a line gets one of no tension."""
+    return Tow(
+        speed_m_s=table.speed_m_s,
+        line_length_m=table.line_length_m or 1.0,
+        tow_point_m=table.tow_point_m or 0.0,
+        tension_n=None if getattr(table, "resistance_n", None) is not None else (table.tension_n or 0.0),
+        resistance_n=getattr(table, "resistance_n", None),
+        tow_point_offset_m=table.tow_point_offset_m,
+        rudder_rad=table.rudder_rad,
+        post_m=table.post_m,
+        post_amplitude_m=table.post_amplitude_m,
+        post_frequency_hz=table.post_frequency_hz,
+        post_phase_rad=table.post_phase_rad,
+    )
+
+
+def scenario_times(file: ScenarioFile) -> Array:
+    """Sample times: 0, 1/rate, ... up to the duration (exclusive), s."""
+    return np.arange(round(file.time.duration_s * file.time.rate_hz)) / file.time.rate_hz
+
+
+def scenario_histories(file: ScenarioFile, folder: Path) -> Histories:
+    """Histories named in [tow], on the record's clock, held constant beyond their ends."""
+
+    def history(name: str | None, column: str, delay_s: float):
+        if name is None:
+            return None
+        table = read_history(folder / name, column)
+        times, values = table["t_s"].to_numpy() + delay_s, table[column].to_numpy()
+        return lambda t: np.interp(t, times, values)
+
+    tow = file.tow
+    return Histories(
+        tension_n=history(tow.tension, "tension_n", tow.tension_delay_s),
+        rudder_rad=history(tow.rudder, "rudder_rad", tow.rudder_delay_s),
+        speed_m_s=history(tow.speed, "speed_m_s", tow.speed_delay_s),
+    )
+
+
+def simulate_scenario(file: ScenarioFile, folder: Path) -> pd.DataFrame:
+    """Simulate a scenario; histories are read from ``folder``. Columns: ``simulate_full``."""
+    hull, tow, times = hull_of(file), tow_from_table(file.tow), scenario_times(file)
+    start = Start(**file.start.model_dump())
+    histories = scenario_histories(file, folder)
+    if file.form == "linear":
+        if not histories.empty or file.kind == "free":
+            raise InputError(
+                folder / "scenario.toml", "form", '"linear" knows a towed model with constant T, U, delta; use "full"'
+            )
+        return simulate_linear(hull, tow, start, times)
+    return simulate_full(hull, tow, start, times, free=file.kind == "free", histories=histories)
+
+
+def scenario_stability(file: ScenarioFile) -> Stability | None:
+    """The verdict on a scenario's tow; None without a line or without a constant tension."""
+    tow = tow_from_table(file.tow)
+    if file.kind == "free" or tow.tension_n is None or file.tow.tension is not None:
+        return None
+    return stability(hull_of(file).at_speed(tow.speed_m_s), tow)

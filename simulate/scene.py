@@ -1,0 +1,169 @@
+"""What stands where in a filmed tow: camera, marks, hull outline, tank. Tank axes, metres, z down (theory.md 1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ..geometry.camera import Camera, Lens
+from ..record.errors import GeometryError
+from ..record.scenario import FilmTable, ScenarioFile
+from .model import Array
+from .scenario import tow_from_table
+
+DEFAULT_WIDTH_M = 1.8
+STRING_MARK_M = 0.30
+_HULL_BEAM = 0.135
+_MIN_FREEBOARD_M = 0.01
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The fixed things around the model.
+
+    Attributes
+    ----------
+    width_m : between the tank's walls
+    water_m : depth of the water line below the tank top (z = 0)
+    string_x_m : where the two reference strings cross the tank, (near the stern, near the bow)
+    girder_x_m : the carriage's cross girder
+    deck_m : depth of the hull's deck
+    """
+
+    width_m: float
+    water_m: float
+    string_x_m: tuple[float, float]
+    girder_x_m: float
+    deck_m: float
+
+
+@dataclass(frozen=True)
+class Outline:
+    """The hull's plan: ``deck`` and ``water``, each ``(n, 2)`` m in body axes, the same n, from the bow clockwise."""
+
+    deck: Array
+    water: Array
+
+
+def film_of(file: ScenarioFile) -> FilmTable:
+    """The [film] table; GeometryError without one."""
+    if file.film is None:
+        raise GeometryError("film: missing table; a scenario without it cannot be filmed")
+    return file.film
+
+
+def camera_of(file: ScenarioFile) -> Camera:
+    """The camera of a scenario's [film]."""
+    film = film_of(file)
+    place, target = np.array(film.pose.place_m), np.array(film.pose.look_at_m)
+    return Camera.looking_at(Lens.from_table(film.camera), place, target, film.pose.roll_rad)
+
+
+def stage_of(file: ScenarioFile) -> Stage:
+    """Walls, strings, girder and deck of a scenario."""
+    film = film_of(file)
+    datum = np.array([point.tank_m for point in film.datum])
+    depths = [marker.depth_m for marker in file.marker if marker.on == "model"]
+    strings = float(datum[:, 0].min()), float(datum[:, 0].max())
+    return Stage(
+        width_m=file.water.tank_width_m or DEFAULT_WIDTH_M,
+        water_m=film.water_depth_m,
+        string_x_m=strings,
+        girder_x_m=max(strings[1], file.tow.post_m[0]) + 0.08,
+        deck_m=min(float(np.mean(depths)), film.water_depth_m - _MIN_FREEBOARD_M),
+    )
+
+
+def to_tank(body_m: Array, x_cg_m: Array, y_cg_m: Array, beta_rad: Array) -> tuple[Array, Array]:
+    """Body places (ahead of LCG, to starboard) -> tank x, y; everything broadcasts (theory.md 9.1)."""
+    ahead, side = np.asarray(body_m, dtype=float)[..., 0], np.asarray(body_m, dtype=float)[..., 1]
+    cosine, sine = np.cos(beta_rad), np.sin(beta_rad)
+    return x_cg_m + ahead * cosine - side * sine, y_cg_m + ahead * sine + side * cosine
+
+
+def post_places(file: ScenarioFile, t_s: Array) -> Array:
+    """The tow post over time, ``(n, 2)`` m."""
+    tow = tow_from_table(file.tow)
+    moved, _ = tow.post_motion(np.asarray(t_s, dtype=float))
+    return np.column_stack([np.full(len(t_s), tow.post_m[0]), tow.post_m[1] + np.broadcast_to(moved, len(t_s))])
+
+
+def mark_places(file: ScenarioFile, motion: pd.DataFrame) -> Array:
+    """Every mark's place at every sample, ``(n, marks, 3)`` m in tank axes."""
+    x, y, beta = (motion[name].to_numpy(dtype=float) for name in ("x_cg_m", "y_cg_m", "beta_rad"))
+    post = post_places(file, motion["t_s"].to_numpy(dtype=float))
+    places = np.empty((len(motion), len(file.marker), 3))
+    for i, marker in enumerate(file.marker):
+        if marker.on == "post":
+            places[:, i, :2] = post + np.array(marker.body_m)
+        else:
+            places[:, i, 0], places[:, i, 1] = to_tank(np.array(marker.body_m), x, y, beta)
+        places[:, i, 2] = marker.depth_m
+    return places
+
+
+def shown(file: ScenarioFile, t_s: Array, pixel_px: Array) -> NDArray[np.bool_]:
+    """Which marks can be seen, ``(n, marks)`` bool: inside the picture and not hidden by [film] occlusion.
+
+    Parameters
+    ----------
+    t_s : (n,) s
+    pixel_px : (n, marks, 2)
+    """
+    film = film_of(file)
+    size = np.array(film.camera.image_size_px)
+    with np.errstate(invalid="ignore"):
+        seen = np.all((pixel_px >= -0.5) & (pixel_px < size - 0.5), axis=2)
+    for start, end, name in film.occlusion:
+        for i, marker in enumerate(file.marker):
+            if marker.name == name:
+                seen[(t_s >= start) & (t_s <= end), i] = False
+    return seen
+
+
+def true_tracks(file: ScenarioFile, motion: pd.DataFrame, camera: Camera) -> pd.DataFrame:
+    """Where every mark's centre truly is in every frame.
+
+    Returns
+    -------
+    tracks : frame, t_s, marker, u_px, v_px, status; ``lost`` where a mark is hidden or outside the picture (its
+        coordinates still say where it is; NaN behind the camera)
+    """
+    places = mark_places(file, motion)
+    samples, marks = places.shape[:2]
+    t_s = motion["t_s"].to_numpy(dtype=float)
+    pixel = camera.project(places.reshape(-1, 3)).reshape(samples, marks, 2)
+    seen = shown(file, t_s, pixel)
+    return pd.DataFrame(
+        {
+            "frame": np.repeat(np.arange(samples), marks),
+            "t_s": np.repeat(t_s, marks),
+            "marker": np.tile([marker.name for marker in file.marker], samples),
+            "u_px": pixel[..., 0].ravel(),
+            "v_px": pixel[..., 1].ravel(),
+            "status": np.where(seen.ravel(), "measured", "lost"),
+        }
+    )
+
+
+def outline_of(file: ScenarioFile) -> Outline:
+    """The drawn hull: pointed bow, parallel middle body, rounded stern; a little flare and rake above the water."""
+    film = film_of(file)
+    length = film.hull_length_m or file.model.length_pp_m
+    beam = film.hull_beam_m or _HULL_BEAM * length
+    return Outline(deck=_plan(length, beam, 0.0), water=_plan(0.97 * length, 0.93 * beam, -0.008 * length))
+
+
+def _plan(length_m: float, beam_m: float, shift_m: float) -> Array:
+    """A closed ship-shaped line, ``(n, 2)`` m."""
+    along = 0.5 * np.cos(np.linspace(0.0, np.pi, 49))  # dense at the ends, bow first
+    bow = np.clip((along - 0.16) / 0.34, 0.0, 1.0)
+    stern = np.clip((-0.22 - along) / 0.28, 0.0, 1.0)
+    round_off = np.sqrt(np.clip(1 - np.clip((-0.455 - along) / 0.045, 0.0, 1.0) ** 2, 0.0, 1.0))
+    half = 0.5 * (1 - bow**2.5) * (1 - 0.42 * stern**2.2) * round_off
+    side = np.column_stack([length_m * along + shift_m, beam_m * half])
+    mirrored = side[-2:0:-1] * [1.0, -1.0]
+    return np.concatenate([side, mirrored])

@@ -1,0 +1,92 @@
+"""Everything in a frame that could be a mark: threshold and contours over the whole frame, shape by region properties."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+MOST = 60
+"""The strongest candidates that identity is tried on."""
+THRESHOLD_MAD = 6.0
+_MAD_TO_SD = 1.4826
+MIN_CONTRAST_DN = 8.0
+LARGEST_SHARE = 0.02
+"""A spot is smaller than this share of the picture's shorter side squared."""
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Possible marks.
+
+    Attributes
+    ----------
+    centre_px : (n, 2), intensity-weighted centroid
+    contrast_dn : (n,), largest difference from the local ground, always positive
+    width_px : (n,), radius of the area's equal disc over 1.5 (near a Gaussian's standard deviation)
+    stretch : (n,), ratio of the axes
+    """
+
+    centre_px: Array
+    contrast_dn: Array
+    width_px: Array
+    stretch: Array
+
+    def __len__(self) -> int:
+        return len(self.centre_px)
+
+
+def find_candidates(luma: NDArray[np.uint8], dark: bool = False, expected_width_px: float = 2.0) -> Candidates:
+    """Find bright (or ``dark``) spots.
+
+    The ground is a blurred picture; what stands out of it by more than ``THRESHOLD_MAD`` robust standard deviations is
+    outlined, and each outline is measured again at half of its own height, so that a bright spot's halo and a dim
+    spot's noise are treated alike.
+    """
+    import cv2
+    from skimage.measure import regionprops
+
+    picture = luma.astype(np.float32)
+    small = cv2.GaussianBlur(picture, (0, 0), max(0.6, 0.5 * expected_width_px))
+    ground = cv2.GaussianBlur(picture, (0, 0), 6.0 * expected_width_px)
+    difference = ground - small if dark else small - ground
+    middle = float(np.median(difference))
+    spread = _MAD_TO_SD * float(np.median(np.abs(difference - middle)))
+    threshold = middle + max(THRESHOLD_MAD * spread, MIN_CONTRAST_DN)
+    mask = (difference > threshold).astype(np.uint8)
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    limit = LARGEST_SHARE * min(luma.shape) ** 2
+    boxes = []
+    for contour in contours:
+        u, v, w, h = cv2.boundingRect(contour)
+        if w * h > limit:
+            continue
+        boxes.append((float(difference[v : v + h, u : u + w].max()), u, v, w, h))
+    boxes.sort(reverse=True)
+    centres, contrasts, widths, stretches = [], [], [], []
+    for contrast, u, v, w, h in boxes[:MOST]:
+        part = difference[v : v + h, u : u + w]
+        labels = _islands(part > 0.5 * contrast)
+        for region in regionprops(labels, intensity_image=np.maximum(part, 0.0)):
+            row, column = region.centroid_weighted
+            centres.append((u + column, v + row))
+            contrasts.append(float(region.intensity_max))
+            widths.append(max(0.7, float(np.sqrt(region.area / np.pi)) / 1.18))
+            stretches.append(float(region.axis_major_length / max(region.axis_minor_length, 1.0)))
+    order = np.argsort(contrasts)[::-1][:MOST]
+    return Candidates(
+        np.array(centres, dtype=float).reshape(-1, 2)[order],
+        np.array(contrasts, dtype=float)[order],
+        np.array(widths, dtype=float)[order],
+        np.array(stretches, dtype=float)[order],
+    )
+
+
+def _islands(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    from skimage.measure import label
+
+    return np.asarray(label(mask, connectivity=2), dtype=np.int64)

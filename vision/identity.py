@@ -1,0 +1,186 @@
+"""Which spot is which mark: decided by the known geometry (distances, taut line, heading), not by brightness or nearness."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry.mapping import Mapping
+from ..record.run import Run
+from ..record.schema import Marker
+from .candidates import Array, Candidates
+
+DISTANCE_SD_M = 0.004
+DISTANCE_SD_SHARE = 0.004
+"""How far a seen marker distance may stand from the stated one: places on deck, heights and camera, standard deviation."""
+LINE_SD_M = 0.02
+LINE_SD_SHARE = 0.02
+"""The same for the taut line (the post's place comes in)."""
+HEADING_LIMIT_RAD = np.radians(80.0)
+"""A towed model never heads across the tank beyond this (the equations of motion end at 90 degrees)."""
+SEEN_SD_PX = 6.0
+CONTRAST_WEIGHT = 4.0
+STRETCH_WEIGHT = 0.5
+MISSING_COST = 30.0
+"""A marker without a spot costs as much as one that stands 5.5 standard deviations off."""
+ACCEPT_COST = 36.0
+"""Largest cost per pair of markers of an assignment that is believed: 6 standard deviations."""
+NEAR_PX = 4.0
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """Spots assigned to markers.
+
+    Attributes
+    ----------
+    chosen : per marker the candidate's index, or -1
+    cost : of the whole assignment (squared standard deviations)
+    ambiguous : another assignment with other spots costs nearly as much
+    nearest_m : where nothing fits: the pair distance nearest to the stated one, and the stated one
+    """
+
+    chosen: tuple[int, ...]
+    cost: float
+    ambiguous: bool
+    nearest_m: tuple[float, float] | None
+
+    @property
+    def accepted(self) -> bool:
+        """At least two markers have a spot and they fit."""
+        found = sum(c >= 0 for c in self.chosen)
+        missing = len(self.chosen) - found
+        return found >= 2 and self.cost - MISSING_COST * missing <= ACCEPT_COST * (found - 1)
+
+
+def assign(candidates: Candidates, markers: tuple[Marker, ...], mapping: Mapping, run: Run) -> Assignment:
+    """Try every pair of spots as every pair of markers; the rigid body they fix must explain all the others.
+
+    Parameters
+    ----------
+    candidates : spots of one frame, of one look
+    markers : m of them
+    mapping : pixel -> tank
+    run : kind, tow (for the taut line and the heading)
+    """
+    body = np.array([m.body_m for m in markers])
+    pairs = sorted(
+        itertools.combinations(range(len(markers)), 2), key=lambda p: -float(np.hypot(*(body[p[0]] - body[p[1]])))
+    )
+    if len(candidates) < 2:
+        return Assignment((-1,) * len(markers), np.inf, False, None)
+    place = np.stack([mapping.to_tank(candidates.centre_px, m.depth_m).xy_m for m in markers])
+    own = np.stack([_own_cost(candidates, m) for m in markers])
+    best = (np.inf, (-1,) * len(markers))
+    second = np.inf
+    nearest: tuple[float, float] | None = None
+    for first, other in pairs[:3]:
+        cost, heading = _pair_costs(place, own, body, first, other, run)
+        stated = float(np.hypot(*(body[first] - body[other])))
+        if nearest is None:
+            apart = np.linalg.norm(place[first][:, None] - place[other][None], axis=2)
+            flat = int(np.nanargmin(np.abs(apart - stated))) if np.isfinite(apart).any() else 0
+            nearest = (float(apart.flat[flat]), stated)
+        order = np.argsort(cost, axis=None)[:200]
+        for flat in order:
+            a, b = np.unravel_index(flat, cost.shape)
+            if not np.isfinite(cost[a, b]):
+                break
+            chosen, total = _complete(
+                int(a),
+                int(b),
+                first,
+                other,
+                float(cost[a, b]),
+                float(heading[a, b]),
+                place,
+                own,
+                body,
+                candidates,
+                mapping,
+                markers,
+            )
+            if total < best[0]:
+                if _differs(chosen, best[1], candidates):
+                    second = best[0]
+                best = (total, chosen)
+            elif _differs(chosen, best[1], candidates):
+                second = min(second, total)
+    return Assignment(best[1], best[0], bool(second - best[0] < 6.0), nearest)
+
+
+def _own_cost(candidates: Candidates, marker: Marker) -> Array:
+    """Cost of each spot by itself: dimmer than the brightest, stretched, far from where the user saw it."""
+    cost = CONTRAST_WEIGHT * np.log(candidates.contrast_dn.max() / candidates.contrast_dn) ** 2
+    cost += STRETCH_WEIGHT * np.maximum(candidates.stretch - 1.3, 0.0) ** 2
+    if marker.seen_at_px is not None:
+        cost += ((candidates.centre_px - np.array(marker.seen_at_px)) ** 2).sum(axis=1) / SEEN_SD_PX**2
+    return cost
+
+
+def _pair_costs(place: Array, own: Array, body: Array, first: int, other: int, run: Run) -> tuple[Array, Array]:
+    """Cost and heading of every spot pair as markers ``first`` and ``other``, (c, c) each."""
+    arm = body[first] - body[other]
+    stated = np.hypot(*arm)
+    gap = place[first][:, None] - place[other][None]
+    apart = np.linalg.norm(gap, axis=2)
+    cost = ((apart - stated) / (DISTANCE_SD_M + DISTANCE_SD_SHARE * stated)) ** 2
+    cost = cost + own[first][:, None] + own[other][None]
+    heading = np.arctan2(gap[:, :, 1], gap[:, :, 0]) - np.arctan2(arm[1], arm[0])
+    heading = (heading + np.pi) % (2 * np.pi) - np.pi
+    tow = run.file.tow
+    if run.file.kind != "free":
+        cost = np.where(np.abs(heading) < HEADING_LIMIT_RAD, cost, np.inf)
+    if run.file.kind == "tow" and tow is not None and tow.tow_point_m is not None and tow.line_length_m is not None:
+        cosine, sine = np.cos(heading), np.sin(heading)
+        dx, dy = tow.tow_point_m - body[first, 0], tow.tow_point_offset_m - body[first, 1]
+        x = place[first][:, None, 0] + cosine * dx - sine * dy - tow.post_m[0]
+        y = place[first][:, None, 1] + sine * dx + cosine * dy - tow.post_m[1]
+        length = tow.line_length_m
+        cost = cost + np.where(x < 0, ((np.hypot(x, y) - length) / (LINE_SD_M + LINE_SD_SHARE * length)) ** 2, np.inf)
+    np.fill_diagonal(cost, np.inf)
+    return np.where(np.isfinite(cost), cost, np.inf), heading
+
+
+def _complete(
+    a: int,
+    b: int,
+    first: int,
+    other: int,
+    cost: float,
+    heading: float,
+    place: Array,
+    own: Array,
+    body: Array,
+    candidates: Candidates,
+    mapping: Mapping,
+    markers: tuple[Marker, ...],
+) -> tuple[tuple[int, ...], float]:
+    """Find the other markers' spots from the body that the pair fixes."""
+    chosen = [-1] * len(markers)
+    chosen[first], chosen[other] = a, b
+    rotation = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+    for index, marker in enumerate(markers):
+        if index in (first, other):
+            continue
+        expected = place[first, a] + rotation @ (body[index] - body[first])
+        pixel = mapping.to_pixel(np.array([[*expected, marker.depth_m]]))[0]
+        away = ((candidates.centre_px - pixel) ** 2).sum(axis=1) / NEAR_PX**2 + own[index]
+        away[[c for c in chosen if c >= 0]] = np.inf
+        nearest = int(np.argmin(away))
+        if away[nearest] < MISSING_COST:
+            chosen[index] = nearest
+            cost += float(away[nearest])
+        else:
+            cost += MISSING_COST
+    return tuple(chosen), cost
+
+
+def _differs(one: tuple[int, ...], two: tuple[int, ...], candidates: Candidates) -> bool:
+    """Any marker at a place more than a few pixels away."""
+    for i, j in zip(one, two, strict=True):
+        if i != j and (i < 0 or j < 0 or np.hypot(*(candidates.centre_px[i] - candidates.centre_px[j])) > NEAR_PX):
+            return True
+    return False

@@ -1,0 +1,417 @@
+"""Follow the marks through a recording: acquisition on the whole frame, then a predicted window per marker."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+
+from ..geometry.mapping import Mapping
+from ..record.errors import InputError, TrackingError
+from ..record.run import RUN_FILE, Run
+from ..record.schema import Marker
+from .candidates import Array, find_candidates
+from .decode import Frame
+from .identity import DISTANCE_SD_M, DISTANCE_SD_SHARE, Assignment, assign
+from .spot import SpotFit, fit_spots, windows
+
+SEARCH_PX = 4
+"""A spot is looked for this far beyond its window in each frame; more while it is lost."""
+SEARCH_GROWTH_PX = 2
+SEARCH_LIMIT_PX = 40
+JUMP_PX = 3.0
+"""Largest surprise of a spot's place against its prediction, beside half of its own step."""
+AMPLITUDE_RANGE = (0.4, 2.5)
+WIDTH_RANGE = (0.55, 1.8)
+LARGEST_SIGMA_PX = 0.5
+REFERENCE_MEMORY = 0.05
+"""Share of a new frame in the running amplitude, width and distance."""
+REACQUIRE_FRAMES = 10
+DISTANCE_GATE = 6.0
+ACQUIRE_EVERY_FRAME = 60
+"""While nothing has been found: every frame at first, then ..."""
+ACQUIRE_STRIDE = 15
+_THIRD_DIFFERENCE_GAIN = 20.0
+"""Variance of the third difference of white noise of unit variance: 1 + 9 + 9 + 1."""
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """Tracks of a recording.
+
+    Attributes
+    ----------
+    table : tracks.csv, with a column ``reason`` (why lost)
+    frames : frames looked at
+    measured : marker -> frames measured
+    reasons : marker -> reason -> frames lost
+    ambiguous : at some acquisition another assignment of spots to markers was nearly as good
+    """
+
+    table: pd.DataFrame
+    frames: int
+    measured: dict[str, int]
+    reasons: dict[str, dict[str, int]]
+    ambiguous: bool
+
+
+@dataclass
+class _State:
+    """What is known of one marker while tracking."""
+
+    place: Array = field(default_factory=lambda: np.full(2, np.nan))
+    rate: Array = field(default_factory=lambda: np.zeros(2))
+    t_s: float = 0.0
+    width: float = 2.0
+    amplitude: float = 0.0
+    sharp: bool = False
+    lost: int = 0
+    known: bool = False
+
+    def predict(self, t_s: float) -> Array:
+        return self.place + self.rate * (t_s - self.t_s)
+
+    @property
+    def radius(self) -> int:
+        # a flat-topped spot ends soon beyond its edge, a Gaussian one only after some widths
+        share = round(self.width + 1.9) if self.sharp else round(2.8 * self.width)
+        return int(np.clip(share, 5, 16))
+
+
+def check_looks(run: Run) -> None:
+    """InputError for a marker whose look this version cannot follow."""
+    for marker in run.file.marker:
+        if marker.look not in ("led", "disc"):
+            raise InputError(
+                run.folder / RUN_FILE,
+                f"marker {marker.name!r}.look",
+                f"{marker.look!r} is not tracked by this version; led and disc are",
+            )
+
+
+def track(
+    run: Run,
+    frames: Iterable[Frame],
+    mapping: Mapping,
+    progress: Callable[[int, int], None] | None = None,
+    watch: Callable[[Frame, dict[str, Array | None]], None] | None = None,
+) -> Tracking:
+    """Track the markers of ``run`` through ``frames``.
+
+    Parameters
+    ----------
+    mapping : pixel -> tank of the run's datum
+    progress : called with frames done and losses so far
+    watch : called with each frame and the markers' places (None = lost), for an overlay
+
+    Raises
+    ------
+    TrackingError : the marks were never found
+    """
+    check_looks(run)
+    tracker = _Tracker(run, mapping)
+    count = losses = 0
+    for frame in frames:
+        places = tracker.step(frame)
+        count += 1
+        losses += sum(p is None for p in places.values())
+        if watch is not None:
+            watch(frame, places)
+        if progress is not None:
+            progress(count, losses)
+    if not count:
+        raise TrackingError(f"{run.source_path}: no frame lies within source.span_s")
+    if tracker.never_found:
+        raise TrackingError(tracker.why_never())
+    return tracker.result(count)
+
+
+class _Tracker:
+    def __init__(self, run: Run, mapping: Mapping) -> None:
+        self.run, self.mapping = run, mapping
+        self.markers: tuple[Marker, ...] = tuple(m for m in run.file.marker)
+        self.states = [_State() for _ in self.markers]
+        self.rows: list[tuple] = []
+        self.tried = 0
+        self.last: Assignment | None = None
+        self.candidates_seen = 0
+        self.ambiguous = False
+        self.distances: dict[tuple[int, int], float] = {}
+
+    @property
+    def never_found(self) -> bool:
+        return not any(row[7] == "measured" for row in self.rows)
+
+    def step(self, frame: Frame) -> dict[str, Array | None]:
+        if not any(s.known for s in self.states):
+            found, reasons = self._acquire(frame)
+        else:
+            found, reasons = self._follow(frame)
+            if any(s.known and s.lost and s.lost % REACQUIRE_FRAMES == 0 for s in self.states) or not all(
+                s.known or frame.index % REACQUIRE_FRAMES for s in self.states
+            ):
+                self._recover(frame, found, reasons)
+        places: dict[str, Array | None] = {}
+        for index, marker in enumerate(self.markers):
+            fit = found[index]
+            if fit is None:
+                self.states[index].lost += 1
+                row = (np.nan, np.nan, np.nan, np.nan, "lost", reasons[index])
+                places[marker.name] = None
+            else:
+                self._update(self.states[index], fit, frame.t_s)
+                row = (*fit.centre_px[0], *fit.sigma_px[0], "measured", "")
+                places[marker.name] = fit.centre_px[0]
+            self.rows.append((frame.index, frame.t_s, marker.name, *row[:4], *row[4:]))
+        self._learn_distances(found)
+        return places
+
+    # acquisition ------------------------------------------------------------------------------------------------
+
+    def _spots(self, frame: Frame, indices: list[int], fresh: bool) -> tuple[Assignment, list[Array], list[float]]:
+        """Assign the frame's spots to the markers ``indices``; their places and widths."""
+        dark = self.markers[indices[0]].colour == "dark"
+        width = 2.0 if fresh else float(np.median([self.states[i].width for i in indices]))
+        if fresh and self.markers[indices[0]].look == "disc":
+            width = 3.5
+        candidates = find_candidates(frame.luma, dark, width)
+        self.candidates_seen = max(self.candidates_seen, len(candidates))
+        chosen = assign(candidates, tuple(self.markers[i] for i in indices), self.mapping, self.run)
+        centres = [candidates.centre_px[c] if c >= 0 else np.full(2, np.nan) for c in chosen.chosen]
+        widths = [float(candidates.width_px[c]) if c >= 0 else 2.0 for c in chosen.chosen]
+        return chosen, centres, widths
+
+    def _acquire(self, frame: Frame) -> tuple[list[SpotFit | None], list[str]]:
+        empty: list[SpotFit | None] = [None] * len(self.markers)
+        reasons = ["not found yet"] * len(self.markers)
+        self.tried += 1
+        if self.tried > ACQUIRE_EVERY_FRAME and self.tried % ACQUIRE_STRIDE:
+            return empty, reasons
+        groups = {m.colour == "dark" for m in self.markers}
+        if len(groups) > 1:
+            raise InputError(
+                self.run.folder / RUN_FILE,
+                "marker.colour",
+                "dark and bright marks in one run are not tracked by this version",
+            )
+        everyone = list(range(len(self.markers)))
+        chosen, centres, widths = self._spots(frame, everyone, fresh=True)
+        self.last = chosen
+        if not chosen.accepted:
+            return empty, reasons
+        self.ambiguous |= chosen.ambiguous
+        for index, (centre, width) in enumerate(zip(centres, widths)):
+            if not np.isfinite(centre).all():
+                continue
+            fit = self._fit(frame, index, centre, width)
+            if fit is None:
+                continue
+            empty[index], reasons[index] = fit, ""
+            state = self.states[index]
+            state.known, state.place, state.t_s, state.rate = True, fit.centre_px[0], frame.t_s, np.zeros(2)
+            state.amplitude, state.width = float(fit.amplitude_dn[0]), float(fit.width_px[0])
+        return empty, reasons
+
+    def _recover(self, frame: Frame, found: list[SpotFit | None], reasons: list[str]) -> None:
+        """Look for lost marks on the whole frame; believed only where the marks that are still held are found as well."""
+        everyone = list(range(len(self.markers)))
+        chosen, centres, widths = self._spots(frame, everyone, fresh=False)
+        if not chosen.accepted or chosen.ambiguous:
+            return
+        for index, fit in enumerate(found):
+            if fit is not None and not np.hypot(*(centres[index] - fit.centre_px[0])) < JUMP_PX + fit.width_px[0]:
+                return
+        for index, fit in enumerate(found):
+            if fit is None and np.isfinite(centres[index]).all():
+                again = self._fit(frame, index, centres[index], widths[index])
+                if again is not None and self._fits_distance(index, again, found):
+                    found[index], reasons[index] = again, ""
+                    state = self.states[index]
+                    state.rate = np.zeros(2)
+                    if not state.known:
+                        state.known = True
+                        state.amplitude, state.width = float(again.amplitude_dn[0]), float(again.width_px[0])
+
+    # following --------------------------------------------------------------------------------------------------
+
+    def _follow(self, frame: Frame) -> tuple[list[SpotFit | None], list[str]]:
+        found: list[SpotFit | None] = []
+        reasons: list[str] = []
+        height, width = frame.luma.shape
+        for index, state in enumerate(self.states):
+            if not state.known:
+                found.append(None)
+                reasons.append("not found yet")
+                continue
+            expected = state.predict(frame.t_s) if state.lost < REACQUIRE_FRAMES else state.place
+            if not (0 <= expected[0] < width and 0 <= expected[1] < height):
+                found.append(None)
+                reasons.append("outside the picture")
+                continue
+            reach = min(SEARCH_PX + SEARCH_GROWTH_PX * state.lost, SEARCH_LIMIT_PX)
+            start = self._brightest(frame, index, expected, reach)
+            fit = self._fit(frame, index, start, state.width)
+            reason = self._judge(state, fit, expected, reach, frame.t_s)
+            found.append(None if reason else fit)
+            reasons.append(reason)
+        self._check_distances(found, reasons, frame.t_s)
+        return found, reasons
+
+    def _brightest(self, frame: Frame, index: int, expected: Array, reach: int) -> Array:
+        """The strongest spot within ``reach`` of ``expected``, nearer ones preferred, to half a pixel."""
+        import cv2
+
+        state = self.states[index]
+        cut, corner = windows(frame.luma, expected[None], reach + 2)
+        values = cut[0]
+        values = np.where(np.isfinite(values), values, np.nanmedian(values) if np.isfinite(values).any() else 0.0)
+        sign = -1.0 if self._dark(index) else 1.0
+        smooth = cv2.GaussianBlur(sign * values, (0, 0), max(0.7, 0.6 * state.width))
+        axis = np.arange(smooth.shape[0])
+        v, u = np.meshgrid(axis, axis, indexing="ij")
+        away = (u + corner[0, 0] - expected[0]) ** 2 + (v + corner[0, 1] - expected[1]) ** 2
+        score = smooth - 0.3 * abs(state.amplitude) * away / max(reach, 3) ** 2
+        row, column = np.unravel_index(int(np.argmax(score)), score.shape)
+        return corner[0] + [column, row]
+
+    def _fit(self, frame: Frame, index: int, start: Array, width: float) -> SpotFit | None:
+        state = self.states[index]
+        radius = state.radius if state.known else int(np.clip(round(2.0 * width + 2), 5, 16))
+        centre = np.asarray(start, dtype=float)[None]
+        cut, corner = windows(frame.luma, centre, radius)
+        if np.isfinite(cut).mean() < 0.6:
+            return None
+        fit = fit_spots(cut, corner, centre, np.array([width]), self._dark(index))
+        return fit if bool(fit.good[0]) else None
+
+    def _judge(self, state: _State, fit: SpotFit | None, expected: Array, reach: int, t_s: float) -> str:
+        """Why a fit is not the mark; empty = it is."""
+        if fit is None:
+            return "no spot"
+        if not AMPLITUDE_RANGE[0] < fit.amplitude_dn[0] / state.amplitude < AMPLITUDE_RANGE[1]:
+            return "brightness"
+        if not WIDTH_RANGE[0] < fit.width_px[0] / state.width < WIDTH_RANGE[1]:
+            return "shape"
+        if fit.sigma_px[0].max() > LARGEST_SIGMA_PX:
+            return "too faint"
+        step = np.hypot(*state.rate) * (t_s - state.t_s)
+        if np.hypot(*(fit.centre_px[0] - expected)) > JUMP_PX + 0.5 * step + (reach if state.lost else 0):
+            return "jumped"
+        return ""
+
+    def _dark(self, index: int) -> bool:
+        return self.markers[index].colour == "dark"
+
+    # rigid distances --------------------------------------------------------------------------------------------
+
+    def _distance(self, i: int, j: int, one: SpotFit, two: SpotFit) -> tuple[float, float]:
+        """Distance of two marks in the tank and its standard deviation from the pixels, m."""
+        a = self.mapping.to_tank(one.centre_px, self.markers[i].depth_m)
+        b = self.mapping.to_tank(two.centre_px, self.markers[j].depth_m)
+        gap = a.xy_m[0] - b.xy_m[0]
+        apart = float(np.hypot(*gap))
+        unit = gap / max(apart, 1e-12)
+        spread = [unit @ p.per_px[0] * f.sigma_px[0] for p, f in ((a, one), (b, two))]
+        return apart, float(np.sqrt(sum((s**2).sum() for s in spread)))
+
+    def _fits_distance(self, index: int, fit: SpotFit, found: list[SpotFit | None]) -> bool:
+        for j, other in enumerate(found):
+            if other is None or j == index:
+                continue
+            key = (min(index, j), max(index, j))
+            apart, sd = self._distance(index, j, fit, other)
+            if key in self.distances and abs(apart - self.distances[key]) > self._gate(key, sd):
+                return False
+        return True
+
+    def _gate(self, key: tuple[int, int], sd: float) -> float:
+        body = np.array(self.markers[key[0]].body_m) - np.array(self.markers[key[1]].body_m)
+        # the camera's common errors change slowly over the picture: one standard deviation of identity's tolerance
+        return DISTANCE_GATE * sd + DISTANCE_SD_M + DISTANCE_SD_SHARE * float(np.hypot(*body))
+
+    def _check_distances(self, found: list[SpotFit | None], reasons: list[str], t_s: float) -> None:
+        """Where a pair's distance is wrong, the mark that surprises most is lost, until all pairs agree."""
+        while True:
+            wrong: set[int] = set()
+            for (i, j), stated in self.distances.items():
+                one, two = found[i], found[j]
+                if one is None or two is None:
+                    continue
+                apart, sd = self._distance(i, j, one, two)
+                if abs(apart - stated) > self._gate((i, j), sd):
+                    wrong |= {i, j}
+            if not wrong:
+                return
+            surprise = {i: self._surprise(i, found[i], t_s) for i in wrong}
+            worst = max(surprise, key=lambda i: surprise[i])
+            found[worst], reasons[worst] = None, "distance"
+
+    def _surprise(self, index: int, fit: SpotFit | None, t_s: float) -> float:
+        assert fit is not None
+        state = self.states[index]
+        return float(np.hypot(*(fit.centre_px[0] - state.predict(t_s)))) + 10.0 * state.lost
+
+    def _learn_distances(self, found: list[SpotFit | None]) -> None:
+        for j in range(len(found)):
+            for i in range(j):
+                one, two = found[i], found[j]
+                if one is None or two is None:
+                    continue
+                apart, _ = self._distance(i, j, one, two)
+                before = self.distances.get((i, j), apart)
+                self.distances[(i, j)] = before + REFERENCE_MEMORY * (apart - before)
+
+    def _update(self, state: _State, fit: SpotFit, t_s: float) -> None:
+        step = t_s - state.t_s
+        if step > 0 and state.lost < REACQUIRE_FRAMES:
+            rate = (fit.centre_px[0] - state.place) / step
+            # alpha-beta tracker: the rate follows by 60 % a frame, all at once after the first one
+            state.rate = rate if not state.rate.any() else state.rate + 0.6 * (rate - state.rate)
+        elif step > 0:
+            state.rate = np.zeros(2)
+        state.place, state.t_s, state.lost = fit.centre_px[0], t_s, 0
+        state.amplitude += REFERENCE_MEMORY * (float(fit.amplitude_dn[0]) - state.amplitude)
+        state.width += REFERENCE_MEMORY * (float(fit.width_px[0]) - state.width)
+        state.sharp = bool(fit.sharpness[0] > 1.3)
+
+    # results ----------------------------------------------------------------------------------------------------
+
+    def why_never(self) -> str:
+        names = ", ".join(m.name for m in self.markers)
+        text = f"{self.run.source_path}: markers never found ({names}): {self.candidates_seen} spots in the best frame"
+        if self.last is not None and self.last.nearest_m is not None:
+            apart, stated = self.last.nearest_m
+            text += f"; no set of them has the markers' distances (nearest pair {apart:.3f} m, stated {stated:.3f} m)"
+        return text + "; check marker.body_m, depth_m, colour and the datum, or give marker.seen_at_px"
+
+    def result(self, frames: int) -> Tracking:
+        names = ["frame", "t_s", "marker", "u_px", "v_px", "sigma_u_px", "sigma_v_px", "status", "reason"]
+        table = pd.DataFrame(self.rows, columns=names)
+        table = _with_scatter(table)
+        measured = {
+            m.name: int(((table["marker"] == m.name) & (table["status"] == "measured")).sum()) for m in self.markers
+        }
+        lost = table[table["status"] == "lost"]
+        reasons = {
+            str(name): {str(k): int(v) for k, v in rows["reason"].value_counts().items()}
+            for name, rows in lost.groupby("marker")
+        }
+        return Tracking(table, frames, measured, reasons, self.ambiguous)
+
+
+def _with_scatter(table: pd.DataFrame) -> pd.DataFrame:
+    """Widen each marker's sigma to the scatter that its own track shows beyond a smooth path (third differences)."""
+    table = table.copy()
+    for _, rows in table.groupby("marker"):
+        for place, sigma in (("u_px", "sigma_u_px"), ("v_px", "sigma_v_px")):
+            third = np.diff(rows[place].to_numpy(), 3)
+            third = third[np.isfinite(third)]
+            if len(third) < 20:
+                continue
+            # a robust scale: the few frames where the mark jumps or turns sharply must not widen all others
+            seen = (1.4826 * np.median(np.abs(third))) ** 2 / _THIRD_DIFFERENCE_GAIN
+            stated = float(np.nanmean(rows[sigma].to_numpy() ** 2))
+            table.loc[rows.index, sigma] = np.sqrt(rows[sigma] ** 2 + max(0.0, seen - stated))
+    return table

@@ -11,6 +11,8 @@ from typing import Any
 
 from . import __version__
 
+PIPE_WIDTH = 130
+"""Columns of a table that does not go to a terminal."""
 EXIT_OK, EXIT_ERROR, EXIT_USAGE, EXIT_SOME_FAILED, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
 
 
@@ -133,7 +135,8 @@ def _add_fit(sub: argparse.ArgumentParser) -> None:
 def _console(error: bool = False) -> Any:
     from rich.console import Console
 
-    return Console(stderr=error, highlight=False, soft_wrap=True)
+    console = Console(stderr=error, highlight=False)
+    return console if console.is_terminal else Console(stderr=error, highlight=False, width=PIPE_WIDTH)
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ import pandas as pd
 from . import __version__
 from .geometry import DatumFit, motion_from_tracks, run_datum
 from .record.errors import InputError, TowlineError
-from .record.files import replacing
+from .record.files import replacing, sha256_of_texts
 from .record.results import CameraFile, TruthFile, read_result, write_result
 from .record.run import RUN_FILE, Run
 from .record.tables import input_hash_of, read_motion, read_tracks, write_table
@@ -74,7 +75,7 @@ def tracked(
             f"{list(stated)}, but the video's picture is {info.width_px} x {info.height_px}; the lens would be another",
         )
     target = run.out / TRACKS
-    stamp = run.input_hash("tracks", __version__)
+    stamp = run.input_hash("tracks", _code_hash())
     if not overlay and not fresh and input_hash_of(target) == stamp:
         return read_tracks(target), datum
     source = run.file.source
@@ -92,6 +93,14 @@ def tracked(
     return read_tracks(target), datum
 
 
+@cache
+def _code_hash() -> str:
+    """Hash of the code behind tracks and motion: results of another version, or of another day's checkout, are redone."""
+    house = Path(__file__).parent
+    paths = sorted(path for room in ("record", "geometry", "vision") for path in (house / room).glob("*.py"))
+    return sha256_of_texts(__version__, *(path.read_text(encoding="utf-8") for path in paths))
+
+
 def _frames_expected(info, span_s: tuple[float, float] | None) -> int | None:
     length = info.duration_s
     if span_s is not None:
@@ -104,7 +113,7 @@ def moved(run: Run, method: str = "exact", progress: Progress | None = None, fre
     if run.file.source.motion is not None:
         return Moved(run, _in_span(run, read_motion(run.source_path)), None, None, None)
     tracks, datum = tracked(run, progress, fresh=fresh)
-    stamp = run.input_hash("motion", __version__, method)
+    stamp = run.input_hash("motion", _code_hash(), method)
     paths = {name: run.out / name for name in (MARKS, MOTION, COMMON, CAMERA)}
     if not fresh and input_hash_of(paths[MOTION]) == stamp and all(p.is_file() for p in paths.values()):
         common = np.load(paths[COMMON], allow_pickle=False)

@@ -8,7 +8,7 @@ colour (an autoregression), re-estimated until they stand; the covariance is the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,32 +104,50 @@ def fit_runs(
         raise EstimationError(
             f"run {needs_full[0]!r}: a moving post and histories of tension or speed are known to the full form only"
         )
-    problem = _Problem(runs, "full" if needs_full else "linear", speed)
-    theta = problem.start()
+    # a rough fit without the common modes: they must be known along a smooth path before they may move
+    rough = _Problem([replace(d, common=d.common[:0]) for d in runs], "full" if needs_full else "linear", speed)
     weights = [stated(d.covariance, d.t_s) for d in runs]
-    stages = [problem.form] if problem.form == form else ["linear", "full"]
-    steps = 0
-    converged = False
+    theta, steps, converged = _minimise(rough, rough.start(), weights, progress)
+    path = rough.evaluate(theta)[0]
+    if rough.form != form:
+        theta = rough.to_full(theta)
     first_chi2 = np.nan
-    for stage in stages:
-        if stage != problem.form:
-            theta = problem.to_full(theta)
+    problem = rough
+    for turn in range(REWEIGHTINGS):
+        problem = _Problem([_modes_along(d, p) for d, p in zip(runs, path, strict=True)], form, speed)
+        theta = np.concatenate([theta, np.zeros(problem.size - len(theta))])
+        theta, count, converged = _minimise(problem, theta, weights, progress)
+        steps += count
+        path, residual, _ = problem.evaluate(theta)
+        if turn == 0:
+            first_chi2 = _chi2_per_dof(residual, weights, len(theta))
         # colour belongs to the right equations: the linear form's own misfit of a large tow must not pass for noise
-        turns = REWEIGHTINGS if stage == stages[-1] else 1
-        for turn in range(turns):
-            theta, count, converged = _minimise(problem, theta, weights, progress)
-            steps += count
-            if stage != stages[-1]:
-                break
-            _, residual, _ = problem.evaluate(theta)
-            if turn == 0:
-                first_chi2 = _chi2_per_dof(residual, weights, len(theta))
-            before = np.array([w.scale * w.innovation for w in weights])
-            weights = [measured(r, w) for r, w in zip(residual, weights, strict=True)]
-            after = np.array([w.scale * w.innovation for w in weights])
-            if turn > 0 and np.abs(after / before - 1).max() < 0.01:
-                break
+        before = np.array([w.scale * w.innovation for w in weights])
+        weights = [measured(r, w) for r, w in zip(residual, weights, strict=True)]
+        after = np.array([w.scale * w.innovation for w in weights])
+        if turn > 0 and np.abs(after / before - 1).max() < 0.01:
+            break
     return _report(problem, theta, weights, first_chi2, steps, converged)
+
+
+def _modes_along(data: RunData, path: Array) -> RunData:
+    """The run with its common modes taken along the fitted ``path (n, 2)`` instead of the noisy measurement.
+
+    A mode is a smooth function of where the model stands: a cubic in (y, beta). Taken at the measured places it would
+    hold their noise, and the fit would move it to shrink the residuals (a 0.1 % scale by several of its sds).
+    """
+    if not len(data.common):
+        return data
+    centre, spread = path.mean(axis=0), path.std(axis=0) + 1e-12
+    seen = _cubic((np.column_stack([data.y_m, data.beta_rad]) - centre) / spread)
+    here = _cubic((path - centre) / spread)
+    flat = data.common.transpose(1, 0, 2).reshape(len(path), -1)
+    values = here @ np.linalg.lstsq(seen, flat, rcond=1e-9)[0]
+    return replace(data, common=values.reshape(len(path), len(data.common), 2).transpose(1, 0, 2))
+
+
+def _cubic(xy: Array) -> Array:
+    return np.column_stack([xy[:, 0] ** i * xy[:, 1] ** j for i in range(4) for j in range(4 - i)])
 
 
 class _Problem:

@@ -16,6 +16,8 @@ from ..simulate.model import Array
 LARGEST_ORDER = 20
 ORDER_SHARE = 0.05
 """No autoregression longer than this share of the samples."""
+SMALLEST_SCALE = 1e-3
+"""No run is believed to scatter less than this share of its stated sigma (a simulated record without noise does)."""
 GAP_STEPS = 1.5
 """Samples farther apart than this many usual steps are not neighbours for the filter."""
 
@@ -66,7 +68,7 @@ def stated(covariance: Array, t_s: Array) -> Whitener:
 def measured(residual: Array, before: Whitener) -> Whitener:
     """The whitener that the residuals ``(n, 2)`` themselves ask for: scatter, and an autoregression chosen by AIC."""
     scaled = np.einsum("nij,nj->ni", before.matrices, residual)
-    scale = np.maximum(np.sqrt(np.mean(scaled**2, axis=0)), 1e-9)
+    scale = np.maximum(np.sqrt(np.mean(scaled**2, axis=0)), SMALLEST_SCALE)
     regressions, innovations = [], []
     for channel in range(2):
         largest = int(min(LARGEST_ORDER, ORDER_SHARE * len(scaled)))

@@ -21,7 +21,7 @@ _TAYLOR_ORDER = 10
 _FULL_STEP_S = 0.05
 _FULL_STEP_SHARE = 0.06
 """Runge-Kutta step: this share of the fastest root's time; RK4 then errs by about 1e-7 of the amplitude."""
-_LARGEST_STEPS = 40_000
+SAMPLING_SHARE = 0.25
 
 
 def run_tow(tow: Tow, values: Array) -> Tow:
@@ -133,14 +133,13 @@ def full_response(runs: list[RunData], values: Array, reference_speed_m_s: float
     span = max(float(d.t_s[-1] - d.t_s[0]) for d in runs)
     step = _full_step(runs, values, reference_speed_m_s)
     count = max(2, int(np.ceil(span / step)))
-    if count > _LARGEST_STEPS:
-        step = span / _LARGEST_STEPS
-        count = _LARGEST_STEPS
     state = columns[6:10].copy()
     post = [d.tow.post_phase_rad + 2 * np.pi * d.tow.post_frequency_hz * d.t_s[0] for d in runs]
     tow = _stacked_tow(runs, columns, np.array(post)[:, None])
-    hull = hull_from(columns, reference_speed_m_s)
     forcing = _forcing(runs, step, count)
+    hull = hull_from(columns, reference_speed_m_s)
+    if forcing[1] is None:
+        hull = hull.at_speed(tow.speed_m_s)
     path = np.empty((count + 1, *state.shape), dtype=complex)
     rate = np.empty_like(path)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -172,7 +171,9 @@ def _full_step(runs: list[RunData], values: Array, reference: float) -> float:
         if np.isfinite(matrix).all():
             fastest = max(fastest, float(np.abs(np.linalg.eigvals(matrix)).max()))
         fastest = max(fastest, 2 * np.pi * data.tow.post_frequency_hz)
-    return min(_FULL_STEP_S, _FULL_STEP_SHARE / fastest)
+    # a root far above the sampling rate is a trial of the fit gone astray; the samples cannot tell it from a faster one
+    sampling = min(float(np.median(np.diff(d.t_s))) for d in runs)
+    return min(_FULL_STEP_S, max(_FULL_STEP_SHARE / fastest, SAMPLING_SHARE * sampling))
 
 
 def _stacked_tow(runs: list[RunData], columns: Array, phase: Array) -> Tow:
@@ -181,13 +182,14 @@ def _stacked_tow(runs: list[RunData], columns: Array, phase: Array) -> Tow:
     def field(name: str) -> Array:
         return np.array([getattr(d.tow, name) for d in runs], dtype=float)[:, None]
 
+    moving = any(d.tow.post_amplitude_m for d in runs)
     return Tow(
         speed_m_s=field("speed_m_s"),  # pyright: ignore[reportArgumentType]
         line_length_m=field("line_length_m"),  # pyright: ignore[reportArgumentType]
         tow_point_m=columns[11],  # pyright: ignore[reportArgumentType]
         tension_n=columns[10],  # pyright: ignore[reportArgumentType]
         tow_point_offset_m=field("tow_point_offset_m"),  # pyright: ignore[reportArgumentType]
-        post_amplitude_m=field("post_amplitude_m"),  # pyright: ignore[reportArgumentType]
+        post_amplitude_m=field("post_amplitude_m") if moving else 0.0,  # pyright: ignore[reportArgumentType]
         post_frequency_hz=field("post_frequency_hz"),  # pyright: ignore[reportArgumentType]
         post_phase_rad=phase,  # pyright: ignore[reportArgumentType]
     )
@@ -216,7 +218,8 @@ def _rates(t: float, state: Array, hull: Hull, tow: Tow, forcing, half: int) -> 
         tow = replace(tow, tension_n=tow.tension_n * tension[half])
     if speed is not None:
         tow = replace(tow, speed_m_s=speed[half])
-    return full_rates(t, state, hull.at_speed(tow.speed_m_s), tow)
+        hull = hull.at_speed(tow.speed_m_s)
+    return full_rates(t, state, hull, tow)
 
 
 def _sampled(data: RunData, run: int, step: float, path: Array, rate: Array, tow: Tow, columns: Array):

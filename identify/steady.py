@@ -18,6 +18,7 @@ from ..record.run import RUN_FILE, Run
 from ..record.tables import read_history
 from ..simulate.model import Array
 from .data import common_key
+from .noise import LARGEST_ORDER, autoregression
 
 BATCHES = 8
 DRIFT_T = 3.0
@@ -41,7 +42,7 @@ class SteadyState:
     speed_m_s : U
     tension_n, tension_sd_rel : T and its relative scatter; None where T was not measured
     alpha_rad, beta_rad : means over the window
-    covariance : (2, 2), of the two means, frame part (batch means)
+    covariance : (2, 2), of the two means, frame part (long-run variance)
     common : (k, 2), change of (alpha, beta) with each unit-variance common mode; common_key: whose modes
     span_s, settled : the window; False: the angles still drift in it
     """
@@ -130,7 +131,7 @@ def steady_state(run: Run, motion: pd.DataFrame, common: Array | None) -> Steady
         )
     angles = motion[["alpha_rad", "beta_rad"]].to_numpy()[good]
     first, settled = _window(times, angles)
-    mean, covariance = _batch_mean(times[first:], angles[first:])
+    mean, covariance = _tail_mean(angles[first:])
     modes = np.zeros((0, 2)) if common is None else common[:, good][:, first:][:, :, [2, 1]].mean(axis=1)
     tension = tow.tension_n
     if tow.tension is not None:
@@ -161,13 +162,22 @@ def steady_state(run: Run, motion: pd.DataFrame, common: Array | None) -> Steady
 
 
 def _window(times: Array, angles: Array) -> tuple[int, bool]:
-    """First sample of the longest tail without a trend in its batch means; else the last fifth, not settled."""
+    """First sample of the tail whose mean is known best, among the tails without a trend; else the last fifth, not settled.
+
+    An early start lets the transient scatter the batch means, a late one has few samples: the least sum of both wins.
+    """
     whole = times[-1] - times[0]
     shortest = max(SHORTEST_S, SHORTEST_SHARE * whole)
-    for start in np.arange(times[0], times[-1] - shortest, 0.025 * whole):
+    best: tuple[float, int] | None = None
+    for start in np.arange(times[0], times[-1] - shortest, 0.05 * whole):
         first = int(np.searchsorted(times, start))
-        if len(times) - first >= 3 * BATCHES and not _drifts(times[first:], angles[first:]):
-            return first, True
+        if len(times) - first < 3 * BATCHES or _drifts(times[first:], angles[first:]):
+            continue
+        variance = float(np.trace(_tail_mean(angles[first:])[1]))
+        if best is None or variance < best[0]:
+            best = (variance, first)
+    if best is not None:
+        return best[1], True
     return int(np.searchsorted(times, times[-1] - max(shortest, 0.2 * whole))), False
 
 
@@ -188,10 +198,24 @@ def _drifts(times: Array, angles: Array) -> bool:
     return False
 
 
-def _batch_mean(times: Array, angles: Array) -> tuple[Array, Array]:
-    """Mean and its covariance from batch means, whose scatter holds slow noise and what is left of the transient."""
-    _, means = _batches(times, angles)
-    return angles.mean(axis=0), np.cov(means.T) / BATCHES
+def _tail_mean(angles: Array) -> tuple[Array, Array]:
+    """Mean of the angles ``(n, 2)`` and its covariance from their long-run variance (an autoregression's, at frequency 0)."""
+    mean = angles.mean(axis=0)
+    rest = angles - mean
+    sd = np.empty(2)
+    for channel in range(2):
+        variance = float(np.mean(rest[:, channel] ** 2))
+        coefficients, share = autoregression(rest[:, channel], min(LARGEST_ORDER, len(rest) // 20))
+        # a slow root that the record cannot resolve counts as one memory as long as a batch
+        gain = max(1.0 - float(coefficients.sum()), BATCHES / len(rest))
+        square = variance * share / gain**2 / len(rest)
+        independent = variance / max(
+            square, 1e-300
+        )  # as many samples the record is worth; the mean and its memory cost three
+        sd[channel] = np.sqrt(square * independent / max(independent - 3.0, 1.0))
+    scatter = np.sqrt(np.maximum(np.diag(rest.T @ rest), 1e-300))
+    correlation = (rest.T @ rest) / scatter[:, None] / scatter[None, :]
+    return mean, correlation * sd[:, None] * sd[None, :]
 
 
 def fit_steady(tows: list[SteadyState], x_delta_m: float | None = None) -> SteadyFit:

@@ -173,13 +173,13 @@ def quantity_row(key: str, symbol: str, measured: Measured, unit: str, true: flo
 
 
 def tension_measured(result: SteadyFile) -> bool:
-    """Whether F stands in newtons (a steady result knows Y_v only then); otherwise F may be F/R."""
+    """Whether F stands in newtons; otherwise it is F/R."""
     return result.force_unit == "N"
 
 
 def steady_rows(result: SteadyFile) -> list[Row]:
     """The lines of the steady table: X_v, slope, then Y_v, Y_delta delta, N_delta delta where known, then the pairs."""
-    slope_unit = "N m" if tension_measured(result) else "N m (m where F is F/R)"
+    slope_unit = "N m" if tension_measured(result) else "m"
     rows = [
         quantity_row("x_v_m", "X_v", result.x_v_m, "m", result.x_v_true_m),
         quantity_row("slope", "k of X_T = X_v + k/F", result.slope, slope_unit),

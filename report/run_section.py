@@ -52,6 +52,15 @@ _NAMES = {
     "beta_b_rad": "datum bias of β",
     "tension_n": "line tension T",
     "tow_point_m": "tow point X_T",
+    "alpha_rad": "α at the first sample",
+    "y_over_sigma": "residual of y over its stated σ",
+    "beta_over_sigma": "residual of β over its stated σ",
+    "autocorrelation_y_lag1": "autocorrelation of y's residual, lag 1",
+    "autocorrelation_beta_lag1": "autocorrelation of β's residual, lag 1",
+    "noise_order_y": "order of the noise model of y",
+    "noise_order_beta": "order of the noise model of β",
+    "ljung_box_p_y": "Ljung-Box p of y, whitened",
+    "ljung_box_p_beta": "Ljung-Box p of β, whitened",
 }
 # suffix -> unit shown, factor; the longest suffix that fits counts
 _UNITS = {
@@ -77,8 +86,8 @@ _TRACKS = (
 )
 _WHITENESS = (
     "What is left should be noise. Look for stems within the dashed lines (95 % of white noise) and bars on the bell "
-    "curve (outermost bars hold all beyond); stems that stay up or swing mean a motion that the equations do not know, "
-    "and standard deviations that are too small."
+    "curve (outermost bars hold all beyond). Short stems above the lines are the codec's colour, which the fit whitens; "
+    "stems that swing mean a motion that the equations do not know."
 )
 
 

@@ -40,6 +40,6 @@ def line_figure(result: SteadyFile) -> Html | None:
     margin = 0.06 * abs(reach - other)
     ax.set_xlim(min(ends) - margin, max(ends) + margin)
     legend(ax, place="best", columns=1)
-    label(ax, "1/F (1/N)" if tension_measured(result) else "1/F (1/N; R/F where the tension was not measured)")
+    label(ax, "1/F (1/N)" if tension_measured(result) else "R/F (tension not measured)")
     label(ax, y=r"$X_T$ ahead of LCG (m)")
     return svg_image(figure, "tow point over one by the steady line force, with the fitted line and its intercept")

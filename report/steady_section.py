@@ -49,7 +49,7 @@ def steady_section(result: SteadyFile) -> Html:
 
 
 def _tows_table(result: SteadyFile) -> Html:
-    force = "F (N)" if tension_measured(result) else "F (N or F/R)"
+    force = "F (N)" if tension_measured(result) else "F/R"
     head = ["no.", "run", "X_T (m)", "α (deg)", "β (deg)", force, "steady part (s)", "settled"]
     head[2] = Html("<i>X</i><sub>T</sub> (m)")
     rows = []

@@ -114,6 +114,8 @@ class Tow:
 
     def post_motion(self, t_s: Array | float) -> tuple[Array | float, Array | float]:
         """y_o and its rate at the times ``t_s``, m and m/s (3.7)."""
+        if isinstance(self.post_amplitude_m, float) and self.post_amplitude_m == 0.0:
+            return 0.0, 0.0
         omega = 2 * np.pi * self.post_frequency_hz
         phase = omega * np.asarray(t_s) + self.post_phase_rad
         return self.post_amplitude_m * np.sin(phase), self.post_amplitude_m * omega * np.cos(phase)

@@ -52,7 +52,7 @@ def test_a_room_imports_only_rooms_below_it(root: Path, room: str) -> None:
 
 
 def test_the_command_line_starts_without_anything_heavy() -> None:
-    code = "import sys, towline.cli; towline.cli._parser(); print(*[m for m in %r if m in sys.modules])" % (HEAVY,)
+    code = f"import sys, towline.cli; towline.cli._parser(); print(*[m for m in {HEAVY!r} if m in sys.modules])"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert loaded.strip() == ""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -188,9 +189,14 @@ def test_tables_survive_a_round_trip(tmp_path: Path, suffix: str) -> None:
 def test_a_broken_write_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("old")
-    with pytest.raises(RuntimeError), replacing(path) as temporary:
-        temporary.write_text("half")
-        raise RuntimeError
+
+    def break_off() -> None:
+        with replacing(path) as temporary:
+            temporary.write_text("half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        break_off()
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -214,10 +220,9 @@ def test_any_table_is_read_or_refused_in_one_line(tmp_path: Path, cells: list[li
     pd.DataFrame(cells, columns=pd.Index(["frame", "t_s", "marker", "u_px", "v_px"])).to_csv(path, index=False)
     try:
         table = read_tracks(path)
-    except TowlineError as error:
-        assert str(error)
-    else:
-        assert np.isfinite(table["t_s"]).all()
+    except TowlineError:  # anything else fails the test
+        return
+    assert np.isfinite(table["t_s"]).all()
 
 
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -225,7 +230,5 @@ def test_any_table_is_read_or_refused_in_one_line(tmp_path: Path, cells: list[li
 def test_any_run_toml_is_read_or_refused_in_one_line(tmp_path: Path, cut: int, junk: str) -> None:
     run = folder(tmp_path, "")
     (run / "run.toml").write_text(GOOD[:cut] + junk + GOOD[cut:], encoding="utf-8", errors="replace")
-    try:
+    with contextlib.suppress(TowlineError):  # anything else fails the test
         read_run(run)
-    except TowlineError as error:
-        assert str(error)

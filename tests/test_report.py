@@ -148,7 +148,7 @@ def _steady(names: list[str]) -> SteadyFile:
     return SteadyFile(
         tool="0",
         inputs={},
-        x_v_m=Measured(value=0.9254, std=0.0111),
+        force_unit="F/R",        x_v_m=Measured(value=0.9254, std=0.0111),
         x_v_interval_m=(0.9032, 0.9476),
         slope=Measured(value=0.1187, std=0.0021),
         chi2_per_dof=None,
@@ -191,7 +191,7 @@ def test_page_contains_the_numbers(page):
     assert "no frame could be read" in page
     assert "only 3 s of &lt;motion&gt;" in page
     assert "no, still drifting" in page
-    assert "F (N or F/R)" in page  # the tension was not measured
+    assert "F/R" in page  # the tension was not measured
     assert "600 frames over 59.8 s: 93.3 % measured, 6.7 % lost" in page
     assert "<strong>5.0</strong>" in page  # datum point beyond 3 sigma: hypot(1.5, 0.2)/0.3
     assert "−1.2" in page

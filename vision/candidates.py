@@ -15,6 +15,8 @@ MOST = 60
 THRESHOLD_MAD = 6.0
 _MAD_TO_SD = 1.4826
 MIN_CONTRAST_DN = 8.0
+GROUND_WIDTHS = 9.0
+"""Side of the median's window in widths of the spot: a Gaussian spot fills a quarter of it, so the median passes it by."""
 LARGEST_SHARE = 0.02
 """A spot is smaller than this share of the picture's shorter side squared."""
 
@@ -26,7 +28,7 @@ class Candidates:
     Attributes
     ----------
     centre_px : (n, 2), intensity-weighted centroid
-    contrast_dn : (n,), largest difference from the local ground, always positive
+    contrast_dn : (n,), largest difference of 3 x 3 pixels from the local ground, always positive
     width_px : (n,), radius of the area's equal disc over 1.5 (near a Gaussian's standard deviation)
     stretch : (n,), ratio of the axes
     """
@@ -43,7 +45,8 @@ class Candidates:
 def find_candidates(luma: NDArray[np.uint8], dark: bool = False, expected_width_px: float = 2.0) -> Candidates:
     """Find bright (or ``dark``) spots.
 
-    The ground is a blurred picture; what stands out of it by more than ``THRESHOLD_MAD`` robust standard deviations is
+    The ground is the median of the surroundings (edges of larger things stay in it and do not stand out); what stands
+    out of it by more than ``THRESHOLD_MAD`` robust standard deviations is
     outlined, and each outline is measured again at half of its own height, so that a bright spot's halo and a dim
     spot's noise are treated alike.
     """
@@ -52,16 +55,20 @@ def find_candidates(luma: NDArray[np.uint8], dark: bool = False, expected_width_
 
     picture = luma.astype(np.float32)
     small = cv2.GaussianBlur(picture, (0, 0), max(0.6, 0.5 * expected_width_px))
-    ground = cv2.GaussianBlur(picture, (0, 0), 6.0 * expected_width_px)
+    reach = min(2 * round(GROUND_WIDTHS * expected_width_px / 2) + 1, 255)
+    ground = cv2.medianBlur(np.ascontiguousarray(luma), reach).astype(np.float32)
     difference = ground - small if dark else small - ground
+    near = cv2.blur(picture, (3, 3))
+    sharp = ground - near if dark else near - ground
     middle = float(np.median(difference))
     spread = _MAD_TO_SD * float(np.median(np.abs(difference - middle)))
     threshold = middle + max(THRESHOLD_MAD * spread, MIN_CONTRAST_DN)
     mask = (difference > threshold).astype(np.uint8)
-    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    contours, nesting = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    outlines = [c for c, place in zip(contours, nesting[0], strict=True) if place[3] < 0] if len(contours) else []
     limit = LARGEST_SHARE * min(luma.shape) ** 2
     boxes = []
-    for contour in contours:
+    for contour in outlines:
         u, v, w, h = cv2.boundingRect(contour)
         if w * h > limit:
             continue
@@ -74,7 +81,8 @@ def find_candidates(luma: NDArray[np.uint8], dark: bool = False, expected_width_
         for region in regionprops(labels, intensity_image=np.maximum(part, 0.0)):
             row, column = region.centroid_weighted
             centres.append((u + column, v + row))
-            contrasts.append(float(region.intensity_max))
+            rows, columns = region.coords[:, 0] + v, region.coords[:, 1] + u
+            contrasts.append(max(1.0, float(sharp[rows, columns].max())))
             widths.append(max(0.7, float(np.sqrt(region.area / np.pi)) / 1.18))
             stretches.append(float(region.axis_major_length / max(region.axis_minor_length, 1.0)))
     order = np.argsort(contrasts)[::-1][:MOST]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,8 +26,8 @@ CONTRAST_WEIGHT = 4.0
 STRETCH_WEIGHT = 0.5
 MISSING_COST = 30.0
 """A marker without a spot costs as much as one that stands 5.5 standard deviations off."""
-ACCEPT_COST = 36.0
-"""Largest cost per pair of markers of an assignment that is believed: 6 standard deviations."""
+ACCEPT_COST = 25.0
+"""Largest cost per pair of markers of an assignment that is believed: 5 standard deviations."""
 NEAR_PX = 4.0
 
 
@@ -55,7 +56,13 @@ class Assignment:
         return found >= 2 and self.cost - MISSING_COST * missing <= ACCEPT_COST * (found - 1)
 
 
-def assign(candidates: Candidates, markers: tuple[Marker, ...], mapping: Mapping, run: Run) -> Assignment:
+def assign(
+    candidates: Candidates,
+    markers: tuple[Marker, ...],
+    mapping: Mapping,
+    run: Run,
+    near_px: Sequence[Array | None] | None = None,
+) -> Assignment:
     """Try every pair of spots as every pair of markers; the rigid body they fix must explain all the others.
 
     Parameters
@@ -64,6 +71,7 @@ def assign(candidates: Candidates, markers: tuple[Marker, ...], mapping: Mapping
     markers : m of them
     mapping : pixel -> tank
     run : kind, tow (for the taut line and the heading)
+    near_px : per marker where it is expected (the user's seen_at_px, or where it is held), or None
     """
     body = np.array([m.body_m for m in markers])
     pairs = sorted(
@@ -72,7 +80,8 @@ def assign(candidates: Candidates, markers: tuple[Marker, ...], mapping: Mapping
     if len(candidates) < 2:
         return Assignment((-1,) * len(markers), np.inf, False, None)
     place = np.stack([mapping.to_tank(candidates.centre_px, m.depth_m).xy_m for m in markers])
-    own = np.stack([_own_cost(candidates, m) for m in markers])
+    expected = near_px or [None] * len(markers)
+    own = np.stack([_own_cost(candidates, near) for near in expected])
     best = (np.inf, (-1,) * len(markers))
     second = np.inf
     nearest: tuple[float, float] | None = None
@@ -111,12 +120,12 @@ def assign(candidates: Candidates, markers: tuple[Marker, ...], mapping: Mapping
     return Assignment(best[1], best[0], bool(second - best[0] < 6.0), nearest)
 
 
-def _own_cost(candidates: Candidates, marker: Marker) -> Array:
-    """Cost of each spot by itself: dimmer than the brightest, stretched, far from where the user saw it."""
+def _own_cost(candidates: Candidates, near_px: Array | None) -> Array:
+    """Cost of each spot by itself: dimmer than the brightest, stretched, far from where it is expected."""
     cost = CONTRAST_WEIGHT * np.log(candidates.contrast_dn.max() / candidates.contrast_dn) ** 2
     cost += STRETCH_WEIGHT * np.maximum(candidates.stretch - 1.3, 0.0) ** 2
-    if marker.seen_at_px is not None:
-        cost += ((candidates.centre_px - np.array(marker.seen_at_px)) ** 2).sum(axis=1) / SEEN_SD_PX**2
+    if near_px is not None:
+        cost += ((candidates.centre_px - near_px) ** 2).sum(axis=1) / SEEN_SD_PX**2
     return cost
 
 

@@ -178,7 +178,7 @@ def _model(theta: Array, x: Array, y: Array, data: Array, flat: NDArray[np.bool_
     dx, dy, q = _quadratic(theta, x, y)
     q = np.clip(q, 1e-9, 1e4)
     power = theta[:, 9:10]
-    raised = np.minimum(q**power, 400.0)
+    raised = np.exp(np.minimum(power * np.log(q), 6.0))
     bell = np.exp(-0.5 * raised)
     amplitude = theta[:, 3:4] * bell
     by_q = -0.5 * amplitude * power * raised / q

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
@@ -29,7 +30,14 @@ LARGEST_SIGMA_PX = 0.5
 REFERENCE_MEMORY = 0.05
 """Share of a new frame in the running amplitude, width and distance."""
 REACQUIRE_FRAMES = 10
+SEEN_FRAMES = 10
+FIRST_REACH_PX = 16
+"""Search beyond the window while a mark's rate is not known yet."""
+PROBATION_FRAMES = 8
+"""A set of spots that loses one of its members within this many frames was not the set of marks."""
 DISTANCE_GATE = 6.0
+ACQUIRE_WIDTHS_PX = (2.0, 4.0, 7.0)
+"""Spot widths tried one after the other while nothing is known."""
 ACQUIRE_EVERY_FRAME = 60
 """While nothing has been found: every frame at first, then ..."""
 ACQUIRE_STRIDE = 15
@@ -68,6 +76,7 @@ class _State:
     amplitude: float = 0.0
     sharp: bool = False
     lost: int = 0
+    steps: int = 0
     known: bool = False
 
     def predict(self, t_s: float) -> Array:
@@ -138,17 +147,22 @@ class _Tracker:
         self.last: Assignment | None = None
         self.candidates_seen = 0
         self.ambiguous = False
+        self.began = 0
         self.distances: dict[tuple[int, int], float] = {}
 
     @property
     def never_found(self) -> bool:
-        return not any(row[7] == "measured" for row in self.rows)
+        measured = [row[0] for row in self.rows if row[7] == "measured"]
+        return not any(count >= 2 for count in Counter(measured).values())
 
     def step(self, frame: Frame) -> dict[str, Array | None]:
         if not any(s.known for s in self.states):
             found, reasons = self._acquire(frame)
         else:
             found, reasons = self._follow(frame)
+            if self._on_probation() and any(s.known and f is None for s, f in zip(self.states, found, strict=True)):
+                self._dismiss()
+                found, reasons = self._acquire(frame)
             if any(s.known and s.lost and s.lost % REACQUIRE_FRAMES == 0 for s in self.states) or not all(
                 s.known or frame.index % REACQUIRE_FRAMES for s in self.states
             ):
@@ -170,15 +184,24 @@ class _Tracker:
 
     # acquisition ------------------------------------------------------------------------------------------------
 
-    def _spots(self, frame: Frame, indices: list[int], fresh: bool) -> tuple[Assignment, list[Array], list[float]]:
+    def _spots(
+        self, frame: Frame, indices: list[int], fresh: bool, near: list[Array | None]
+    ) -> tuple[Assignment, list[Array], list[float]]:
         """Assign the frame's spots to the markers ``indices``; their places and widths."""
         dark = self.markers[indices[0]].colour == "dark"
-        width = 2.0 if fresh else float(np.median([self.states[i].width for i in indices]))
-        if fresh and self.markers[indices[0]].look == "disc":
-            width = 3.5
-        candidates = find_candidates(frame.luma, dark, width)
-        self.candidates_seen = max(self.candidates_seen, len(candidates))
-        chosen = assign(candidates, tuple(self.markers[i] for i in indices), self.mapping, self.run)
+        scales = ACQUIRE_WIDTHS_PX if fresh else (float(np.median([self.states[i].width for i in indices])),)
+        markers = tuple(self.markers[i] for i in indices)
+        best = None
+        for width in scales:
+            candidates = find_candidates(frame.luma, dark, width)
+            self.candidates_seen = max(self.candidates_seen, len(candidates))
+            chosen = assign(candidates, markers, self.mapping, self.run, near)
+            if best is None or chosen.cost < best[0].cost:
+                best = (chosen, candidates)
+            if chosen.accepted and not chosen.ambiguous:
+                break
+        assert best is not None
+        chosen, candidates = best
         centres = [candidates.centre_px[c] if c >= 0 else np.full(2, np.nan) for c in chosen.chosen]
         widths = [float(candidates.width_px[c]) if c >= 0 else 2.0 for c in chosen.chosen]
         return chosen, centres, widths
@@ -197,15 +220,19 @@ class _Tracker:
                 "dark and bright marks in one run are not tracked by this version",
             )
         everyone = list(range(len(self.markers)))
-        chosen, centres, widths = self._spots(frame, everyone, fresh=True)
+        chosen, centres, widths = self._spots(frame, everyone, True, self._seen_by_user())
         self.last = chosen
         if not chosen.accepted:
             return empty, reasons
         self.ambiguous |= chosen.ambiguous
-        for index, (centre, width) in enumerate(zip(centres, widths)):
-            if not np.isfinite(centre).all():
-                continue
-            fit = self._fit(frame, index, centre, width)
+        fits = [
+            self._fit(frame, i, centre, width) if np.isfinite(centre).all() else None
+            for i, (centre, width) in enumerate(zip(centres, widths, strict=True))
+        ]
+        if sum(fit is not None for fit in fits) < 2:
+            return empty, reasons
+        self.began = len(self.rows)
+        for index, fit in enumerate(fits):
             if fit is None:
                 continue
             empty[index], reasons[index] = fit, ""
@@ -214,10 +241,16 @@ class _Tracker:
             state.amplitude, state.width = float(fit.amplitude_dn[0]), float(fit.width_px[0])
         return empty, reasons
 
+    def _seen_by_user(self) -> list[Array | None]:
+        """seen_at_px holds for the first analysed frame and a moment after it."""
+        stale = self.tried > SEEN_FRAMES
+        return [None if stale or m.seen_at_px is None else np.array(m.seen_at_px) for m in self.markers]
+
     def _recover(self, frame: Frame, found: list[SpotFit | None], reasons: list[str]) -> None:
         """Look for lost marks on the whole frame; believed only where the marks that are still held are found as well."""
         everyone = list(range(len(self.markers)))
-        chosen, centres, widths = self._spots(frame, everyone, fresh=False)
+        near = [None if fit is None else fit.centre_px[0] for fit in found]
+        chosen, centres, widths = self._spots(frame, everyone, False, near)
         if not chosen.accepted or chosen.ambiguous:
             return
         for index, fit in enumerate(found):
@@ -233,6 +266,17 @@ class _Tracker:
                     if not state.known:
                         state.known = True
                         state.amplitude, state.width = float(again.amplitude_dn[0]), float(again.width_px[0])
+
+    def _on_probation(self) -> bool:
+        return len(self.rows) - self.began < PROBATION_FRAMES * len(self.markers)
+
+    def _dismiss(self) -> None:
+        """What was acquired did not hold: those frames were not the marks, and the search begins anew."""
+        for at in range(self.began, len(self.rows)):
+            index, t_s, name, *_ = self.rows[at]
+            self.rows[at] = (index, t_s, name, np.nan, np.nan, np.nan, np.nan, "lost", "not confirmed")
+        self.states = [_State() for _ in self.markers]
+        self.distances.clear()
 
     # following --------------------------------------------------------------------------------------------------
 
@@ -250,7 +294,8 @@ class _Tracker:
                 found.append(None)
                 reasons.append("outside the picture")
                 continue
-            reach = min(SEARCH_PX + SEARCH_GROWTH_PX * state.lost, SEARCH_LIMIT_PX)
+            known_rate = state.steps > 1
+            reach = min(SEARCH_PX + SEARCH_GROWTH_PX * state.lost, SEARCH_LIMIT_PX) if known_rate else FIRST_REACH_PX
             start = self._brightest(frame, index, expected, reach)
             fit = self._fit(frame, index, start, state.width)
             reason = self._judge(state, fit, expected, reach, frame.t_s)
@@ -297,7 +342,9 @@ class _Tracker:
         if fit.sigma_px[0].max() > LARGEST_SIGMA_PX:
             return "too faint"
         step = np.hypot(*state.rate) * (t_s - state.t_s)
-        if np.hypot(*(fit.centre_px[0] - expected)) > JUMP_PX + 0.5 * step + (reach if state.lost else 0):
+        if np.hypot(*(fit.centre_px[0] - expected)) > JUMP_PX + 0.5 * step + (
+            reach if state.lost or state.steps < 2 else 0
+        ):
             return "jumped"
         return ""
 
@@ -368,9 +415,10 @@ class _Tracker:
         if step > 0 and state.lost < REACQUIRE_FRAMES:
             rate = (fit.centre_px[0] - state.place) / step
             # alpha-beta tracker: the rate follows by 60 % a frame, all at once after the first one
-            state.rate = rate if not state.rate.any() else state.rate + 0.6 * (rate - state.rate)
+            state.rate = rate if state.steps < 2 else state.rate + 0.6 * (rate - state.rate)
         elif step > 0:
-            state.rate = np.zeros(2)
+            state.rate, state.steps = np.zeros(2), 0
+        state.steps += 1
         state.place, state.t_s, state.lost = fit.centre_px[0], t_s, 0
         state.amplitude += REFERENCE_MEMORY * (float(fit.amplitude_dn[0]) - state.amplitude)
         state.width += REFERENCE_MEMORY * (float(fit.width_px[0]) - state.width)
@@ -383,7 +431,10 @@ class _Tracker:
         text = f"{self.run.source_path}: markers never found ({names}): {self.candidates_seen} spots in the best frame"
         if self.last is not None and self.last.nearest_m is not None:
             apart, stated = self.last.nearest_m
-            text += f"; no set of them has the markers' distances (nearest pair {apart:.3f} m, stated {stated:.3f} m)"
+            text += (
+                f"; no set of them fits the markers' distances, the taut line, the heading and a common brightness "
+                f"(pair distance stated {stated:.3f} m, nearest {apart:.3f} m)"
+            )
         return text + "; check marker.body_m, depth_m, colour and the datum, or give marker.seen_at_px"
 
     def result(self, frames: int) -> Tracking:

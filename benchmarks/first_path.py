@@ -29,7 +29,9 @@ GROUPS = {
 
 def main() -> None:
     """Measure and print."""
-    print(f"{'run':22} {'pixel':>7} {'z std':>6} {'y_CG':>8} {'beta':>8} {'alpha':>8} {'track':>8} {'decode':>8} {'ratio':>6}")
+    print(
+        f"{'run':22} {'pixel':>7} {'z std':>6} {'y_CG':>8} {'beta':>8} {'alpha':>8} {'track':>8} {'decode':>8} {'ratio':>6}"
+    )
     print(f"{'':22} {'px rms':>7} {'':>6} {'mm':>8} {'deg':>8} {'deg':>8} {'frame/s':>8} {'frame/s':>8}")
     for group, names in GROUPS.items():
         runs = [_row(SAMPLES / group / name) for name in names]
@@ -43,12 +45,17 @@ def main() -> None:
                 assert d.true_value is not None
                 error = 100 * (d.value / d.true_value - 1)
                 z = (d.value - d.true_value) / d.std
-                print(f"  {name:16} {d.value:10.3f} +- {d.std:6.3f}  true {d.true_value:9.3f}  error {error:+.2f} %  {z:+.1f} std")
+                print(
+                    f"  {name:16} {d.value:10.3f} +- {d.std:6.3f}  true {d.true_value:9.3f}  error {error:+.2f} %  {z:+.1f} std"
+                )
             print()
         else:
             steady = steadied(batch)
             low, high = steady.x_v_interval_m
-            print(f"\nX_v {steady.x_v_m.value:.4f} +- {steady.x_v_m.std:.4f} m, 95 % {low:.4f} .. {high:.4f}, true {steady.x_v_true_m}")
+            print(
+                f"\nX_v {steady.x_v_m.value:.4f} +- {steady.x_v_m.std:.4f} m, 95 % {low:.4f} .. {high:.4f}, "
+                f"true {steady.x_v_true_m}"
+            )
 
 
 def _row(folder: Path) -> Moved:

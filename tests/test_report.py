@@ -148,7 +148,8 @@ def _steady(names: list[str]) -> SteadyFile:
     return SteadyFile(
         tool="0",
         inputs={},
-        force_unit="F/R",        x_v_m=Measured(value=0.9254, std=0.0111),
+        force_unit="F/R",
+        x_v_m=Measured(value=0.9254, std=0.0111),
         x_v_interval_m=(0.9032, 0.9476),
         slope=Measured(value=0.1187, std=0.0021),
         chi2_per_dof=None,

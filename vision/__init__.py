@@ -3,7 +3,7 @@
 from .decode import ClipInfo, Frame, clip_info, read_frames
 from .overlay import draw_overlay, overlay_writer
 from .spot import SpotFit, fit_spots, windows
-from .track import Tracking, track
+from .tracker import Tracking, track
 
 __all__ = [
     "ClipInfo",

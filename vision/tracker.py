@@ -41,6 +41,9 @@ ACQUIRE_WIDTHS_PX = (2.0, 4.0, 7.0)
 ACQUIRE_EVERY_FRAME = 60
 """While nothing has been found: every frame at first, then ..."""
 ACQUIRE_STRIDE = 15
+LAGS_FRAMES = (1, 2, 4, 8, 16)
+LEAST_DIFFERENCES = 20
+MOTION_GROWTH = 1.9
 _THIRD_DIFFERENCE_GAIN = 20.0
 """Variance of the third difference of white noise of unit variance: 1 + 9 + 9 + 1."""
 
@@ -453,16 +456,31 @@ class _Tracker:
 
 
 def _with_scatter(table: pd.DataFrame) -> pd.DataFrame:
-    """Widen each marker's sigma to the scatter that its own track shows beyond a smooth path (third differences)."""
+    """Widen each marker's sigma to the scatter that its own track shows beyond a smooth path (third differences).
+
+    A codec's error lasts several frames, so differences over longer steps show more of it; the steps are doubled until the
+    motion itself comes up (its third difference grows eightfold with every doubling, noise hardly at all).
+    """
     table = table.copy()
     for _, rows in table.groupby("marker"):
         for place, sigma in (("u_px", "sigma_u_px"), ("v_px", "sigma_v_px")):
-            third = np.diff(rows[place].to_numpy(), 3)
-            third = third[np.isfinite(third)]
-            if len(third) < 20:
-                continue
-            # a robust scale: the few frames where the mark jumps or turns sharply must not widen all others
-            seen = (1.4826 * np.median(np.abs(third))) ** 2 / _THIRD_DIFFERENCE_GAIN
-            stated = float(np.nanmean(rows[sigma].to_numpy() ** 2))
-            table.loc[rows.index, sigma] = np.sqrt(rows[sigma] ** 2 + max(0.0, seen - stated))
+            seen = _path_scatter(rows[place].to_numpy())
+            stated = float(np.nanmean(rows[sigma].to_numpy() ** 2)) if rows[sigma].notna().any() else 0.0
+            table.loc[rows.index, sigma] = np.sqrt(rows[sigma] ** 2 + max(0.0, seen**2 - stated))
     return table
+
+
+def _path_scatter(values: Array) -> float:
+    """Standard deviation of a track's noise, px; 0 where the track is too short to tell."""
+    scatter = 0.0
+    for step in LAGS_FRAMES:
+        third = values[3 * step :] - 3 * values[2 * step : -step] + 3 * values[step : -2 * step] - values[: -3 * step]
+        third = third[np.isfinite(third)]
+        if len(third) < LEAST_DIFFERENCES * step:
+            break
+        # a robust scale: the few frames where the mark jumps or turns sharply must not widen all others
+        seen = 1.4826 * float(np.median(np.abs(third))) / np.sqrt(_THIRD_DIFFERENCE_GAIN)
+        if scatter and seen > MOTION_GROWTH * scatter:
+            break
+        scatter = max(scatter, seen)
+    return scatter

@@ -19,8 +19,8 @@ endif
 .PHONY: demo test lint wheel clean docs
 
 demo: $(VENV)/.demo-$(STAMP)
-	$(BIN)/towline run sample_videos/mariner/x1446 sample_videos/mariner/x1548 sample_videos/mariner/x1649 sample_videos/mariner/x1751
 	$(BIN)/towline run sample_videos/leander_steady/hole6 sample_videos/leander_steady/hole5 sample_videos/leander_steady/hole4 sample_videos/leander_steady/hole3
+	$(BIN)/towline run sample_videos/mariner/x1446 sample_videos/mariner/x1548 sample_videos/mariner/x1649 sample_videos/mariner/x1751
 
 test: lint
 	$(BIN)/python -m pytest tests

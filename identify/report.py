@@ -151,7 +151,7 @@ def _notes(fit: Fit, runs: list[RunData]) -> list[str]:
         notes.append("the motion states no sigma; the noise was measured from the residuals")
     if fit.orders.any():
         notes.append(
-            "the noise is coloured (compressed video repeats its errors): it is whitened by an autoregression of order "
+            "the noise is coloured (a codec, for one, repeats its errors): it is whitened by an autoregression of order "
             f"{fit.orders.min()} to {fit.orders.max()}"
         )
     rest = np.sqrt(np.diag(fit.covariance) / np.diag(fit.filtered_covariance))

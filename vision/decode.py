@@ -145,7 +145,7 @@ def _opened(path: str | Path):
     try:
         container = av.open(str(path))
     except (av.error.FFmpegError, ValueError) as error:
-        raise VideoError(f"{path}: is not a video that can be read ({_reason(error)})") from None
+        raise VideoError(f"{path}: is not a video that can be read, or is cut short ({_reason(error)})") from None
     if not container.streams.video:
         container.close()
         raise VideoError(f"{path}: holds no video stream")

@@ -66,8 +66,9 @@ def _fixed(place) -> tuple[int, int]:
 def _write(canvas: NDArray[np.uint8], text: str, corner: tuple[int, int], colour: tuple[int, int, int]) -> None:
     import cv2
 
-    for width, ink in ((3, (0, 0, 0)), (1, colour)):
-        cv2.putText(canvas, text, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.45, ink, width, cv2.LINE_AA)
+    for shift, ink in ((1, (0, 0, 0)), (0, colour)):
+        place = (corner[0] + shift, corner[1] + shift)
+        cv2.putText(canvas, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, ink, 1, cv2.LINE_AA)
 
 
 class OverlayWriter:

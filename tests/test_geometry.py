@@ -370,3 +370,31 @@ def test_true_pixels_of_the_film_give_its_motion(shared: Path) -> None:
     assert 1e3 * np.sqrt(((made["y_cg_m"] - truth["y_cg_m"]) ** 2).mean()) < 0.35
     assert np.degrees(np.sqrt(((made["beta_rad"] - truth["beta_rad"]) ** 2).mean())) < 0.005
     assert np.degrees(np.sqrt(((made["alpha_rad"] - truth["alpha_rad"]) ** 2).mean())) < 0.015
+
+
+def test_hand_written_derivatives_against_the_differentiable_chain(tmp_path: Path) -> None:
+    """kornia's operations under torch's reverse mode against ``mapping`` and ``rigid``: the same pose, the same d(pose)/d(pixel).
+
+    At exact pixels the weights' own derivative drops out (the residual is zero): 1e-6 relative, the issue's bar for issue 4.
+    """
+    pytest.importorskip("kornia")
+    from towline.geometry.chain import chain_pose
+
+    seen = camera()
+    run = run_of(seen, picks(seen, TOP), tmp_path)
+    rng = np.random.default_rng(31)
+    pose = np.column_stack([rng.uniform(-2.6, -2.2, 12), rng.uniform(-0.3, 0.3, 12), rng.uniform(-0.2, 0.2, 12)])
+    tracks = tracks_of(seen, run, pose, 0.0, rng)
+    fit = run_datum(run, None)
+    markers = run.file.marker
+    pixel = np.stack([tracks[tracks["marker"] == m.name][["u_px", "v_px"]].to_numpy() for m in markers], axis=1)
+    body = np.array([m.body_m for m in markers])
+    places = [fit.mapping.to_tank(pixel[:, i], m.depth_m) for i, m in enumerate(markers)]
+    per_px = np.stack([p.per_px for p in places], axis=1)
+    covariance = per_px @ per_px.transpose(0, 1, 3, 2) * 0.05**2
+    ours = fit_rigid(np.stack([p.xy_m for p in places], axis=1), covariance, body)
+    slope = np.einsum("namj,nmji->nami", ours.gain, per_px)
+    planes = np.array([fit.mapping.homography(m.depth_m) for m in markers])
+    chain = chain_pose(pixel, fit.mapping.lens, planes, body, np.linalg.inv(covariance), ours.pose)
+    np.testing.assert_allclose(chain.pose, ours.pose, atol=1e-8)
+    np.testing.assert_allclose(chain.per_px, slope, atol=1e-6 * np.abs(slope).max())

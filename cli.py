@@ -288,9 +288,9 @@ def _truth_lines(runs: Sequence[Any]) -> None:
         if truth is None:
             continue
         error = motion_error(m.motion, truth)
+        alpha = f", alpha {error.alpha_deg:.4f} deg" if error.alpha_deg == error.alpha_deg else ""
         print(
-            f"{m.run.name}: against its truth: y_CG {1e3 * error.y_cg_m:.2f} mm, beta {error.beta_deg:.4f} deg, "
-            f"alpha {error.alpha_deg:.4f} deg rms"
+            f"{m.run.name}: against its truth: y_CG {1e3 * error.y_cg_m:.2f} mm, beta {error.beta_deg:.4f} deg{alpha} rms"
         )
 
 
@@ -355,6 +355,7 @@ def _run(options: argparse.Namespace) -> int:
     _truth_lines(batch.runs)
     failed = dict(batch.failed)
     notes: list[str] = []
+    broken = False
     identified = steady = None
     fitted: dict[str, Any] = {}
     tensioned = [m for m in batch.runs if m.run.file.kind != "free" and has_tension(m)]
@@ -366,15 +367,22 @@ def _run(options: argparse.Namespace) -> int:
             fitted = identified.fitted
         except TowlineError as error:
             notes.append(f"no derivatives: {_one_line(str(error))}")
+            broken = True
     if len({m.run.tow.tow_point_m for m in settled}) > 1:
         try:
             steady = _steady_and_write(Batch(settled, batch.failed), out)
             failed |= steady.failed
         except TowlineError as error:
             notes.append(f"no neutral point: {_one_line(str(error))}")
+            broken = True
     elif settled and not tensioned:
         notes.append(
             "no derivatives: no tension is given; no neutral point: steady tows at two or more tow points are needed"
+        )
+        broken = True
+    elif not tensioned and not settled:
+        notes.append(
+            'no derivatives: runs of kind "free" give their motion only; this version identifies towed and forced runs'
         )
     for note in notes:
         print(f"towline: {note}", file=sys.stderr)
@@ -399,6 +407,4 @@ def _run(options: argparse.Namespace) -> int:
     )
     print(f"page: {page}")
     _fail_lines(failed)
-    if derivatives is None and steady is None:
-        return EXIT_ERROR
-    return _code(failed)
+    return EXIT_ERROR if broken else _code(failed)

@@ -239,3 +239,19 @@ def test_a_hidden_mark_is_lost_and_found_again(samples: Path, tmp_path: Path) ->
     assert (rows.loc[lost, "reason"] != "").all()
     bow = found[found["marker"] == "bow"]
     assert (bow["status"] == "measured").all()
+
+
+@pytest.mark.parametrize("regular", [True, False])
+def test_the_scatter_of_a_path_is_its_noise_whatever_the_frame_times(regular: bool) -> None:
+    """A swinging mark with 0.05 px of white noise at even and at uneven times; median of |N(0,1)| known to 3 % (600 frames)."""
+    from towline.vision.tracker import _path_scatter
+
+    rng = np.random.default_rng(41)
+    t = np.arange(600) / 30
+    if not regular:
+        t = np.sort(rng.choice(np.arange(900), 600, replace=False)) / 30
+    path = 400 + 30 * np.sin(0.35 * t)
+    found = _path_scatter(t, path + rng.normal(0, 0.05, 600))
+    assert 0.045 < found < 0.075  # the largest of a few scatters, before the motion comes up
+    assert _path_scatter(t, path) < 0.01
+    assert _path_scatter(t[:10], path[:10]) == 0.0

@@ -44,8 +44,6 @@ ACQUIRE_STRIDE = 15
 LAGS_FRAMES = (1, 2, 4, 8, 16)
 LEAST_DIFFERENCES = 20
 MOTION_GROWTH = 1.9
-_THIRD_DIFFERENCE_GAIN = 20.0
-"""Variance of the third difference of white noise of unit variance: 1 + 9 + 9 + 1."""
 
 
 @dataclass(frozen=True)
@@ -464,22 +462,32 @@ def _with_scatter(table: pd.DataFrame) -> pd.DataFrame:
     table = table.copy()
     for _, rows in table.groupby("marker"):
         for place, sigma in (("u_px", "sigma_u_px"), ("v_px", "sigma_v_px")):
-            seen = _path_scatter(rows[place].to_numpy())
+            seen = _path_scatter(rows["t_s"].to_numpy(), rows[place].to_numpy())
             stated = float(np.nanmean(rows[sigma].to_numpy() ** 2)) if rows[sigma].notna().any() else 0.0
             table.loc[rows.index, sigma] = np.sqrt(rows[sigma] ** 2 + max(0.0, seen**2 - stated))
     return table
 
 
-def _path_scatter(values: Array) -> float:
-    """Standard deviation of a track's noise, px; 0 where the track is too short to tell."""
+def _path_scatter(t_s: Array, values: Array) -> float:
+    """Standard deviation of a track's noise, px; 0 where the track is too short to tell.
+
+    Third divided differences, scaled to unit noise gain: a quadratic path leaves nothing, whatever the frames' spacing.
+    """
     scatter = 0.0
     for step in LAGS_FRAMES:
-        third = values[3 * step :] - 3 * values[2 * step : -step] + 3 * values[step : -2 * step] - values[: -3 * step]
+        count = len(values) - 3 * step
+        if count < LEAST_DIFFERENCES * step:
+            break
+        at = np.arange(count)[:, None] + step * np.arange(4)
+        times = t_s[at]
+        apart = times[:, :, None] - times[:, None, :] + np.eye(4)
+        weights = 1.0 / apart.prod(axis=2)
+        third = (weights * values[at]).sum(axis=1) / np.linalg.norm(weights, axis=1)
         third = third[np.isfinite(third)]
         if len(third) < LEAST_DIFFERENCES * step:
             break
         # a robust scale: the few frames where the mark jumps or turns sharply must not widen all others
-        seen = 1.4826 * float(np.median(np.abs(third))) / np.sqrt(_THIRD_DIFFERENCE_GAIN)
+        seen = 1.4826 * float(np.median(np.abs(third)))
         if scatter and seen > MOTION_GROWTH * scatter:
             break
         scatter = max(scatter, seen)

@@ -7,7 +7,7 @@ the flanks place it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,10 @@ class SpotFit:
     sharpness: Array
     noise_dn: Array
     good: NDArray[np.bool_]
+
+    def row(self, index: int) -> SpotFit:
+        """One window's fit, as a batch of one."""
+        return SpotFit(*(getattr(self, f.name)[index : index + 1] for f in fields(self)))
 
 
 def windows(luma: NDArray[np.uint8], centres_px: Array, radius_px: int) -> tuple[Array, Array]:

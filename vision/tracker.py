@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from ..geometry.mapping import Mapping
+from ..geometry.mapping import Mapping, Places
 from ..record.errors import InputError, TrackingError
 from ..record.run import RUN_FILE, Run
 from ..record.schema import Marker
@@ -27,6 +27,8 @@ JUMP_PX = 3.0
 AMPLITUDE_RANGE = (0.4, 2.5)
 WIDTH_RANGE = (0.55, 1.8)
 LARGEST_SIGMA_PX = 0.5
+LEAST_WINDOW_SHARE = 0.6
+"""A window that lies farther outside the picture is not fitted."""
 REFERENCE_MEMORY = 0.05
 """Share of a new frame in the running amplitude, width and distance."""
 REACQUIRE_FRAMES = 10
@@ -150,6 +152,7 @@ class _Tracker:
         self.ambiguous = False
         self.began = 0
         self.distances: dict[tuple[int, int], float] = {}
+        self.places: dict[int, tuple[SpotFit, Places]] = {}
 
     @property
     def never_found(self) -> bool:
@@ -282,26 +285,28 @@ class _Tracker:
     # following --------------------------------------------------------------------------------------------------
 
     def _follow(self, frame: Frame) -> tuple[list[SpotFit | None], list[str]]:
-        found: list[SpotFit | None] = []
-        reasons: list[str] = []
+        reasons = [""] * len(self.states)
+        wanted: dict[int, tuple[Array, float]] = {}
+        gates: dict[int, tuple[Array, int]] = {}
         height, width = frame.luma.shape
         for index, state in enumerate(self.states):
             if not state.known:
-                found.append(None)
-                reasons.append("not found yet")
+                reasons[index] = "not found yet"
                 continue
             expected = state.predict(frame.t_s) if state.lost < REACQUIRE_FRAMES else state.place
             if not (0 <= expected[0] < width and 0 <= expected[1] < height):
-                found.append(None)
-                reasons.append("outside the picture")
+                reasons[index] = "outside the picture"
                 continue
             known_rate = state.steps > 1
             reach = min(SEARCH_PX + SEARCH_GROWTH_PX * state.lost, SEARCH_LIMIT_PX) if known_rate else FIRST_REACH_PX
-            start = self._brightest(frame, index, expected, reach)
-            fit = self._fit(frame, index, start, state.width)
-            reason = self._judge(state, fit, expected, reach, frame.t_s)
-            found.append(None if reason else fit)
-            reasons.append(reason)
+            wanted[index] = (self._brightest(frame, index, expected, reach), state.width)
+            gates[index] = (expected, reach)
+        fits = self._fits(frame, wanted)
+        found: list[SpotFit | None] = [None] * len(self.states)
+        for index, (expected, reach) in gates.items():
+            fit = fits[index]
+            reasons[index] = self._judge(self.states[index], fit, expected, reach, frame.t_s)
+            found[index] = None if reasons[index] else fit
         self._check_distances(found, reasons, frame.t_s)
         return found, reasons
 
@@ -323,14 +328,28 @@ class _Tracker:
         return corner[0] + [column, row]
 
     def _fit(self, frame: Frame, index: int, start: Array, width: float) -> SpotFit | None:
-        state = self.states[index]
-        radius = state.radius if state.known else int(np.clip(round(2.0 * width + 2), 5, 16))
-        centre = np.asarray(start, dtype=float)[None]
-        cut, corner = windows(frame.luma, centre, radius)
-        if np.isfinite(cut).mean() < 0.6:
-            return None
-        fit = fit_spots(cut, corner, centre, np.array([width]), self._dark(index))
-        return fit if bool(fit.good[0]) else None
+        return self._fits(frame, {index: (start, width)})[index]
+
+    def _fits(self, frame: Frame, wanted: dict[int, tuple[Array, float]]) -> dict[int, SpotFit | None]:
+        """Fit the spots of several markers, (start, width) each, in one batch per window size; None = no spot there."""
+        found: dict[int, SpotFit | None] = dict.fromkeys(wanted)
+        batches: dict[tuple[int, bool], list[int]] = {}
+        for index, (_, width) in wanted.items():
+            state = self.states[index]
+            radius = state.radius if state.known else int(np.clip(round(2.0 * width + 2), 5, 16))
+            batches.setdefault((radius, self._dark(index)), []).append(index)
+        for (radius, dark), members in batches.items():
+            centres = np.array([wanted[i][0] for i in members], dtype=float)
+            cut, corner = windows(frame.luma, centres, radius)
+            inside = np.isfinite(cut).mean(axis=(1, 2)) >= LEAST_WINDOW_SHARE
+            if not inside.any():
+                continue
+            widths = np.array([wanted[i][1] for i in members])
+            fit = fit_spots(cut[inside], corner[inside], centres[inside], widths[inside], dark)
+            for row, index in enumerate(np.array(members)[inside]):
+                if fit.good[row]:
+                    found[int(index)] = fit.row(row)
+        return found
 
     def _judge(self, state: _State, fit: SpotFit | None, expected: Array, reach: int, t_s: float) -> str:
         """Why a fit is not the mark; empty = it is."""
@@ -354,10 +373,17 @@ class _Tracker:
 
     # rigid distances --------------------------------------------------------------------------------------------
 
+    def _place(self, index: int, fit: SpotFit) -> Places:
+        """Where a fit lies in the tank; asked for by several checks of one frame, worked out once."""
+        kept = self.places.get(index)
+        if kept is None or kept[0] is not fit:
+            kept = (fit, self.mapping.to_tank(fit.centre_px, self.markers[index].depth_m))
+            self.places[index] = kept
+        return kept[1]
+
     def _distance(self, i: int, j: int, one: SpotFit, two: SpotFit) -> tuple[float, float]:
         """Distance of two marks in the tank and its standard deviation from the pixels, m."""
-        a = self.mapping.to_tank(one.centre_px, self.markers[i].depth_m)
-        b = self.mapping.to_tank(two.centre_px, self.markers[j].depth_m)
+        a, b = self._place(i, one), self._place(j, two)
         gap = a.xy_m[0] - b.xy_m[0]
         apart = float(np.hypot(*gap))
         unit = gap / max(apart, 1e-12)

@@ -99,6 +99,11 @@ def motion_from_tracks(
         )
     mapping = run_mapping(run, fit, method)
     notes = list(fit.notes)
+    if any(p.track for p in run.file.datum):
+        notes.append("datum.track is read, but this version takes the camera as standing still")
+    coloured = [m.name for m in markers if m.colour not in ("bright", "dark")]
+    if coloured:
+        notes.append(f"marker {', '.join(coloured)}: a colour is taken as bright; this version tracks brightness only")
     pixel, sigma, frames, times = _by_frame(run, tracks, markers)
     if not np.isfinite(sigma[np.isfinite(pixel).all(axis=2)]).all():
         notes.append(f"tracks without a sigma: {DEFAULT_SIGMA_PX} px assumed")

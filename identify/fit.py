@@ -1,7 +1,8 @@
 """Joint output-error fit of the six derivatives over any number of runs (theory.md 8; design.md).
 
 Shared: the six derivatives. Per run: start (4), datum biases y_b and beta_b, and T_i, X_T,i where priors let them move.
-Shared among runs of one camera: its common modes, each with a unit prior. Weights: each channel's residual scatter and
+Shared by all runs where priors let them move: errors of T, L and U. Shared among runs of one camera: its common modes, each
+with a unit prior. Weights: each channel's residual scatter and
 colour (an autoregression), re-estimated until they stand; the covariance is then widened by what autocorrelation is left.
 """
 
@@ -24,6 +25,8 @@ from .start import start_state, weak_form_start
 FORMS = ("linear", "full")
 OWN = ("side", "beta", "v", "r", "y_b", "beta_b", "tension", "tow_point")
 """Parameters of each run, in the order of the parameter vector."""
+COMMON = ("tension", "line_length", "speed")
+"""Errors common to all runs, each in units of its prior's standard deviation."""
 MAX_STEPS = 60
 CONVERGED = 1e-8
 """Steps end when no parameter moves by more than this share of its standard deviation squared (in chi-square)."""
@@ -47,6 +50,7 @@ class Fit:
     speed_m_s : reference speed
     own : (runs, 8), ``OWN``; sides: y m (linear) or alpha rad (full)
     own_sd : (runs, 8)
+    common : errors common to all runs, of ``COMMON``, in their prior's standard deviations; and their sds, {name: (value, sd)}
     modes : common modes' sizes by camera key, in their standard deviations
     response : per run (n, 2), fitted y_m and beta_rad with biases and common modes
     residual : per run (n, 2), measured minus response
@@ -65,6 +69,7 @@ class Fit:
     speed_m_s: float
     own: Array
     own_sd: Array
+    common: dict[str, tuple[float, float]]
     modes: dict[str, Array]
     response: list[Array]
     residual: list[Array]
@@ -115,7 +120,7 @@ def fit_runs(
     problem = rough
     for turn in range(REWEIGHTINGS):
         problem = _Problem([_modes_along(d, p) for d, p in zip(runs, path, strict=True)], form, speed)
-        theta = np.concatenate([theta, np.zeros(problem.size - len(theta))])
+        theta = np.concatenate([theta, np.zeros(problem.size - len(theta))])  # the modes stand last
         theta, count, converged = _minimise(problem, theta, weights, progress)
         steps += count
         path, residual, _ = problem.evaluate(theta)
@@ -151,14 +156,17 @@ def _cubic(xy: Array) -> Array:
 
 
 class _Problem:
-    """Parameter vector, residuals and sensitivities: [six, own of each run, modes of each camera]."""
+    """Parameter vector, residuals and sensitivities: [six, own of each run, common errors, modes of each camera]."""
 
     def __init__(self, runs: list[RunData], form: str, speed: float) -> None:
         self.runs, self.form, self.speed = runs, form, speed
         self.keys = list(dict.fromkeys(d.common_key for d in runs if len(d.common)))
         self.mode_count = {key: next(len(d.common) for d in runs if d.common_key == key) for key in self.keys}
-        self.size = 6 + len(OWN) * len(runs) + sum(self.mode_count.values())
-        offset = 6 + len(OWN) * len(runs)
+        self.own_end = 6 + len(OWN) * len(runs)
+        self.common_sd = _common_sds(runs)
+        self.common_at = {name: self.own_end + i for i, name in enumerate(self.common_sd)}
+        offset = self.own_end + len(self.common_sd)
+        self.size = offset + sum(self.mode_count.values())
         self.mode_at: dict[str, slice] = {}
         for key in self.keys:
             self.mode_at[key] = slice(offset, offset + self.mode_count[key])
@@ -186,9 +194,13 @@ class _Problem:
         return theta
 
     def run_values(self, theta: Array) -> Array:
-        """(runs, 12), ``RUN_PARAMETERS``."""
-        own = theta[6 : 6 + len(OWN) * len(self.runs)].reshape(len(self.runs), len(OWN))
-        return np.column_stack([np.tile(theta[:6], (len(self.runs), 1)), own[:, :4], own[:, 6:]])
+        """(runs, 14), ``RUN_PARAMETERS``."""
+        own = theta[6 : self.own_end].reshape(len(self.runs), len(OWN))
+        stated = np.array([[d.tow.line_length_m, d.tow.speed_m_s] for d in self.runs])
+        values = np.column_stack([np.tile(theta[:6], (len(self.runs), 1)), own[:, :4], own[:, 6:], stated])
+        for name, at in self.common_at.items():
+            values[:, RUN_PARAMETERS.index(name)] += theta[at] * self.common_sd[name]
+        return values
 
     def evaluate(self, theta: Array) -> tuple[list[Array], list[Array], list[Array]]:
         """Response and residual (n, 2) and sensitivity (n, 2, size) of every run."""
@@ -204,7 +216,9 @@ class _Problem:
             own = self.own_at(index)
             slope[:, :, own.start : own.start + 4] = sensitivity[:, :, 6:10]
             slope[:, 0, own.start + 4] = slope[:, 1, own.start + 5] = 1.0
-            slope[:, :, own.start + 6 : own.stop] = sensitivity[:, :, 10:]
+            slope[:, :, own.start + 6 : own.stop] = sensitivity[:, :, 10:12]
+            for name, at in self.common_at.items():
+                slope[:, :, at] = sensitivity[:, :, RUN_PARAMETERS.index(name)] * self.common_sd[name][index]
             total = response + theta[own.start + 4 : own.start + 6]
             if len(data.common):
                 at = self.mode_at[data.common_key]
@@ -228,8 +242,7 @@ class _Problem:
         for index, data in enumerate(self.runs):
             own, priors = self.own_at(index).start, data.priors
             assert data.tow.tension_n is not None
-            tension_sd = np.hypot(priors.tension_sd_rel, priors.tension_common_sd_rel if index == 0 else 0.0)
-            add(own + 6, data.tow.tension_n, max(tension_sd, FIXED_SD) * data.tow.tension_n)
+            add(own + 6, data.tow.tension_n, max(priors.tension_sd_rel, FIXED_SD) * data.tow.tension_n)
             point_sd = max(priors.tow_point_sd_m, FIXED_SD * max(abs(data.tow.tow_point_m), 1e-3))
             add(own + 7, data.tow.tow_point_m, point_sd)
             for offset, sd in ((4, priors.y_bias_sd_m), (5, priors.beta_bias_sd_rad)):
@@ -237,6 +250,8 @@ class _Problem:
                     add(own + offset, 0.0, max(sd, FIXED_SD))
         for index, (value, sd) in self._derivative_priors().items():
             add(index, value, sd)
+        for at in self.common_at.values():
+            add(at, 0.0, 1.0)
         for at in self.mode_at.values():
             for index in range(at.start, at.stop):
                 add(index, 0.0, 1.0)
@@ -251,6 +266,19 @@ class _Problem:
                     ratio = 1.0 if index < 2 else self.speed / data.tow.speed_m_s
                     found[index] = (prior.value * ratio, prior.std * ratio)
         return found
+
+
+def _common_sds(runs: list[RunData]) -> dict[str, Array]:
+    """Standard deviation (runs,) of each common error that the first run's priors let move, in the parameter's unit."""
+    priors = runs[0].priors
+    found = {}
+    if priors.tension_common_sd_rel:
+        found["tension"] = priors.tension_common_sd_rel * np.array([d.tow.tension_n for d in runs], dtype=float)
+    if priors.line_length_sd_m:
+        found["line_length"] = np.full(len(runs), priors.line_length_sd_m)
+    if priors.speed_sd_rel:
+        found["speed"] = priors.speed_sd_rel * np.array([d.tow.speed_m_s for d in runs])
+    return found
 
 
 def _chi2_per_dof(residual: list[Array], weights: list[Whitener], size: int) -> float:
@@ -350,8 +378,8 @@ def _report(
     inverse = inverse / scaling[:, None] / scaling[None, :]
     covariance = inverse @ meat @ inverse
     count = len(problem.runs)
-    own = theta[6 : 6 + len(OWN) * count].reshape(count, len(OWN))
-    own_sd = np.sqrt(np.maximum(np.diag(covariance), 0))[6 : 6 + len(OWN) * count].reshape(count, len(OWN))
+    own = theta[6 : problem.own_end].reshape(count, len(OWN))
+    own_sd = np.sqrt(np.maximum(np.diag(covariance), 0))[6 : problem.own_end].reshape(count, len(OWN))
     return Fit(
         form=problem.form,
         six=theta[:6],
@@ -360,6 +388,10 @@ def _report(
         speed_m_s=problem.speed,
         own=own,
         own_sd=own_sd,
+        common={
+            name: (float(theta[at]), float(np.sqrt(max(covariance[at, at], 0.0))))
+            for name, at in problem.common_at.items()
+        },
         modes={key: theta[at] for key, at in problem.mode_at.items()},
         response=response,
         residual=residual,

@@ -86,7 +86,7 @@ def _run_fit(fit: Fit, data: RunData, index: int) -> RunFit:
     white = fit.innovation[index]
     orders = fit.orders[index]
     nuisance = {}
-    if data.priors.tension_sd_rel or data.priors.tension_common_sd_rel:
+    if data.priors.tension_sd_rel:
         nuisance["tension_n"] = measured("tension")
     if data.priors.tow_point_sd_m:
         nuisance["tow_point_m"] = measured("tow_point")
@@ -158,6 +158,11 @@ def _notes(fit: Fit, runs: list[RunData]) -> list[str]:
     if rest.max() > 1.25:
         notes.append(
             f"autocorrelation left after whitening widens the standard deviations up to {rest.max():.1f} times"
+        )
+    for name, (value, sd) in fit.common.items():
+        what = name.replace("_", " ")
+        notes.append(
+            f"an error of the {what} common to all runs is carried: {value:+.2f} +- {sd:.2f} of its prior's sd"
         )
     for key, sizes in fit.modes.items():
         if np.abs(sizes).max() > 3:

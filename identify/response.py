@@ -1,7 +1,8 @@
 """The tow's response and its exact sensitivities to derivatives, start and tow.
 
 Both forms differentiate the one equation of motion in ``simulate.model`` by the complex step, so there is no second
-copy of it here. Parameters of a run, in this order (``RUN_PARAMETERS``): the six derivatives, the start (side, beta, v, r), T, X_T.
+copy of it here. Parameters of a run, in this order (``RUN_PARAMETERS``): the six derivatives, the start (side, beta, v, r), T, X_T,
+L, U.
 The side is y for the linear form and alpha for the full one.
 """
 
@@ -15,7 +16,10 @@ from scipy.linalg import expm
 from ..simulate.model import DERIVATIVE_UNITS, Array, Hull, Tow, alpha_from_y, full_rates, full_y_cg, linear_system
 from .data import RunData
 
-RUN_PARAMETERS = (*DERIVATIVE_UNITS, "side", "beta", "v", "r", "tension", "tow_point")
+RUN_PARAMETERS = (*DERIVATIVE_UNITS, "side", "beta", "v", "r", "tension", "tow_point", "line_length", "speed")
+COUNT = len(RUN_PARAMETERS)
+TENSION, TOW_POINT, LINE_LENGTH, SPEED = range(10, 14)
+"""Places in a run's parameter vector."""
 COMPLEX_STEP = 1e-30
 _TAYLOR_ORDER = 10
 _FULL_STEP_S = 0.05
@@ -25,8 +29,14 @@ SAMPLING_SHARE = 0.25
 
 
 def run_tow(tow: Tow, values: Array) -> Tow:
-    """The tow with T and X_T of a run's parameter vector (12,)."""
-    return replace(tow, tension_n=values[10], tow_point_m=values[11])
+    """The tow with T, X_T, L and U of a run's parameter vector (14,)."""
+    return replace(
+        tow,
+        tension_n=values[TENSION],
+        tow_point_m=values[TOW_POINT],
+        line_length_m=values[LINE_LENGTH],
+        speed_m_s=values[SPEED],
+    )
 
 
 def hull_from(values: Array, speed_m_s: float) -> Hull:
@@ -39,12 +49,12 @@ def linear_response(data: RunData, values: Array, reference_speed_m_s: float) ->
 
     Parameters
     ----------
-    values : (12,), ``RUN_PARAMETERS``; side = y m
+    values : (14,), ``RUN_PARAMETERS``; side = y m
 
     Returns
     -------
     response : (n, 2)
-    sensitivity : (n, 2, 12)
+    sensitivity : (n, 2, 14)
 
     On a grid of the mean sample step the state is doubled (Phi_2n = Phi_n Phi_n, with its derivative); the rest to
     each sample's own time, less than half a step, is a Taylor series.
@@ -59,7 +69,7 @@ def linear_response(data: RunData, values: Array, reference_speed_m_s: float) ->
     slopes = [_augmented(m, c, unit=False) for m, c in zip(d_matrix, d_constant, strict=True)]
     state = np.zeros((1, size))
     state[0] = [*values[6:10], 1.0]
-    moved = np.zeros((1, 12, size))
+    moved = np.zeros((1, COUNT, size))
     for index in range(4):
         moved[0, 6 + index, index] = 1.0
     transition, slope = _exponential(full, slopes, step)
@@ -77,12 +87,12 @@ def linear_response(data: RunData, values: Array, reference_speed_m_s: float) ->
 
 def _linear_matrices(tow: Tow, values: Array, reference: float):
     def build(v: Array):
-        hull = hull_from(v, reference).at_speed(tow.speed_m_s)
-        return linear_system(hull, run_tow(tow, v))
+        here = run_tow(tow, v)
+        return linear_system(hull_from(v, reference).at_speed(here.speed_m_s), here)
 
     matrix, constant = build(values)
-    d_matrix, d_constant = np.zeros((12, 4, 4)), np.zeros((12, 4))
-    for index in (0, 1, 2, 3, 4, 5, 10, 11):
+    d_matrix, d_constant = np.zeros((COUNT, 4, 4)), np.zeros((COUNT, 4))
+    for index in (*range(6), *range(10, COUNT)):
         moved = values.astype(complex)
         moved[index] += 1j * COMPLEX_STEP
         m, c = build(moved)
@@ -120,16 +130,16 @@ def full_response(runs: list[RunData], values: Array, reference_speed_m_s: float
 
     Parameters
     ----------
-    values : (runs, 12), ``RUN_PARAMETERS``; side = alpha rad
+    values : (runs, 14), ``RUN_PARAMETERS``; side = alpha rad
 
     Returns
     -------
-    per run response (n, 2) and sensitivity (n, 2, 12)
+    per run response (n, 2) and sensitivity (n, 2, 14)
 
     Classical Runge-Kutta on complex columns: column 0 is the motion, column j has parameter j moved by i 1e-30.
     Samples by cubic Hermite interpolation between steps.
     """
-    columns = _complex_columns(values)  # (12, runs, 13)
+    columns = _complex_columns(values)  # (14, runs, 15)
     span = max(float(d.t_s[-1] - d.t_s[0]) for d in runs)
     step = _full_step(runs, values, reference_speed_m_s)
     count = max(2, int(np.ceil(span / step)))
@@ -158,8 +168,8 @@ def full_response(runs: list[RunData], values: Array, reference_speed_m_s: float
 
 def _complex_columns(values: Array) -> Array:
     runs = len(values)
-    columns = np.repeat(values.T[:, :, None], 13, axis=2).astype(complex)
-    for index in range(12):
+    columns = np.repeat(values.T[:, :, None], COUNT + 1, axis=2).astype(complex)
+    for index in range(COUNT):
         columns[index, np.arange(runs), index + 1] += 1j * COMPLEX_STEP
     return columns
 
@@ -167,7 +177,8 @@ def _complex_columns(values: Array) -> Array:
 def _full_step(runs: list[RunData], values: Array, reference: float) -> float:
     fastest = 1e-9
     for data, v in zip(runs, values, strict=True):
-        matrix, _ = linear_system(hull_from(v, reference).at_speed(data.tow.speed_m_s), run_tow(data.tow, v))
+        here = run_tow(data.tow, v)
+        matrix, _ = linear_system(hull_from(v, reference).at_speed(here.speed_m_s), here)
         if np.isfinite(matrix).all():
             fastest = max(fastest, float(np.abs(np.linalg.eigvals(matrix)).max()))
         fastest = max(fastest, 2 * np.pi * data.tow.post_frequency_hz)
@@ -177,17 +188,17 @@ def _full_step(runs: list[RunData], values: Array, reference: float) -> float:
 
 
 def _stacked_tow(runs: list[RunData], columns: Array, phase: Array) -> Tow:
-    """One Tow whose fields are arrays (runs, 1) or (runs, 13)."""
+    """One Tow whose fields are arrays (runs, 1) or (runs, 15)."""
 
     def field(name: str) -> Array:
         return np.array([getattr(d.tow, name) for d in runs], dtype=float)[:, None]
 
     moving = any(d.tow.post_amplitude_m for d in runs)
     return Tow(
-        speed_m_s=field("speed_m_s"),  # pyright: ignore[reportArgumentType]
-        line_length_m=field("line_length_m"),  # pyright: ignore[reportArgumentType]
-        tow_point_m=columns[11],  # pyright: ignore[reportArgumentType]
-        tension_n=columns[10],  # pyright: ignore[reportArgumentType]
+        speed_m_s=columns[SPEED],  # pyright: ignore[reportArgumentType]
+        line_length_m=columns[LINE_LENGTH],  # pyright: ignore[reportArgumentType]
+        tow_point_m=columns[TOW_POINT],  # pyright: ignore[reportArgumentType]
+        tension_n=columns[TENSION],  # pyright: ignore[reportArgumentType]
         tow_point_offset_m=field("tow_point_offset_m"),  # pyright: ignore[reportArgumentType]
         post_amplitude_m=field("post_amplitude_m") if moving else 0.0,  # pyright: ignore[reportArgumentType]
         post_frequency_hz=field("post_frequency_hz"),  # pyright: ignore[reportArgumentType]
@@ -196,7 +207,7 @@ def _stacked_tow(runs: list[RunData], columns: Array, phase: Array) -> Tow:
 
 
 def _forcing(runs: list[RunData], step: float, count: int) -> tuple[Array | None, Array | None]:
-    """Tension relative to its mean and speed at every half step, (2 count + 1, runs, 1); None where constant."""
+    """Tension and speed relative to their means at every half step, (2 count + 1, runs, 1); None where constant."""
     half = np.arange(2 * count + 1) * step / 2
     tension = speed = None
     if any(d.tension is not None for d in runs):
@@ -206,9 +217,10 @@ def _forcing(runs: list[RunData], step: float, count: int) -> tuple[Array | None
                 assert d.tow.tension_n is not None
                 tension[:, i, 0] = np.interp(half + d.t_s[0], *d.tension) / d.tow.tension_n
     if any(d.speed is not None for d in runs):
-        speed = np.empty((len(half), len(runs), 1))
+        speed = np.ones((len(half), len(runs), 1))
         for i, d in enumerate(runs):
-            speed[:, i, 0] = d.tow.speed_m_s if d.speed is None else np.interp(half + d.t_s[0], *d.speed)
+            if d.speed is not None:
+                speed[:, i, 0] = np.interp(half + d.t_s[0], *d.speed) / d.tow.speed_m_s
     return tension, speed
 
 
@@ -217,13 +229,13 @@ def _rates(t: float, state: Array, hull: Hull, tow: Tow, forcing, half: int) -> 
     if tension is not None:
         tow = replace(tow, tension_n=tow.tension_n * tension[half])
     if speed is not None:
-        tow = replace(tow, speed_m_s=speed[half])
+        tow = replace(tow, speed_m_s=tow.speed_m_s * speed[half])
         hull = hull.at_speed(tow.speed_m_s)
     return full_rates(t, state, hull, tow)
 
 
 def _sampled(data: RunData, run: int, step: float, path: Array, rate: Array, tow: Tow, columns: Array):
-    """Hermite interpolation of (alpha, beta) to the samples, then y; path, rate: (count + 1, 4, 13)."""
+    """Hermite interpolation of (alpha, beta) to the samples, then y; path, rate: (count + 1, 4, 15)."""
     times = data.t_s - data.t_s[0]
     node = np.minimum((times / step).astype(int), len(path) - 2)
     s = (times / step - node)[:, None, None]
@@ -232,7 +244,8 @@ def _sampled(data: RunData, run: int, step: float, path: Array, rate: Array, tow
     here = h00 * path[node] + h10 * step * rate[node] + h01 * path[node + 1] + h11 * step * rate[node + 1]
     own = replace(
         data.tow,
-        tow_point_m=columns[11][None],
+        tow_point_m=columns[TOW_POINT][None],
+        line_length_m=columns[LINE_LENGTH][None],
         tension_n=None,
         resistance_n=0.0,
         post_phase_rad=tow.post_phase_rad[run, 0],  # pyright: ignore[reportIndexIssue]

@@ -61,13 +61,13 @@ def test_sensitivities_against_central_differences(form: str) -> None:
     rng = np.random.default_rng(1)
     times = np.sort(rng.uniform(0, 30, 200))
     run = data(1.548, 0.2, times=times)
-    values = np.array([*SIX, 0.25, 0.02, 0.01, -0.004, 3.96, 1.548])
+    values = np.array([*SIX, 0.25, 0.02, 0.01, -0.004, 3.96, 1.548, 0.91, 1.28])
 
     def respond(v: np.ndarray):
         return full_response([run], v[None], 1.28)[0] if form == "full" else linear_response(run, v, 1.28)
 
     _, slope = respond(values)
-    for index in range(12):
+    for index in range(14):
         step = 1e-4 * max(abs(values[index]), 0.1)
         up, down = values.copy(), values.copy()
         up[index] += step
@@ -82,7 +82,7 @@ def test_responses_against_the_simulator() -> None:
     for form in ("linear", "full"):
         run = data(1.649, 0.18, form, times=times)
         side = 0.18 if form == "linear" else np.arcsin(0.18 / 0.91)
-        values = np.array([*SIX, side, 0.0, 0.0, 0.0, 3.96, 1.649])
+        values = np.array([*SIX, side, 0.0, 0.0, 0.0, 3.96, 1.649, 0.91, 1.28])
         answer = linear_response(run, values, 1.28) if form == "linear" else full_response([run], values[None], 1.28)[0]
         # full: Runge-Kutta at 0.05 s and Hermite interpolation, about 1e-8 of the amplitude
         np.testing.assert_allclose(answer[0][:, 0], run.y_m, atol=1e-12 if form == "linear" else 2e-8)
@@ -186,6 +186,30 @@ def test_a_tension_prior_widens_every_derivative() -> None:
     loose = [replace(r, priors=Priors(tension_sd_rel=0.01)) for r in runs]
     tight_sd, loose_sd = (np.sqrt(np.diag(fit_runs(r).covariance)) / np.abs(SIX) for r in (runs, loose))
     assert (loose_sd > np.hypot(tight_sd, 0.004)).all()  # 1 % over four runs leaves 0.5 % common
+
+
+def test_errors_common_to_all_runs_are_carried() -> None:
+    """A T that is 2 % wrong in all runs moves all derivatives by 2 % and cannot be seen: the prior says so, one to one.
+
+    A line 1 cm longer than stated and a speed 1 % off, each under a prior of that size, are found in the motion.
+    """
+    rng = np.random.default_rng(14)
+    runs = [data(x, y, noise=0.3 * rng.normal(size=(400, 2))) for x, y in zip(POINTS_M, STARTS_M, strict=True)]
+    plain = fit_runs(runs)
+    widened = fit_runs([replace(r, priors=Priors(tension_common_sd_rel=0.02)) for r in runs])
+    plain_sd, sd = (np.sqrt(np.diag(f.covariance)) / np.abs(f.six) for f in (plain, widened))
+    np.testing.assert_allclose(sd, np.hypot(plain_sd, 0.02), rtol=0.01)
+    np.testing.assert_allclose(widened.six, plain.six, rtol=1e-4)
+    assert widened.common["tension"] == pytest.approx((0.0, 1.0), abs=0.02)
+    longer = [replace(r, tow=replace(r.tow, line_length_m=0.92), priors=Priors(line_length_sd_m=0.01)) for r in runs]
+    fit = fit_runs(longer)
+    z = (fit.six - SIX) / np.sqrt(np.diag(fit.covariance))
+    assert np.abs(z).max() < 4
+    value, value_sd = fit.common["line_length"]
+    assert abs(value + 1.0) < 4 * value_sd
+    faster = [replace(r, tow=replace(r.tow, speed_m_s=1.28 * 1.01), priors=Priors(speed_sd_rel=0.01)) for r in runs]
+    fit = fit_runs(faster, speed_m_s=1.28)
+    assert np.abs((fit.six - SIX) / np.sqrt(np.diag(fit.covariance))).max() < 4
 
 
 def test_histories_of_tension_and_speed_are_followed() -> None:

@@ -255,3 +255,34 @@ def test_the_scatter_of_a_path_is_its_noise_whatever_the_frame_times(regular: bo
     assert 0.045 < found < 0.075  # the largest of a few scatters, before the motion comes up
     assert _path_scatter(t, path) < 0.01
     assert _path_scatter(t[:10], path[:10]) == 0.0
+
+
+def test_a_mark_that_shows_up_late_is_followed_from_then_on(tmp_path: Path) -> None:
+    """Three marks, the third hidden for the first frames: once it is found it is never `outside the picture`."""
+    from towline.vision import Frame
+
+    text = PIVOT.replace('video = "v.mp4"\nspan_s = [3.17, 60.0]', 'tracks = "t.csv"')
+    text = text[: text.index("[[marker]]")]
+    body = {"a": (0.08, 0.0), "b": (-0.06, 0.0), "c": (0.01, 0.05)}
+    for name, (x, y) in body.items():
+        text += f'[[marker]]\nname = "{name}"\nbody_m = [{x}, {y}]\ndepth_m = 0.0\n'
+        text += f"seen_at_px = [{132.4 + 1e3 * x}, {120 + 1e3 * y}]\n"  # without it two marks look alike turned by 180 degrees
+    (tmp_path / "run.toml").write_text(text)
+    (tmp_path / "t.csv").write_text("")
+    run = read_run(tmp_path)
+    v, u = np.mgrid[0:240, 0:320]
+
+    def frames():
+        for index in range(3, 60):
+            picture = np.full((240, 320), 20.0)
+            for name, (x, y) in body.items():
+                if name != "c" or index >= 8:
+                    centre = (130 + 0.8 * index + 1e3 * x, 120 + 1e3 * y)
+                    picture += 150 * np.exp(-((u - centre[0]) ** 2 + (v - centre[1]) ** 2) / (2 * 1.8**2))
+            yield Frame(index, index / 30, np.rint(picture).astype(np.uint8), None)
+
+    found = track(run, frames(), run_datum(run, (320, 240)).mapping).table
+    late = found[found["marker"] == "c"].set_index("frame")
+    assert (late.loc[:7, "status"] == "lost").all()
+    assert (late.loc[10:, "status"] == "measured").all()
+    np.testing.assert_allclose(late.loc[10:, "u_px"], 130 + 0.8 * late.loc[10:].index + 10, atol=0.05)

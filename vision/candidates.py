@@ -13,7 +13,7 @@ Array = NDArray[Any]
 MOST = 60
 """The strongest candidates that identity is tried on."""
 THRESHOLD_MAD = 6.0
-_MAD_TO_SD = 1.4826
+MAD_TO_SD = 1.4826
 MIN_CONTRAST_DN = 8.0
 GROUND_WIDTHS = 9.0
 """Side of the median's window in widths of the spot: a Gaussian spot fills a quarter of it, so the median passes it by."""
@@ -61,7 +61,7 @@ def find_candidates(luma: NDArray[np.uint8], dark: bool = False, expected_width_
     near = cv2.blur(picture, (3, 3))
     sharp = ground - near if dark else near - ground
     middle = float(np.median(difference))
-    spread = _MAD_TO_SD * float(np.median(np.abs(difference - middle)))
+    spread = MAD_TO_SD * float(np.median(np.abs(difference - middle)))
     threshold = middle + max(THRESHOLD_MAD * spread, MIN_CONTRAST_DN)
     mask = (difference > threshold).astype(np.uint8)
     contours, nesting = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)

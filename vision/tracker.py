@@ -13,7 +13,7 @@ from ..geometry.mapping import Mapping, Places
 from ..record.errors import InputError, TrackingError
 from ..record.run import RUN_FILE, Run
 from ..record.schema import Marker
-from .candidates import Array, find_candidates
+from .candidates import MAD_TO_SD, Array, find_candidates
 from .decode import Frame
 from .identity import DISTANCE_SD_M, DISTANCE_SD_SHARE, Assignment, assign
 from .spot import SpotFit, fit_spots, windows
@@ -84,6 +84,15 @@ class _State:
 
     def predict(self, t_s: float) -> Array:
         return self.place + self.rate * (t_s - self.t_s)
+
+    @property
+    def rate_known(self) -> bool:
+        return self.steps > 1
+
+    def begin(self, fit: SpotFit, t_s: float) -> None:
+        """The mark is seen for the first time."""
+        self.known, self.place, self.t_s, self.rate = True, fit.centre_px[0], t_s, np.zeros(2)
+        self.amplitude, self.width = float(fit.amplitude_dn[0]), float(fit.width_px[0])
 
     @property
     def radius(self) -> int:
@@ -189,17 +198,14 @@ class _Tracker:
     # acquisition ------------------------------------------------------------------------------------------------
 
     def _spots(
-        self, frame: Frame, indices: list[int], fresh: bool, near: list[Array | None]
+        self, frame: Frame, widths_px: tuple[float, ...], near: list[Array | None]
     ) -> tuple[Assignment, list[Array], list[float]]:
-        """Assign the frame's spots to the markers ``indices``; their places and widths."""
-        dark = self.markers[indices[0]].colour == "dark"
-        scales = ACQUIRE_WIDTHS_PX if fresh else (float(np.median([self.states[i].width for i in indices])),)
-        markers = tuple(self.markers[i] for i in indices)
+        """Assign the frame's spots to the markers, trying ``widths_px`` in turn; their places and widths."""
         best = None
-        for width in scales:
-            candidates = find_candidates(frame.luma, dark, width)
+        for width in widths_px:
+            candidates = find_candidates(frame.luma, self._dark(0), width)
             self.candidates_seen = max(self.candidates_seen, len(candidates))
-            chosen = assign(candidates, markers, self.mapping, self.run, near)
+            chosen = assign(candidates, self.markers, self.mapping, self.run, near)
             if best is None or chosen.cost < best[0].cost:
                 best = (chosen, candidates)
             if chosen.accepted and not chosen.ambiguous:
@@ -223,26 +229,19 @@ class _Tracker:
                 "marker.colour",
                 "dark and bright marks in one run are not tracked by this version",
             )
-        everyone = list(range(len(self.markers)))
-        chosen, centres, widths = self._spots(frame, everyone, True, self._seen_by_user())
+        chosen, centres, widths = self._spots(frame, ACQUIRE_WIDTHS_PX, self._seen_by_user())
         self.last = chosen
         if not chosen.accepted:
             return empty, reasons
         self.ambiguous |= chosen.ambiguous
-        fits = [
-            self._fit(frame, i, centre, width) if np.isfinite(centre).all() else None
-            for i, (centre, width) in enumerate(zip(centres, widths, strict=True))
-        ]
-        if sum(fit is not None for fit in fits) < 2:
+        wanted = {i: (c, w) for i, (c, w) in enumerate(zip(centres, widths, strict=True)) if np.isfinite(c).all()}
+        fits = {index: fit for index, fit in self._fits(frame, wanted).items() if fit is not None}
+        if len(fits) < 2:
             return empty, reasons
         self.began = len(self.rows)
-        for index, fit in enumerate(fits):
-            if fit is None:
-                continue
+        for index, fit in fits.items():
             empty[index], reasons[index] = fit, ""
-            state = self.states[index]
-            state.known, state.place, state.t_s, state.rate = True, fit.centre_px[0], frame.t_s, np.zeros(2)
-            state.amplitude, state.width = float(fit.amplitude_dn[0]), float(fit.width_px[0])
+            self.states[index].begin(fit, frame.t_s)
         return empty, reasons
 
     def _seen_by_user(self) -> list[Array | None]:
@@ -252,9 +251,8 @@ class _Tracker:
 
     def _recover(self, frame: Frame, found: list[SpotFit | None], reasons: list[str]) -> None:
         """Look for lost marks on the whole frame; believed only where the marks that are still held are found as well."""
-        everyone = list(range(len(self.markers)))
         near = [None if fit is None else fit.centre_px[0] for fit in found]
-        chosen, centres, widths = self._spots(frame, everyone, False, near)
+        chosen, centres, widths = self._spots(frame, (float(np.median([s.width for s in self.states])),), near)
         if not chosen.accepted or chosen.ambiguous:
             return
         for index, fit in enumerate(found):
@@ -266,10 +264,10 @@ class _Tracker:
                 if again is not None and self._fits_distance(index, again, found):
                     found[index], reasons[index] = again, ""
                     state = self.states[index]
-                    state.rate = np.zeros(2)
-                    if not state.known:
-                        state.known = True
-                        state.amplitude, state.width = float(again.amplitude_dn[0]), float(again.width_px[0])
+                    if state.known:
+                        state.rate = np.zeros(2)
+                    else:
+                        state.begin(again, frame.t_s)
 
     def _on_probation(self) -> bool:
         return len(self.rows) - self.began < PROBATION_FRAMES * len(self.markers)
@@ -297,8 +295,8 @@ class _Tracker:
             if not (0 <= expected[0] < width and 0 <= expected[1] < height):
                 reasons[index] = "outside the picture"
                 continue
-            known_rate = state.steps > 1
-            reach = min(SEARCH_PX + SEARCH_GROWTH_PX * state.lost, SEARCH_LIMIT_PX) if known_rate else FIRST_REACH_PX
+            grown = min(SEARCH_PX + SEARCH_GROWTH_PX * state.lost, SEARCH_LIMIT_PX)
+            reach = grown if state.rate_known else FIRST_REACH_PX
             wanted[index] = (self._brightest(frame, index, expected, reach), state.width)
             gates[index] = (expected, reach)
         fits = self._fits(frame, wanted)
@@ -363,7 +361,7 @@ class _Tracker:
             return "too faint"
         step = np.hypot(*state.rate) * (t_s - state.t_s)
         if np.hypot(*(fit.centre_px[0] - expected)) > JUMP_PX + 0.5 * step + (
-            reach if state.lost or state.steps < 2 else 0
+            reach if state.lost or not state.rate_known else 0
         ):
             return "jumped"
         return ""
@@ -442,7 +440,7 @@ class _Tracker:
         if step > 0 and state.lost < REACQUIRE_FRAMES:
             rate = (fit.centre_px[0] - state.place) / step
             # alpha-beta tracker: the rate follows by 60 % a frame, all at once after the first one
-            state.rate = rate if state.steps < 2 else state.rate + 0.6 * (rate - state.rate)
+            state.rate = state.rate + 0.6 * (rate - state.rate) if state.rate_known else rate
         elif step > 0:
             state.rate, state.steps = np.zeros(2), 0
         state.steps += 1
@@ -513,7 +511,7 @@ def _path_scatter(t_s: Array, values: Array) -> float:
         if len(third) < LEAST_DIFFERENCES * step:
             break
         # a robust scale: the few frames where the mark jumps or turns sharply must not widen all others
-        seen = 1.4826 * float(np.median(np.abs(third)))
+        seen = MAD_TO_SD * float(np.median(np.abs(third)))
         if scatter and seen > MOTION_GROWTH * scatter:
             break
         scatter = max(scatter, seen)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -288,7 +289,7 @@ def _truth_lines(runs: Sequence[Any]) -> None:
         if truth is None:
             continue
         error = motion_error(m.motion, truth)
-        alpha = f", alpha {error.alpha_deg:.4f} deg" if error.alpha_deg == error.alpha_deg else ""
+        alpha = f", alpha {error.alpha_deg:.4f} deg" if not math.isnan(error.alpha_deg) else ""
         print(
             f"{m.run.name}: against its truth: y_CG {1e3 * error.y_cg_m:.2f} mm, beta {error.beta_deg:.4f} deg{alpha} rms"
         )
@@ -354,8 +355,8 @@ def _run(options: argparse.Namespace) -> int:
         print(f"{m.run.name}: {_motion_line(m)}")
     _truth_lines(batch.runs)
     failed = dict(batch.failed)
-    notes: list[str] = []
-    broken = False
+    problems: list[str] = []
+    remarks: list[str] = []
     identified = steady = None
     fitted: dict[str, Any] = {}
     tensioned = [m for m in batch.runs if m.run.file.kind != "free" and has_tension(m)]
@@ -366,24 +367,22 @@ def _run(options: argparse.Namespace) -> int:
             failed |= identified.result.failed
             fitted = identified.fitted
         except TowlineError as error:
-            notes.append(f"no derivatives: {_one_line(str(error))}")
-            broken = True
+            problems.append(f"no derivatives: {_one_line(str(error))}")
     if len({m.run.tow.tow_point_m for m in settled}) > 1:
         try:
             steady = _steady_and_write(Batch(settled, batch.failed), out)
             failed |= steady.failed
         except TowlineError as error:
-            notes.append(f"no neutral point: {_one_line(str(error))}")
-            broken = True
+            problems.append(f"no neutral point: {_one_line(str(error))}")
     elif settled and not tensioned:
-        notes.append(
+        problems.append(
             "no derivatives: no tension is given; no neutral point: steady tows at two or more tow points are needed"
         )
-        broken = True
     elif not tensioned and not settled:
-        notes.append(
+        remarks.append(
             'no derivatives: runs of kind "free" give their motion only; this version identifies towed and forced runs'
         )
+    notes = [*problems, *remarks]
     for note in notes:
         print(f"towline: {note}", file=sys.stderr)
     pages = [
@@ -407,4 +406,4 @@ def _run(options: argparse.Namespace) -> int:
     )
     print(f"page: {page}")
     _fail_lines(failed)
-    return EXIT_ERROR if broken else _code(failed)
+    return EXIT_ERROR if problems else _code(failed)

@@ -7,7 +7,6 @@ Prints a table; the figures of README.md come from it.
 
 from __future__ import annotations
 
-import tempfile
 import time
 from pathlib import Path
 
@@ -16,7 +15,7 @@ import numpy as np
 from towline.analysis import Batch, identified, steadied
 from towline.diagnose import motion_error
 from towline.geometry import motion_from_tracks, run_datum
-from towline.record import read_run, read_tracks, write_table
+from towline.record import read_run, read_tracks
 from towline.stages import Moved, truth_motion
 from towline.vision import clip_info, read_frames, track
 
@@ -68,15 +67,12 @@ def _row(folder: Path) -> Moved:
     began = time.process_time()
     found = track(run, read_frames(run.source_path), datum.mapping)
     follow = frames / (time.process_time() - began)
-    with tempfile.TemporaryDirectory() as scratch:
-        write_table(Path(scratch) / "tracks.csv", found.table)
-        tracks = read_tracks(Path(scratch) / "tracks.csv")
     truth = read_tracks(folder / "truth" / "tracks.csv")
-    both = tracks.merge(truth, on=["frame", "marker"], suffixes=("", "_true"))
+    both = found.table.merge(truth, on=["frame", "marker"], suffixes=("", "_true"))
     both = both[both["status"] == "measured"]
     gap = both[["u_px", "v_px"]].to_numpy() - both[["u_px_true", "v_px_true"]].to_numpy()
     score = gap / both[["sigma_u_px", "sigma_v_px"]].to_numpy()
-    made = motion_from_tracks(run, tracks, datum)
+    made = motion_from_tracks(run, found.table, datum)
     reference = truth_motion(run)
     assert reference is not None
     error = motion_error(made.motion, reference)
@@ -84,7 +80,7 @@ def _row(folder: Path) -> Moved:
         f"{run.name:22} {np.sqrt((gap**2).mean()):7.3f} {score.std():6.2f} {1e3 * error.y_cg_m:8.2f} {error.beta_deg:8.4f} "
         f"{error.alpha_deg:8.4f} {follow:8.0f} {decode:8.0f} {follow / decode:6.2f}"
     )
-    return Moved(run, made.motion, made.common, made.camera, tracks)
+    return Moved(run, made.motion, made.common, made.camera, found.table)
 
 
 if __name__ == "__main__":

@@ -101,7 +101,8 @@ def motion_from_tracks(
     notes = list(fit.notes)
     if any(p.track for p in run.file.datum):
         notes.append("datum.track is read, but this version takes the camera as standing still")
-    coloured = [m.name for m in markers if m.colour not in ("bright", "dark")]
+    filmed = run.file.source.video is not None
+    coloured = [m.name for m in markers if filmed and m.colour not in ("bright", "dark")]
     if coloured:
         notes.append(f"marker {', '.join(coloured)}: a colour is taken as bright; this version tracks brightness only")
     pixel, sigma, frames, times = _by_frame(run, tracks, markers)

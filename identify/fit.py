@@ -19,14 +19,12 @@ from ..record.priors import DERIVATIVE_NAMES
 from ..simulate.model import Array
 from .data import RunData
 from .noise import Whitener, autocorrelation, measured, stated
-from .response import RUN_PARAMETERS, full_response, linear_response, side_from_y
+from .response import RUN_PARAMETERS, TENSION, TOW_POINT, full_response, linear_response, side_from_y
 from .start import start_state, weak_form_start
 
 FORMS = ("linear", "full")
 OWN = ("side", "beta", "v", "r", "y_b", "beta_b", "tension", "tow_point")
 """Parameters of each run, in the order of the parameter vector."""
-COMMON = ("tension", "line_length", "speed")
-"""Errors common to all runs, each in units of its prior's standard deviation."""
 MAX_STEPS = 60
 CONVERGED = 1e-8
 """Steps end when no parameter moves by more than this share of its standard deviation squared (in chi-square)."""
@@ -50,7 +48,7 @@ class Fit:
     speed_m_s : reference speed
     own : (runs, 8), ``OWN``; sides: y m (linear) or alpha rad (full)
     own_sd : (runs, 8)
-    common : errors common to all runs, of ``COMMON``, in their prior's standard deviations; and their sds, {name: (value, sd)}
+    common : errors of tension, line_length, speed common to all runs, in their prior's sd: {name: (value, sd)}
     modes : common modes' sizes by camera key, in their standard deviations
     response : per run (n, 2), fitted y_m and beta_rad with biases and common modes
     residual : per run (n, 2), measured minus response
@@ -113,17 +111,18 @@ def fit_runs(
     rough = _Problem([replace(d, common=d.common[:0]) for d in runs], "full" if needs_full else "linear", speed)
     weights = [stated(d.covariance, d.t_s) for d in runs]
     theta, steps, converged = _minimise(rough, rough.start(), weights, progress)
-    path = rough.evaluate(theta)[0]
+    found = rough.evaluate(theta)
     if rough.form != form:
         theta = rough.to_full(theta)
     first_chi2 = np.nan
     problem = rough
     for turn in range(REWEIGHTINGS):
-        problem = _Problem([_modes_along(d, p) for d, p in zip(runs, path, strict=True)], form, speed)
+        problem = _Problem([_modes_along(d, p) for d, p in zip(runs, found[0], strict=True)], form, speed)
         theta = np.concatenate([theta, np.zeros(problem.size - len(theta))])  # the modes stand last
         theta, count, converged = _minimise(problem, theta, weights, progress)
         steps += count
-        path, residual, _ = problem.evaluate(theta)
+        found = problem.evaluate(theta)
+        residual = found[1]
         if turn == 0:
             first_chi2 = _chi2_per_dof(residual, weights, len(theta))
         # colour belongs to the right equations: the linear form's own misfit of a large tow must not pass for noise
@@ -132,7 +131,7 @@ def fit_runs(
         after = np.array([w.scale * w.innovation for w in weights])
         if turn > 0 and np.abs(after / before - 1).max() < 0.01:
             break
-    return _report(problem, theta, weights, first_chi2, steps, converged)
+    return _report(problem, theta, found, weights, first_chi2, steps, converged)
 
 
 def _modes_along(data: RunData, path: Array) -> RunData:
@@ -216,7 +215,7 @@ class _Problem:
             own = self.own_at(index)
             slope[:, :, own.start : own.start + 4] = sensitivity[:, :, 6:10]
             slope[:, 0, own.start + 4] = slope[:, 1, own.start + 5] = 1.0
-            slope[:, :, own.start + 6 : own.stop] = sensitivity[:, :, 10:12]
+            slope[:, :, own.start + 6 : own.stop] = sensitivity[:, :, TENSION : TOW_POINT + 1]
             for name, at in self.common_at.items():
                 slope[:, :, at] = sensitivity[:, :, RUN_PARAMETERS.index(name)] * self.common_sd[name][index]
             total = response + theta[own.start + 4 : own.start + 6]
@@ -355,9 +354,16 @@ def _coloured_meat(slope: Array, correlations: tuple[Array, Array], matrix: Arra
 
 
 def _report(
-    problem: _Problem, theta: Array, weights: list[Whitener], chi2_first: float, steps: int, converged: bool
+    problem: _Problem,
+    theta: Array,
+    found: tuple[list[Array], list[Array], list[Array]],
+    weights: list[Whitener],
+    chi2_first: float,
+    steps: int,
+    converged: bool,
 ) -> Fit:
-    response, residual, slope = problem.evaluate(theta)
+    """Put the optimum ``theta``, where ``problem.evaluate`` gave ``found``, into a Fit."""
+    response, residual, slope = found
     _, rows = problem.prior(theta)
     information = rows.T @ rows
     meat = rows.T @ rows

@@ -66,7 +66,7 @@ def linear_response(data: RunData, values: Array, reference_speed_m_s: float) ->
     node = np.rint(times / step).astype(int)
     rest = times - node * step
     full = _augmented(matrix, constant)
-    slopes = [_augmented(m, c, unit=False) for m, c in zip(d_matrix, d_constant, strict=True)]
+    slopes = [_augmented(m, c) for m, c in zip(d_matrix, d_constant, strict=True)]
     state = np.zeros((1, size))
     state[0] = [*values[6:10], 1.0]
     moved = np.zeros((1, COUNT, size))
@@ -85,22 +85,24 @@ def linear_response(data: RunData, values: Array, reference_speed_m_s: float) ->
     return state[:, :2], moved[:, :, :2].transpose(0, 2, 1)
 
 
-def _linear_matrices(tow: Tow, values: Array, reference: float):
-    def build(v: Array):
-        here = run_tow(tow, v)
-        return linear_system(hull_from(v, reference).at_speed(here.speed_m_s), here)
+def _linear_form(tow: Tow, values: Array, reference: float) -> tuple[Array, Array]:
+    """``linear_system`` of a run's parameter vector, real or complex."""
+    here = run_tow(tow, values)
+    return linear_system(hull_from(values, reference).at_speed(here.speed_m_s), here)
 
-    matrix, constant = build(values)
+
+def _linear_matrices(tow: Tow, values: Array, reference: float):
+    matrix, constant = _linear_form(tow, values, reference)
     d_matrix, d_constant = np.zeros((COUNT, 4, 4)), np.zeros((COUNT, 4))
     for index in (*range(6), *range(10, COUNT)):
         moved = values.astype(complex)
         moved[index] += 1j * COMPLEX_STEP
-        m, c = build(moved)
+        m, c = _linear_form(tow, moved, reference)
         d_matrix[index], d_constant[index] = np.imag(m) / COMPLEX_STEP, np.imag(c) / COMPLEX_STEP
     return matrix, constant, d_matrix, d_constant
 
 
-def _augmented(matrix: Array, constant: Array, unit: bool = True) -> Array:
+def _augmented(matrix: Array, constant: Array) -> Array:
     full = np.zeros((5, 5))
     full[:4, :4], full[:4, 4] = matrix, constant
     return full
@@ -177,8 +179,7 @@ def _complex_columns(values: Array) -> Array:
 def _full_step(runs: list[RunData], values: Array, reference: float) -> float:
     fastest = 1e-9
     for data, v in zip(runs, values, strict=True):
-        here = run_tow(data.tow, v)
-        matrix, _ = linear_system(hull_from(v, reference).at_speed(here.speed_m_s), here)
+        matrix, _ = _linear_form(data.tow, v, reference)
         if np.isfinite(matrix).all():
             fastest = max(fastest, float(np.abs(np.linalg.eigvals(matrix)).max()))
         fastest = max(fastest, 2 * np.pi * data.tow.post_frequency_hz)

@@ -280,6 +280,7 @@ def test_scenarios_of_the_samples_reproduce_their_truth(samples: Path, tmp_path:
     text = path.read_text().replace('form = "full"', 'form = "linear"')
     text = text.replace("tension_n = 3.96", "resistance_n = 3.96")
     (tmp_path / "scenario.toml").write_text(text)
-    if "resistance_n" in text and 'form = "linear"' in text:
-        with pytest.raises(InputError, match="constant tension only"):
-            read_scenario(tmp_path / "scenario.toml")
+    assert "resistance_n" in text
+    assert 'form = "linear"' in text
+    with pytest.raises(InputError, match="constant tension only"):
+        read_scenario(tmp_path / "scenario.toml")

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.command is None:
         parser.print_help()
         return EXIT_USAGE
-    from .record.errors import TowlineError
+    with _loading("record"):
+        from .record.errors import TowlineError
 
     try:
         return options.call(options)
@@ -46,6 +48,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _one_line(text: str) -> str:
     return " ".join(text.split())
+
+
+@contextmanager
+def _loading(room: str) -> Iterator[None]:
+    """Import in this block a room and what it stands on.
+
+    Python's collector would look through all that this makes again and again, and once more at exit: a third of a second that
+    frees nothing. It sleeps in the block, and never looks at what was made there.
+    """
+    if f"{__package__}.{room}" in sys.modules:
+        yield
+        return
+    import gc
+
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -70,9 +92,17 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("-o", "--out", type=Path, help="where results go (default: RUN/out, or out/ beside several runs)")
     sub.add_argument("--fresh", action="store_true", help="redo stages whose results are up to date")
 
-    sub = command("track", _track, "video to pixel tracks (out/tracks.csv) and an overlay video (out/overlay.mp4)")
+    sub = command(
+        "track",
+        _track,
+        "video to pixel tracks (out/tracks.csv), an overlay video (out/overlay.mp4) and the worst frames (out/worst.png)",
+    )
     _add_runs(sub)
-    sub.add_argument("--no-overlay", action="store_true", help="do not write out/overlay.mp4")
+    sub.add_argument("--no-overlay", action="store_true", help="write neither out/overlay.mp4 nor out/worst.png")
+    sub.add_argument("--sheet", action="store_true", help="write out/worst.png also with --no-overlay")
+    sub.add_argument("--follow", action="store_true", help="say how it goes: frames per second, frames done, losses")
+    sub.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where the fits run (default: cpu)")
+    sub.add_argument("--fresh", action="store_true", help="track again even if the tracks are up to date")
 
     sub = command(
         "motion", _motion, "tracks to metres (out/marks.csv), motion (out/motion.csv) and camera (out/camera.json)"
@@ -133,33 +163,18 @@ def _add_fit(sub: argparse.ArgumentParser) -> None:
 # progress and printing -------------------------------------------------------------------------------------------
 
 
-def _console(error: bool = False) -> Any:
+def _console() -> Any:
     from rich.console import Console
 
-    console = Console(stderr=error, highlight=False)
-    return console if console.is_terminal else Console(stderr=error, highlight=False, width=PIPE_WIDTH)
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
 
 
-@contextmanager
-def _progress() -> Iterator[Callable[[str, int, int | None], None]]:
-    """A progress line on the terminal; silent where the output is not one."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
+def _progress(follow: bool = False) -> AbstractContextManager[Callable[[str, int, int | None], None]]:
+    """A progress line on the terminal; silent where the output is not one, unless it is to be followed."""
+    from .progress import progress
 
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
-    console = _console(error=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("starting", total=None)
-
-        def show(text: str, done: int, total: int | None) -> None:
-            bar.update(task, description=text, completed=done, total=total)
-
-        yield show
+    return progress(follow)
 
 
 def _fail_lines(failed: dict[str, str]) -> None:
@@ -224,35 +239,61 @@ def _render(options: argparse.Namespace) -> int:
 
 def _track(options: argparse.Namespace) -> int:
     from .record.errors import TowlineError
-    from .record.run import read_run
-    from .stages import tracked
 
+    with _loading("vision"):
+        import av  # noqa: F401
+        import cv2  # noqa: F401
+
+        from . import stages
+        from .record.run import read_run
+        from .vision import track  # noqa: F401
     failed: dict[str, str] = {}
+    overlay, sheet = not options.no_overlay, options.sheet or not options.no_overlay
     for folder in options.runs:
         try:
             run = read_run(folder)
-            with _progress() as show:
-                table, _ = tracked(run, show, overlay=not options.no_overlay and run.file.source.video is not None)
+            filmed = run.file.source.video is not None
+            with _progress(options.follow) as show:
+                found = stages.tracked(run, show, options.fresh, options.device)
+                drawn = stages.draw(found, overlay, sheet, show) if filmed else []
         except TowlineError as error:
             if len(options.runs) == 1:
                 raise
             failed[str(folder)] = str(error)
             continue
-        print(f"{run.name}: {_seen(table)}")
-        if run.file.source.video is not None:
-            files = ["tracks.csv"] if options.no_overlay else ["tracks.csv", "overlay.mp4"]
-            print("wrote " + ", ".join(str(run.out / name) for name in files))
+        print(f"{run.name}: {_seen(found.table)}")
+        _notes(found.notes)
+        if filmed:
+            _say_written(run.out, {"tracks.csv": True, "overlay.mp4": overlay, "worst.png": sheet}, found.anew, drawn)
     _fail_lines(failed)
     return _code(failed)
 
 
+def _say_written(out: Path, wanted: dict[str, bool], anew: bool, drawn: Sequence[Path]) -> None:
+    """Which files were written, and which were up to date."""
+    paths = [out / name for name, asked in wanted.items() if asked]
+    made = [path for path in paths if path in drawn or (anew and path.name == "tracks.csv")]
+    for what, which in (("wrote", made), ("up to date:", [path for path in paths if path not in made])):
+        if which:
+            print(f"{what} " + ", ".join(map(str, which)))
+
+
 def _seen(table: Any) -> str:
-    parts = []
-    for marker, rows in table.groupby("marker", sort=False):
-        share = (rows["status"] == "measured").mean()
-        sigma = rows[["sigma_u_px", "sigma_v_px"]].median().mean()
-        parts.append(f"{marker} measured in {100 * share:.2f} % of {len(rows)} frames (sigma {sigma:.3f} px)")
-    return "; ".join(parts)
+    return "; ".join(_marker_seen(str(marker), rows) for marker, rows in table.groupby("marker", sort=False))
+
+
+def _marker_seen(marker: str, rows: Any) -> str:
+    """How often and how well a marker was measured, and why not: "lost: 20 covered, 14 brightness"."""
+    share = (rows["status"] == "measured").mean()
+    text = f"{marker} measured in {100 * share:.2f} % of {len(rows)} frames"
+    sigma = rows[["sigma_u_px", "sigma_v_px"]].median().mean()
+    if not math.isnan(sigma):
+        text += f" (sigma {sigma:.3f} px)"
+    lost = rows[rows["status"] == "lost"]
+    if len(lost) and "reason" in rows:
+        reasons = Counter(why if isinstance(why, str) and why else "no reason given" for why in lost["reason"])
+        text += "; lost: " + ", ".join(f"{count} {reason}" for reason, count in reasons.most_common())
+    return text
 
 
 def _motion(options: argparse.Namespace) -> int:

@@ -6,26 +6,62 @@ matches is read back. Video -> tracks -> motion; what comes after takes several 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from threading import Thread
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 import pandas as pd
 
 from . import __version__
-from .geometry import DatumFit, motion_from_tracks, run_datum
+from .progress import Progress, throttled
 from .record.errors import InputError, TowlineError
 from .record.files import replacing, sha256_of_texts
 from .record.results import CameraFile, TruthFile, read_result, write_result
 from .record.run import RUN_FILE, Run
 from .record.tables import input_hash_of, read_motion, read_tracks, write_table
 
+if TYPE_CHECKING:
+    from .geometry import DatumFit
+    from .vision import ClipInfo, Frame, Tracking
+
 TRACKS, MARKS, MOTION, COMMON, CAMERA = "tracks.csv", "marks.csv", "motion.csv", "motion_common.npy", "camera.json"
-Progress = Callable[[str, int, int | None], None]
-"""Called with what is going on, how far, and out of how much (None = unknown)."""
+DATUM = "datum.csv"
+OVERLAY, SHEET = "overlay.mp4", "worst.png"
+# fmt: off
+LOSSLESS = frozenset({
+    "rawvideo", "ffv1", "huffyuv", "ffvhuff", "hymt", "utvideo", "magicyuv", "lagarith", "vble", "loco", "zlib",
+    "mszh", "zmbv", "qtrle", "png", "apng", "tiff", "bmp", "dpx", "targa", "sgi", "ppm", "pgm", "pam", "r10k",
+    "r210", "v210", "v210x", "v308", "v408", "v410", "y41p", "yuv4",
+})
+# fmt: on
+"""Codecs, by ffmpeg's names, that keep every pixel; others may be set to, but their files do not say so."""
+AMBIGUOUS = (
+    "when the marks were first found, another assignment of spots to markers fitted nearly as well: check which is which, and "
+    "if need be say where each marker is in the first frame (marker.seen_at_px)"
+)
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """A run with its tracks.
+
+    Attributes
+    ----------
+    table : tracks, with ``reason`` (why lost) where they are towline's own
+    anew : they come from the video, now; else they were read from a file
+    notes : for the user; only where tracked anew
+    """
+
+    run: Run
+    table: pd.DataFrame
+    anew: bool = False
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -47,72 +83,234 @@ class Moved:
     tracks: pd.DataFrame | None
 
 
-def tracked(
-    run: Run, progress: Progress | None = None, overlay: bool = False, fresh: bool = False
-) -> tuple[pd.DataFrame, DatumFit]:
-    """Tracks of a run, from its own file, from out/ or from the video; and the fitted datum.
+# tracks ------------------------------------------------------------------------------------------------------------
+
+
+def tracked(run: Run, progress: Progress | None = None, fresh: bool = False, device: str = "cpu") -> Tracked:
+    """Tracks of a run: from its own file, from out/, or from the video and then written to out/.
 
     Parameters
     ----------
-    overlay : also write out/overlay.mp4 (tracks the video again)
     fresh : track again even where out/ is up to date
+    device : "cpu" or "cuda": where the fits run
+
+    Raises
+    ------
+    InputError : the run comes with its motion, its video is not what run.toml describes, or there is no such device
+    TowlineError : the video cannot be read, or no mark was found in it
     """
     if run.file.source.motion is not None:
         raise InputError(
             run.folder / RUN_FILE, "source.motion", "the run comes with its motion; there is nothing to track"
         )
     if run.file.source.tracks is not None:
-        return read_tracks(run.source_path), run_datum(run, None)
-    from .vision import clip_info, overlay_writer, read_frames, track
+        return Tracked(run, read_tracks(run.source_path))
+    from .vision.backend import backend_for
 
-    info = clip_info(run.source_path)
-    datum = run_datum(run, (info.width_px, info.height_px))
-    if run.file.camera is not None and run.file.camera.image_size_px != (info.width_px, info.height_px):
+    backend = backend_for(device)
+    target = run.out / TRACKS
+    if not fresh and target.is_file() and input_hash_of(target) == _tracks_hash(run):
+        return Tracked(run, read_tracks(target))
+    # a large video is hashed while it is tracked; run.toml comes first, so one that is edited meanwhile is not vouched for
+    stamp = _Aside(lambda: _tracks_hash(run))
+    found = _follow_marks(run, backend, progress)
+    if found.datum is not None:
+        write_table(run.out / DATUM, found.datum, stamp.result())
+    write_table(target, found.table, stamp.result())  # last: its stamp vouches for both
+    return Tracked(run, found.table, True, (AMBIGUOUS,) if found.ambiguous else ())
+
+
+def _tracks_hash(run: Run) -> str:
+    return run.input_hash("tracks", _code_hash())
+
+
+def _follow_marks(run: Run, backend: Any, progress: Progress | None) -> Tracking:
+    """Track the video of a run."""
+    with _begun(_frames(run)) as frames:
+        from .vision import clip_info, track
+
+        info = clip_info(run.source_path)
+        datum = _datum_of(run, info)
+        total = _frames_expected(run, info)
+
+        def tell(done: int, lost: int) -> None:
+            if progress is not None:
+                progress(f"{run.name}: tracking, {lost} lost", done, total)
+
+        tell(0, 0)
+        lossy = info.codec not in LOSSLESS
+        found = track(run, frames, datum.mapping, throttled(tell), backend, lossy)
+        total = found.frames
+        tell(found.frames, int((found.table["status"] == "lost").sum()))
+    return found
+
+
+def _frames(run: Run) -> Iterator[Frame]:
+    """The frames of a run's video that are analysed."""
+    from .vision import read_frames
+
+    source = run.file.source
+    return read_frames(run.source_path, source.span_s, source.frame_rate_hz, source.exposure_s)
+
+
+class _Aside(Generic[T]):
+    """A call under way in a thread of its own."""
+
+    def __init__(self, call: Callable[[], T]) -> None:
+        self._call = call
+        self._answer: list[T] = []
+        self._error: BaseException | None = None
+        self._thread = Thread(target=self._work, daemon=True)
+        self._thread.start()
+
+    def _work(self) -> None:
+        try:
+            self._answer.append(self._call())
+        except BaseException as error:
+            self._error = error
+
+    @property
+    def done(self) -> bool:
+        """It has ended, well or not."""
+        return not self._thread.is_alive()
+
+    def result(self) -> T:
+        """Wait for it; hand over what it returned or raise what it raised."""
+        self._thread.join()
+        if self._error is not None:
+            raise self._error
+        return self._answer[0]
+
+
+@contextmanager
+def _begun(frames: Iterator[Frame]) -> Iterator[Iterator[Frame]]:
+    """Have the first frames decoded while the rest is made ready; decoding ends with the block."""
+    first = _Aside(lambda: next(frames, None))
+
+    def coming() -> Iterator[Frame]:
+        frame = first.result()
+        while frame is not None:
+            yield frame
+            frame = next(frames, None)
+
+    try:
+        yield coming()
+    finally:
+        close: Callable[[], None] | None = getattr(frames, "close", None)
+        if close is not None and first.done:  # else its thread is the last to hold it, and closes it by letting go
+            close()
+
+
+def _datum_of(run: Run, info: ClipInfo | None = None) -> DatumFit:
+    """The fitted datum of a run; ``info`` of its video, if it has one."""
+    from .geometry import run_datum
+
+    if run.file.source.video is None:
+        return run_datum(run, None)
+    if info is None:
+        from .vision import clip_info
+
+        info = clip_info(run.source_path)
+    size_px = info.width_px, info.height_px
+    if run.file.camera is not None and run.file.camera.image_size_px != size_px:
         stated = run.file.camera.image_size_px
         raise InputError(
             run.folder / RUN_FILE,
             "camera.image_size_px",
             f"{list(stated)}, but the video's picture is {info.width_px} x {info.height_px}; the lens would be another",
         )
-    target = run.out / TRACKS
-    stamp = run.input_hash("tracks", _code_hash())
-    if not overlay and not fresh and input_hash_of(target) == stamp:
-        return read_tracks(target), datum
-    source = run.file.source
-    total = _frames_expected(info, source.span_s)
-    frames = read_frames(run.source_path, source.span_s, source.frame_rate_hz)
-
-    def count(done: int, lost: int) -> None:
-        if progress is not None:
-            progress(f"{run.name}: tracking" + (f", {lost} lost" if lost else ""), done, total)
-
-    writer = overlay_writer(run.out / "overlay.mp4", run.file.datum, info.rate_hz) if overlay else nullcontext(None)
-    with writer as drawn:
-        found = track(run, frames, datum.mapping, count, drawn.watch if drawn is not None else None)
-    write_table(target, found.table, stamp)
-    return read_tracks(target), datum
+    return run_datum(run, size_px)
 
 
 @cache
 def _code_hash() -> str:
     """Hash of the code behind tracks and motion: results of another version, or of another day's checkout, are redone."""
     house = Path(__file__).parent
-    paths = sorted(path for room in ("record", "geometry", "vision") for path in (house / room).glob("*.py"))
+    paths = sorted(path for room in ("record", "geometry", "vision") for path in (house / room).rglob("*.py"))
     return sha256_of_texts(__version__, *(path.read_text(encoding="utf-8") for path in paths))
 
 
-def _frames_expected(info, span_s: tuple[float, float] | None) -> int | None:
-    length = info.duration_s
-    if span_s is not None:
-        length = min(span_s[1], length or span_s[1]) - span_s[0]
-    return None if length is None else max(1, round(length * info.rate_hz))
+def _frames_expected(run: Run, info: ClipInfo) -> int | None:
+    """About how many frames will be analysed; None where the container does not say how long it is."""
+    source = run.file.source
+    rate_hz = source.frame_rate_hz or info.rate_hz
+    # frame_rate_hz counts the frames anew: there are as many of them, on another clock
+    length_s = None if info.duration_s is None else info.duration_s * info.rate_hz / rate_hz
+    if source.span_s is not None:
+        begin_s, end_s = source.span_s
+        length_s = min(end_s, length_s or end_s) - begin_s
+    return None if length_s is None else max(1, round(length_s * rate_hz))
+
+
+def draw(found: Tracked, overlay: bool = True, sheet: bool = True, progress: Progress | None = None) -> list[Path]:
+    """Draw the tracks of a video over it, in one more pass; what is not older than the tracks stays as it is.
+
+    Parameters
+    ----------
+    overlay, sheet : write out/overlay.mp4 (all frames), out/worst.png (the worst frames on one sheet)
+
+    Returns
+    -------
+    list : the files that were written
+
+    Raises
+    ------
+    TowlineError : the video cannot be read
+    """
+    run, table = found.run, found.table
+    overlay = overlay and not _drawn_before(run.out / OVERLAY, found)
+    sheet = sheet and not _drawn_before(run.out / SHEET, found)
+    if not overlay and not sheet:
+        return []
+    from .vision import clip_info
+    from .vision.overlay import write_overlay
+    from .vision.sheet import Sheet, worst_frames, write_sheet
+
+    total = int(table["frame"].nunique())
+    tiles = Sheet(table, worst_frames(table), f"{run.name}: the worst of {total} frames")
+
+    def tell(done: int, _: int) -> None:
+        if progress is not None:
+            progress(f"{run.name}: drawing", done, total)
+
+    tell(0, 0)
+    sometimes = throttled(tell)
+
+    def watched() -> Iterator[Frame]:
+        for done, frame in enumerate(_frames(run), 1):
+            complete = tiles.look(frame)
+            yield frame
+            sometimes(done, 0)
+            if complete and not overlay:
+                return
+
+    if overlay:
+        rate_hz = run.file.source.frame_rate_hz or clip_info(run.source_path).rate_hz
+        write_overlay(run.out / OVERLAY, watched(), table, run.file.datum, rate_hz)
+    else:
+        for _ in watched():
+            pass
+    if sheet:
+        write_sheet(run.out / SHEET, tiles.picture())
+    tell(total, 0)
+    return [run.out / name for name, wanted in ((OVERLAY, overlay), (SHEET, sheet)) if wanted]
+
+
+def _drawn_before(path: Path, found: Tracked) -> bool:
+    """The drawing shows these tracks: it was made after them."""
+    return not found.anew and path.is_file() and path.stat().st_mtime_ns >= (found.run.out / TRACKS).stat().st_mtime_ns
+
+
+# motion ------------------------------------------------------------------------------------------------------------
 
 
 def moved(run: Run, method: str = "exact", progress: Progress | None = None, fresh: bool = False) -> Moved:
     """Motion of a run, from its own file, from out/ or from its tracks."""
     if run.file.source.motion is not None:
         return Moved(run, _in_span(run, read_motion(run.source_path)), None, None, None)
-    tracks, datum = tracked(run, progress, fresh=fresh)
+    found = tracked(run, progress, fresh)
+    # as they stand in the file: the motion is the same whether they were tracked now or before
+    tracks = read_tracks(run.out / TRACKS) if found.anew else found.table
     stamp = run.input_hash("motion", _code_hash(), method)
     paths = {name: run.out / name for name in (MARKS, MOTION, COMMON, CAMERA)}
     if not fresh and input_hash_of(paths[MOTION]) == stamp and all(p.is_file() for p in paths.values()):
@@ -122,7 +320,12 @@ def moved(run: Run, method: str = "exact", progress: Progress | None = None, fre
             return Moved(run, motion, common, read_result(paths[CAMERA], CameraFile), tracks)
     if progress is not None:
         progress(f"{run.name}: motion", 0, None)
-    result = motion_from_tracks(run, tracks, datum, method, __version__, run.input_hashes())
+    from .geometry import motion_from_tracks
+
+    refound = run.out / DATUM
+    moving = run.file.source.video is not None and any(p.track for p in run.file.datum) and refound.is_file()
+    datum_tracks = read_tracks(refound) if moving else None
+    result = motion_from_tracks(run, tracks, _datum_of(run), method, __version__, run.input_hashes(), datum_tracks)
     write_table(paths[MARKS], result.marks, stamp)
     write_result(paths[CAMERA], result.camera)
     with replacing(paths[COMMON]) as temporary:
@@ -182,7 +385,11 @@ def picture_of(run: Run, tracks: pd.DataFrame | None, share: float = 0.15) -> np
     for name in places:
         path = tracks[(tracks["marker"] == name) & (tracks["status"] == "measured")]
         trails[name] = list(path[["u_px", "v_px"]].to_numpy())
-    for frame in read_frames(run.source_path, (t_s - 1e-6, t_s + 1.0), run.file.source.frame_rate_hz):
+    source = run.file.source
+    stamped_s = t_s - source.exposure_s / 2
+    for frame in read_frames(
+        run.source_path, (stamped_s - 1e-6, stamped_s + 1.0), source.frame_rate_hz, source.exposure_s
+    ):
         return draw_overlay(frame.bgr(), places, run.file.datum, trails, f"{run.name}  t = {frame.t_s:.2f} s")
     return None
 
@@ -195,4 +402,4 @@ def read_priors(path: str | Path):
     return read_toml(path, Priors)
 
 
-__all__ = ["Moved", "moved", "picture_of", "read_priors", "tracked", "truth_motion", "truth_of"]
+__all__ = ["Moved", "Tracked", "draw", "moved", "picture_of", "read_priors", "tracked", "truth_motion", "truth_of"]

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from ..record.errors import GeometryError
 from ..record.schema import CameraTable, DatumPoint
@@ -171,7 +171,7 @@ def _finish(
     degrees = 2 * len(points) - (len(start) - gauge) + (2 if prior else 0)
     chi_square = float((gap**2).sum())
     widen = 1.0
-    if degrees > 0 and chi2.sf(chi_square, degrees) < REJECTED_AT:
+    if degrees > 0 and chdtrc(degrees, chi_square) < REJECTED_AT:
         widen = np.sqrt(chi_square / degrees)
         worst = int(np.argmax((gap**2).sum(axis=1)))
         size = float(np.linalg.norm(gap[worst]) * sigma[worst])

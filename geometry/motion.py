@@ -16,6 +16,7 @@ from .camera import Array
 from .datum import DatumFit, fit_datum
 from .mapping import Mapping
 from .rigid import RigidFit, fit_rigid
+from .shake import camera_shake, turned_back
 from .trapezoid import TrapezoidMapping, trapezoid_from_datum
 
 METHODS = ("exact", "trapezoid", "trapezoid_corners")
@@ -74,6 +75,7 @@ def motion_from_tracks(
     method: str = "exact",
     tool: str = "",
     inputs: dict[str, str] | None = None,
+    datum_tracks: pd.DataFrame | None = None,
 ) -> Motion:
     """Map the tracks of a run into the tank and fit the rigid model to them.
 
@@ -84,6 +86,7 @@ def motion_from_tracks(
     fit : ``run_datum``'s
     method : "exact", "trapezoid" or "trapezoid_corners"
     tool, inputs : written into the camera file
+    datum_tracks : datum points re-found in every frame (``camera_shake``), or None: the camera stood as picked
 
     Raises
     ------
@@ -99,16 +102,13 @@ def motion_from_tracks(
         )
     mapping = run_mapping(run, fit, method)
     notes = list(fit.notes)
-    if any(p.track for p in run.file.datum):
-        notes.append("datum.track is read, but this version takes the camera as standing still")
-    filmed = run.file.source.video is not None
-    coloured = [m.name for m in markers if filmed and m.colour not in ("bright", "dark")]
-    if coloured:
-        notes.append(f"marker {', '.join(coloured)}: a colour is taken as bright; this version tracks brightness only")
     pixel, sigma, frames, times = _by_frame(run, tracks, markers)
     if not np.isfinite(sigma[np.isfinite(pixel).all(axis=2)]).all():
         notes.append(f"tracks without a sigma: {DEFAULT_SIGMA_PX} px assumed")
     sigma = np.where(np.isfinite(sigma) & (sigma > 0), sigma, DEFAULT_SIGMA_PX)
+    if any(p.track for p in run.file.datum):
+        pixel, sigma, note = _steadied(datum_tracks, run, fit, frames, pixel, sigma)
+        notes.append(note)
     place, covariance, modes = _places(run, mapping, markers, pixel, sigma)
     body = np.array([m.body_m for m in markers])
     rigid = fit_rigid(place, covariance, body)
@@ -168,6 +168,26 @@ def motion_from_tracks(
         np.where(measured[None, :, None], common, 0.0),
         camera,
     )
+
+
+def _steadied(
+    datum_tracks: pd.DataFrame | None, run: Run, fit: DatumFit, frames: Array, pixel: Array, sigma: Array
+) -> tuple[Array, Array, str]:
+    """Pixels and sigmas as the camera of the picked frame would have them, and what to tell the user."""
+    if datum_tracks is None:
+        return pixel, sigma, "datum.track: no video to re-find the points in; the camera is taken as standing still"
+    shake = camera_shake(datum_tracks, run.file.datum, fit.mapping)
+    known = np.isfinite(shake.turn_rad).all(axis=1)
+    if not known.any():
+        return pixel, sigma, "datum.track: fewer than two points were re-found; the camera is taken as standing still"
+    most = float(np.degrees(np.linalg.norm(shake.turn_rad[known], axis=1).max()))
+    if shake.still:
+        return pixel, sigma, f"datum.track: the camera stood still (turns below {most:.4f} deg, their noise)"
+    pixel, variance = turned_back(shake, frames, pixel, fit.mapping)
+    text = f"datum.track: the camera turned by up to {most:.3f} deg; taken out frame by frame"
+    if not known.all():
+        text += f"; {int((~known).sum())} frames without two datum points are lost"
+    return pixel, np.sqrt(sigma**2 + variance), text
 
 
 def _by_frame(run: Run, tracks: pd.DataFrame, markers: Sequence[Marker]) -> tuple[Array, Array, Array, Array]:

@@ -15,7 +15,7 @@ ResultT = TypeVar("ResultT", bound="ResultFile")
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 class ResultFile(_Part):
@@ -23,7 +23,9 @@ class ResultFile(_Part):
 
     tool: str = Field(description="version of towline that wrote it")
     inputs: dict[str, str] = Field(description="SHA-256 of every input, by its path")
-    model_config = ConfigDict(extra="forbid", frozen=True, validate_by_name=True, validate_by_alias=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, validate_by_name=True, validate_by_alias=True, defer_build=True
+    )
 
 
 class Derivative(_Part):

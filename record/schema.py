@@ -64,6 +64,11 @@ class SourceTable(Table):
     motion: str | None = Field(default=None, description="motion (motion.csv or .parquet) from a tracking system")
     span_s: Span | None = Field(default=None, description="the part to analyse, in the source's own time")
     frame_rate_hz: Positive | None = Field(default=None, description="replaces the container's own timestamps")
+    exposure_s: NotNegative = Field(
+        default=0.0,
+        description="exposure time of a frame of the video; t_s is shifted by half of it to the exposure's midpoint "
+        "(span_s is not)",
+    )
 
     @model_validator(mode="after")
     def _one_source(self) -> SourceTable:

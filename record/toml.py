@@ -17,7 +17,7 @@ ModelT = TypeVar("ModelT", bound=BaseModel)
 class Table(BaseModel):
     """Base of every TOML table: immutable; an unknown key is an error; numbers are finite; no silent conversions."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True, defer_build=True)
 
 
 def read_toml(path: str | Path, model: type[ModelT]) -> ModelT:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -31,15 +31,27 @@ class Candidates:
     contrast_dn : (n,), largest difference of 3 x 3 pixels from the local ground, always positive
     width_px : (n,), radius of the area's equal disc over 1.5 (near a Gaussian's standard deviation)
     stretch : (n,), ratio of the axes
+    dark : (n,), darker than its surroundings
+    tint : (n, 3), unit vector of (blue, green, red) above the local ground; NaN where colour was not looked at
     """
 
     centre_px: Array
     contrast_dn: Array
     width_px: Array
     stretch: Array
+    dark: NDArray[np.bool_]
+    tint: Array
 
     def __len__(self) -> int:
         return len(self.centre_px)
+
+    def rows(self, index) -> Candidates:
+        """Some of them."""
+        return Candidates(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    def and_also(self, other: Candidates) -> Candidates:
+        """These and the others."""
+        return Candidates(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)))
 
 
 def find_candidates(luma: NDArray[np.uint8], dark: bool = False, expected_width_px: float = 2.0) -> Candidates:
@@ -91,7 +103,28 @@ def find_candidates(luma: NDArray[np.uint8], dark: bool = False, expected_width_
         np.array(contrasts, dtype=float)[order],
         np.array(widths, dtype=float)[order],
         np.array(stretches, dtype=float)[order],
+        np.full(len(order), dark),
+        np.full((len(order), 3), np.nan),
     )
+
+
+def with_tint(candidates: Candidates, bgr: NDArray[np.uint8]) -> Candidates:
+    """Look at the candidates' colour in ``bgr (h, w, 3)``: where it is strongest, since a bright light's core is white."""
+    tint = np.full((len(candidates), 3), np.nan)
+    for index, (place, width) in enumerate(zip(candidates.centre_px, candidates.width_px, strict=True)):
+        reach = round(2.5 * width) + 1
+        u, v = (int(x) for x in np.rint(place))
+        part = bgr[max(v - reach, 0) : v + reach + 1, max(u - reach, 0) : u + reach + 1].astype(float)
+        rim = np.concatenate([part[0], part[-1], part[:, 0], part[:, -1]])
+        above = np.maximum(part - np.median(rim, axis=0), 0.0)
+        total = above.sum(axis=2)
+        if not total.size or total.max() < MIN_CONTRAST_DN:
+            continue
+        lit = above[total > 0.3 * total.max()]
+        chroma = lit.max(axis=1) - lit.min(axis=1)
+        strong = lit[chroma >= np.quantile(chroma, 0.6)].sum(axis=0)
+        tint[index] = strong / np.linalg.norm(strong)
+    return replace(candidates, tint=tint)
 
 
 def _islands(mask: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from contextlib import closing, nullcontext, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record.errors import VideoError
+from .ahead import Ahead
+from .clock import Clock
+from .ledger import Picture
+from .luma import WHITE_FULL_DN, luma, quarters, turned, white_dn
+from .matroska import MatroskaSums
+from .mp4 import contradiction
+from .pictures import Stream
 
-_PLANAR_8_BIT = ("yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p", "nv12", "gray")
-TRUNCATED_SHARE = 0.01
-"""A recording that ends more than this share (and two frames) before its stated end has lost its tail."""
+FRAMES_AHEAD = 8
+BYTES_AHEAD = 64 << 20
+"""Decoded frames waiting to be used: so many, and no more than this."""
 
 
 @dataclass(frozen=True)
@@ -42,98 +50,131 @@ class Frame:
 
     Attributes
     ----------
-    index : from 0 in the recording, whatever the span
-    t_s : presentation time from the recording's start
-    luma : (h, w) uint8; valid until the next frame is taken (copy what must last)
+    index : from 0 in the recording, whatever the span; one that could not be decoded is missing, and the next keeps its own number
+    t_s : presentation time from the recording's start (of the exposure's middle, where the exposure is given)
+    luma : (h, w) uint8, upright, read-only; a view of ``raw`` where that can be, valid as long as the frame is held
     raw : the decoder's frame
+    damaged : the picture, or one it may predict from, could not be decoded as it was written
+    white_dn : luma of white: 235 where the recording has limited range, 255 for full range; values stay as decoded
     """
 
     index: int
     t_s: float
     luma: NDArray[np.uint8]
     raw: Any
+    damaged: bool = False
+    white_dn: int = WHITE_FULL_DN
 
     def bgr(self) -> NDArray[np.uint8]:
-        """The picture in colour, (h, w, 3) uint8."""
-        return _turned(self.raw.to_ndarray(format="bgr24"), self.raw)
+        """The picture in colour, upright, (h, w, 3) uint8."""
+        return turned(self.raw.to_ndarray(format="bgr24"), self.raw)
 
 
 def clip_info(path: str | Path) -> ClipInfo:
-    """Read the container's header.
+    """Read the container's header, and the first picture for the way it is turned.
 
     Raises
     ------
     VideoError : no such file, empty, no video, no video stream
     """
     with _opened(path) as container:
-        return _info(container.streams.video[0], path)
+        info = _info(container, path)
+        first = next(iter(Stream(container, 1, believe_stamps=False)), None)
+        if first is not None and quarters(first.raw) % 2:
+            return replace(info, width_px=info.height_px, height_px=info.width_px)
+        return info
 
 
 def read_frames(
-    path: str | Path, span_s: tuple[float, float] | None = None, frame_rate_hz: float | None = None
+    path: str | Path,
+    span_s: tuple[float, float] | None = None,
+    frame_rate_hz: float | None = None,
+    exposure_s: float = 0.0,
+    decode_threads: int | None = None,
 ) -> Iterator[Frame]:
-    """Decode the frames in ``span_s`` one by one.
+    """Decode the frames in ``span_s`` one by one, ahead of their use in a background thread.
+
+    A picture that cannot be decoded is left out; the ones around it keep their own number and time. One that was decoded but
+    cannot be trusted is ``damaged``. Closing the iterator ends the thread.
 
     Parameters
     ----------
-    span_s : first and last time wanted, s; None = all
+    span_s : first and last time wanted, s, in the recording's own time: as stamped, before ``exposure_s`` moves it; None = all
     frame_rate_hz : replaces the container's timestamps by index/rate
+    exposure_s : exposure time; half of it is added to the stamped time, which is taken as the exposure's start
+    decode_threads : decoder threads; None = as many as help. Where more than one would hide damage (B frames, HEVC), one works
 
     Raises
     ------
-    VideoError : it cannot be read, holds no frame, ends before its stated end (or the span's), or its times do not rise
+    VideoError : it cannot be read, holds no frame, ends before its stated end (or the span's), or its times are not plausible:
+        they do not rise, jump, or leave the stated length
     """
-    import av
-    import av.error
-
-    with _opened(path) as container:
-        stream = container.streams.video[0]
-        info = _info(stream, path)
-        stream.thread_type = "AUTO"
-        base = float(stream.time_base or 0) or 1.0 / info.rate_hz
-        origin = stream.start_time or 0
-        last_t: float | None = None
-        index = -1
-        stopped_at: str | None = None
-        decoder = container.decode(stream)
-        while True:
-            try:
-                raw = next(decoder)
-            except StopIteration:
-                break
-            except av.error.FFmpegError as error:
-                stopped_at = _reason(error)
-                break
-            index += 1
-            if frame_rate_hz is not None:
-                t_s = index / frame_rate_hz
-            elif raw.pts is not None:
-                t_s = (raw.pts - origin) * base
-            else:
-                t_s = index / info.rate_hz
-            if last_t is not None and t_s <= last_t:
-                raise VideoError(f"{path}: frame {index} has time {t_s:.6f} s after {last_t:.6f} s; times must rise")
-            last_t = t_s
-            if span_s is not None and t_s < span_s[0]:
-                continue
-            if span_s is not None and t_s > span_s[1]:
-                return
-            yield Frame(index, t_s, _luma(raw), raw)
-        if last_t is None:
-            raise VideoError(f"{path}: holds no frame that can be decoded{f' ({stopped_at})' if stopped_at else ''}")
-        wanted = span_s[1] if span_s is not None else None
-        stated = info.duration_s if frame_rate_hz is None else None
-        end = min(x for x in (wanted, stated, float("inf")) if x is not None)
-        short = end - (last_t + 1 / info.rate_hz)
-        if stopped_at or (np.isfinite(end) and short > max(TRUNCATED_SHARE * end, 2 / info.rate_hz)):
-            until = f" of {end:.2f} s" if np.isfinite(end) else ""
-            raise VideoError(
-                f"{path}: ends after frame {index} at {last_t:.2f} s{until}: truncated or damaged"
-                f"{f' ({stopped_at})' if stopped_at else ''}; source.span_s = [0.0, {last_t:.2f}] would use what is left"
-            )
+    ahead = Ahead(
+        lambda: _decoded(path, span_s, frame_rate_hz, exposure_s, decode_threads),
+        FRAMES_AHEAD,
+        BYTES_AHEAD,
+        lambda frame: frame.luma.nbytes * 3 // 2,
+    )
+    try:
+        yield from ahead
+    finally:
+        ahead.close()
 
 
-def _opened(path: str | Path):
+def _decoded(
+    path: str | Path,
+    span_s: tuple[float, float] | None,
+    frame_rate_hz: float | None,
+    exposure_s: float,
+    decode_threads: int | None,
+) -> Iterator[Frame]:
+    contradicted = contradiction(path) if Path(path).is_file() else None
+    if contradicted is not None and frame_rate_hz is None:
+        raise _index_error(path, contradicted)
+    # an edit list cuts by times: where those are wrong, and frames are counted instead, nothing is cut
+    with _opened(path, {"ignore_editlist": "1"} if contradicted is not None else {}) as container:
+        info = _info(container, path)
+        sums = MatroskaSums(path) if "matroska" in container.format.name.split(",") else None
+        with closing(sums) if sums is not None else nullcontext():
+            damaged_at = sums.damaged_at if sums is not None else None
+            stream = Stream(container, decode_threads, damaged_at, believe_stamps=frame_rate_hz is None)
+            clock = Clock(path, container, stream, info.duration_s, frame_rate_hz)
+            if sums is not None and frame_rate_hz is None:
+                _check_sums(path, container, sums)
+            for picture, t_s in clock.timed(_of_one_size(stream)):
+                if span_s is not None and t_s < span_s[0]:
+                    continue
+                if span_s is not None and t_s > span_s[1]:
+                    return
+                raw = picture.raw
+                yield Frame(picture.index, t_s + exposure_s / 2, luma(raw), raw, picture.damaged, white_dn(raw))
+            clock.check_end(span_s[1] if span_s is not None else None, _reason(stream.stopped_by))
+
+
+def _of_one_size(pictures: Iterable[Picture]) -> Iterator[Picture]:
+    """Leave out pictures of another size: a damaged header; were it a real change, no calibration would hold."""
+    size: tuple[int, int] | None = None
+    for picture in pictures:
+        size = size or (picture.raw.width, picture.raw.height)
+        if (picture.raw.width, picture.raw.height) == size:
+            yield picture
+
+
+def _check_sums(path: str | Path, container: Any, sums: MatroskaSums) -> None:
+    """Raise VideoError where the elements that times come from are damaged."""
+    if sums.timing_damaged:
+        raise _index_error(path, "the header does not match its checksum")
+    if sums.start_damaged and container.streams.video[0].start_time:
+        raise _index_error(path, "the first cluster does not match its checksum")
+
+
+def _index_error(path: str | Path, wrong: str) -> VideoError:
+    return VideoError(
+        f"{path}: the index is damaged, no time in it is sure: {wrong}; source.frame_rate_hz would count frames instead"
+    )
+
+
+def _opened(path: str | Path, options: dict[str, str] | None = None):
     import av
     import av.error
 
@@ -143,38 +184,41 @@ def _opened(path: str | Path):
     if path.stat().st_size == 0:
         raise VideoError(f"{path}: is empty")
     try:
-        container = av.open(str(path))
+        container = av.open(str(path), options=options or {}, metadata_errors="replace")
     except (av.error.FFmpegError, ValueError) as error:
         raise VideoError(f"{path}: is not a video that can be read, or is cut short ({_reason(error)})") from None
-    if not container.streams.video:
+    if not container.streams.video or container.streams.video[0].codec_context is None:
+        held = "no video stream" if not container.streams.video else "a video of a kind that cannot be decoded"
         container.close()
-        raise VideoError(f"{path}: holds no video stream")
+        raise VideoError(f"{path}: holds {held}")
     return container
 
 
-def _info(stream: Any, path: str | Path) -> ClipInfo:
+def _info(container: Any, path: str | Path) -> ClipInfo:
+    stream = container.streams.video[0]
     width, height = stream.codec_context.width, stream.codec_context.height
     if not width or not height:
         raise VideoError(f"{path}: holds no picture (size {width} x {height})")
     rate = float(stream.average_rate or stream.guessed_rate or 0) or 25.0
-    duration = float(stream.duration * stream.time_base) if stream.duration and stream.time_base else None
-    return ClipInfo(width, height, rate, duration, stream.codec_context.name)
+    return ClipInfo(width, height, rate, _duration_s(container), stream.codec_context.name)
 
 
-def _luma(raw: Any) -> NDArray[np.uint8]:
-    if raw.format.name in _PLANAR_8_BIT:
-        plane = raw.planes[0]
-        whole = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)
-        return _turned(whole[: raw.height, : raw.width], raw)
-    return _turned(raw.to_ndarray(format="gray"), raw)
+def _duration_s(container: Any) -> float | None:
+    """Stated length of the video, s: its stream's, else (Matroska) its tag's, else the whole recording's if it is only video."""
+    stream = container.streams.video[0]
+    if stream.duration and stream.time_base:
+        return float(stream.duration * stream.time_base)
+    start_s = float((stream.start_time or 0) * (stream.time_base or 0))
+    with suppress(ValueError):
+        hours, minutes, seconds = stream.metadata.get("DURATION", "").split(":")
+        return 3600 * int(hours) + 60 * int(minutes) + float(seconds) - start_s
+    if container.duration and len(container.streams) == 1:
+        return container.duration / 1e6
+    return None
 
 
-def _turned(picture: NDArray[np.uint8], raw: Any) -> NDArray[np.uint8]:
-    """Upright by the container's rotation (counter-clockwise degrees)."""
-    quarter = round(getattr(raw, "rotation", 0) / 90) % 4
-    return np.rot90(picture, quarter) if quarter else picture
-
-
-def _reason(error: Exception) -> str:
+def _reason(error: Exception | None) -> str:
+    if error is None:
+        return ""
     text = getattr(error, "strerror", None) or str(error)
     return text.lower().splitlines()[0] if text else type(error).__name__

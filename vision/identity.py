@@ -29,6 +29,9 @@ MISSING_COST = 30.0
 ACCEPT_COST = 25.0
 """Largest cost per pair of markers of an assignment that is believed: 5 standard deviations."""
 NEAR_PX = 4.0
+TINTS = {"blue": (1, 0, 0), "green": (0, 1, 0), "red": (0, 0, 1), "yellow": (0, 1, 1), "white": (1, 1, 1)}
+"""(blue, green, red) of the colours that run.toml names."""
+TINT_SD_RAD = 0.25
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,7 @@ def assign(
     mapping: Mapping,
     run: Run,
     near_px: Sequence[Array | None] | None = None,
+    near_sd_px: Sequence[float] | None = None,
 ) -> Assignment:
     """Try every pair of spots as every pair of markers; the rigid body they fix must explain all the others.
 
@@ -71,7 +75,8 @@ def assign(
     markers : m of them
     mapping : pixel -> tank
     run : kind, tow (for the taut line and the heading)
-    near_px : per marker where it is expected (the user's seen_at_px, or where it is held), or None
+    near_px : per marker where it is expected (the user's seen_at_px, or where it was seen last), or None
+    near_sd_px : how far from there it may be, standard deviation (default ``SEEN_SD_PX``)
     """
     body = np.array([m.body_m for m in markers])
     pairs = sorted(
@@ -81,7 +86,8 @@ def assign(
         return Assignment((-1,) * len(markers), np.inf, False, None)
     place = np.stack([mapping.to_tank(candidates.centre_px, m.depth_m).xy_m for m in markers])
     expected = near_px or [None] * len(markers)
-    own = np.stack([_own_cost(candidates, near) for near in expected])
+    loose = near_sd_px or [SEEN_SD_PX] * len(markers)
+    own = np.stack([_own_cost(candidates, m, near, sd) for m, near, sd in zip(markers, expected, loose, strict=True)])
     best = (np.inf, (-1,) * len(markers))
     second = np.inf
     nearest: tuple[float, float] | None = None
@@ -120,13 +126,21 @@ def assign(
     return Assignment(best[1], best[0], bool(second - best[0] < 6.0), nearest)
 
 
-def _own_cost(candidates: Candidates, near_px: Array | None) -> Array:
-    """Cost of each spot by itself: dimmer than the brightest, stretched, far from where it is expected."""
-    cost = CONTRAST_WEIGHT * np.log(candidates.contrast_dn.max() / candidates.contrast_dn) ** 2
+def _own_cost(candidates: Candidates, marker: Marker, near_px: Array | None, near_sd_px: float) -> Array:
+    """Cost of each spot by itself: dimmer than the brightest of its kind, stretched, of another colour, far from where it is
+    expected; infinite for a bright spot where a dark mark is meant.
+    """
+    kind = candidates.dark == (marker.colour == "dark")
+    brightest = candidates.contrast_dn[kind].max() if kind.any() else 1.0
+    cost = CONTRAST_WEIGHT * np.log(brightest / candidates.contrast_dn) ** 2
     cost += STRETCH_WEIGHT * np.maximum(candidates.stretch - 1.3, 0.0) ** 2
+    if marker.colour in TINTS:
+        wanted = np.array(TINTS[marker.colour])
+        cosine = np.clip(candidates.tint @ (wanted / np.linalg.norm(wanted)), -1.0, 1.0)
+        cost += np.nan_to_num((np.arccos(cosine) / TINT_SD_RAD) ** 2)
     if near_px is not None:
-        cost += ((candidates.centre_px - near_px) ** 2).sum(axis=1) / SEEN_SD_PX**2
-    return cost
+        cost += ((candidates.centre_px - near_px) ** 2).sum(axis=1) / near_sd_px**2
+    return np.where(kind, cost, np.inf)
 
 
 def _pair_costs(place: Array, own: Array, body: Array, first: int, other: int, run: Run) -> tuple[Array, Array]:
@@ -167,24 +181,28 @@ def _complete(
     mapping: Mapping,
     markers: tuple[Marker, ...],
 ) -> tuple[tuple[int, ...], float]:
-    """Find the other markers' spots from the body that the pair fixes."""
+    """Find the other markers' spots from the body that the pair fixes: the assignment that costs least in all."""
+    from scipy.optimize import linear_sum_assignment
+
     chosen = [-1] * len(markers)
     chosen[first], chosen[other] = a, b
+    rest = [index for index in range(len(markers)) if index not in (first, other)]
+    if not rest:
+        return tuple(chosen), cost
     rotation = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
-    for index, marker in enumerate(markers):
-        if index in (first, other):
-            continue
+    # a column per spot, and one per marker for having none
+    table = np.full((len(rest), len(candidates) + len(rest)), MISSING_COST)
+    for row, index in enumerate(rest):
         expected = place[first, a] + rotation @ (body[index] - body[first])
-        pixel = mapping.to_pixel(np.array([[*expected, marker.depth_m]]))[0]
+        pixel = mapping.to_pixel(np.array([[*expected, markers[index].depth_m]]))[0]
         away = ((candidates.centre_px - pixel) ** 2).sum(axis=1) / NEAR_PX**2 + own[index]
-        away[[c for c in chosen if c >= 0]] = np.inf
-        nearest = int(np.argmin(away))
-        if away[nearest] < MISSING_COST:
-            chosen[index] = nearest
-            cost += float(away[nearest])
-        else:
-            cost += MISSING_COST
-    return tuple(chosen), cost
+        away[[a, b]] = np.inf
+        table[row, : len(candidates)] = np.where(np.isfinite(away), np.minimum(away, 1e6), 1e6)
+    rows, columns = linear_sum_assignment(table)
+    for row, column in zip(rows, columns, strict=True):
+        if column < len(candidates) and table[row, column] < MISSING_COST:
+            chosen[rest[row]] = int(column)
+    return tuple(chosen), cost + float(np.minimum(table[rows, columns], MISSING_COST).sum())
 
 
 def _differs(one: tuple[int, ...], two: tuple[int, ...], candidates: Candidates) -> bool:

@@ -1,0 +1,122 @@
+"""The camera's own motion from datum points that are re-found: truth by projecting through a turned camera."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+from towline.geometry.camera import Camera, Lens
+from towline.geometry.datum import fit_datum
+from towline.geometry.shake import camera_shake, turned_back
+from towline.record.schema import CameraTable, DatumPoint
+
+LENS = CameraTable(
+    image_size_px=(1280, 720), fx_px=1100.0, fy_px=1100.0, cx_px=639.5, cy_px=359.5, distortion=(-0.1, 0.02, 0, 0, 0)
+)
+POINTS_M = [(x, y, z) for z in (0.0, 0.3) for x in (0.0, -3.0) for y in (-0.7, 0.7)]
+FRAMES = 200
+
+
+def scene(seed: int, turn_rad: float, sigma_px: float = 0.05):
+    """A shaken camera: true camera, datum fit, re-found points, the turned cameras."""
+    rng = np.random.default_rng(seed)
+    camera = Camera.looking_at(Lens.from_table(LENS), np.array([-6.0, 0.3, -3.0]), np.array([-1.5, 0.0, 0.0]))
+    picked = camera.project(np.array(POINTS_M))
+    points = [
+        DatumPoint(name=f"d{i}", pixel_px=tuple(pixel), tank_m=place, sigma_px=0.01, track=True)
+        for i, (pixel, place) in enumerate(zip(picked, POINTS_M, strict=True))
+    ]
+    fit = fit_datum(points, LENS, [0.1], (1280, 720))
+    t = np.arange(FRAMES) / 30
+    turns = turn_rad * np.column_stack([np.sin(9 * t), np.where(t > 3, 1.0, 0.0), 0.3 * np.cos(5 * t)])
+    turned = [
+        Camera(
+            camera.lens,
+            Rotation.from_rotvec(w).as_matrix() @ camera.rotation,
+            Rotation.from_rotvec(w).as_matrix() @ camera.translation,
+        )
+        for w in turns
+    ]
+    rows = []
+    for index, one in enumerate(turned):
+        seen = one.project(np.array(POINTS_M)) + rng.normal(0, sigma_px, (len(POINTS_M), 2))
+        for point, place in zip(points, seen, strict=True):
+            hidden = index % 7 == 0 and point.name in ("d0", "d1")
+            status = "lost" if hidden else "measured"
+            rows.append((index, t[index], point.name, *([np.nan] * 2 if hidden else place), sigma_px, sigma_px, status))
+    names = ["frame", "t_s", "marker", "u_px", "v_px", "sigma_u_px", "sigma_v_px", "status"]
+    return camera, fit, points, pd.DataFrame(rows, columns=names), turned, turns
+
+
+def test_the_turn_and_its_uncertainty_are_true() -> None:
+    """600 turns know a standard deviation to 2.9 %: three of them."""
+    _, fit, points, tracks, _, turns = scene(1, 0.008)
+    shake = camera_shake(tracks, points, fit.mapping)
+    gap = shake.turn_rad - turns
+    z = gap / np.sqrt(np.einsum("naa->na", shake.covariance))
+    assert not shake.still
+    assert abs(z.std() - 1) < 0.09
+    left = 0.05 * np.sqrt(1 - 3 / (2 * len(POINTS_M)))  # three numbers of sixteen are fitted
+    assert abs(shake.residual_px / left - 1) < 0.06  # 3200 coordinates, some hidden
+
+
+def test_marks_are_turned_back_to_where_the_picked_camera_saw_them() -> None:
+    """Nine pixels of shake and a knock of nine more leave what the points' noise allows."""
+    camera, fit, points, tracks, turned, _ = scene(2, 0.008)
+    marks = np.array([[-1.0, 0.1, 0.12], [-2.4, -0.2, 0.12]])
+    still = camera.project(marks)
+    pixel = np.stack([one.project(marks) for one in turned])
+    assert np.abs(pixel - still).max() > 9
+    shake = camera_shake(tracks, points, fit.mapping)
+    back, variance = turned_back(shake, np.arange(FRAMES), pixel, fit.mapping)
+    z = (back - still) / np.sqrt(variance)
+    assert np.abs(back - still).max() < 0.15
+    assert 0.85 < z.std() < 1.15
+
+
+def test_a_camera_that_stood_still_is_said_to() -> None:
+    _, fit, points, tracks, _, _ = scene(3, 0.0)
+    assert camera_shake(tracks, points, fit.mapping).still
+
+
+def test_a_frame_with_one_point_has_no_turn() -> None:
+    _, fit, points, tracks, *_ = scene(4, 0.005)
+    tracks.loc[(tracks["frame"] == 50) & (tracks["marker"] != "d3"), "status"] = "lost"
+    shake = camera_shake(tracks, points, fit.mapping)
+    assert np.isnan(shake.turn_rad[50]).all()
+    back, _ = turned_back(shake, np.array([49, 50]), np.zeros((2, 1, 2)) + 300.0, fit.mapping)
+    assert np.isfinite(back[0]).all()
+    assert np.isnan(back[1]).all()
+
+
+@pytest.mark.parametrize("lens_known", [True, False])
+def test_the_turn_needs_no_lens(lens_known: bool) -> None:
+    """Without [camera] the datum at two depths gives K itself."""
+    camera = Camera.looking_at(Lens(1100, 1100, 639.5, 359.5), np.array([-6.0, 0.3, -3.0]), np.array([-1.5, 0.0, 0.0]))
+    picked = camera.project(np.array(POINTS_M))
+    points = [
+        DatumPoint(name=f"d{i}", pixel_px=tuple(p), tank_m=m, track=True)
+        for i, (p, m) in enumerate(zip(picked, POINTS_M, strict=True))
+    ]
+    lens = LENS.model_copy(update={"distortion": (0.0,) * 5}) if lens_known else None
+    fit = fit_datum(points, lens, [0.1], (1280, 720))
+    turn = Rotation.from_rotvec([0.004, -0.006, 0.002])
+    seen = Camera(camera.lens, turn.as_matrix() @ camera.rotation, turn.as_matrix() @ camera.translation).project(
+        np.array(POINTS_M)
+    )
+    tracks = pd.DataFrame(
+        {
+            "frame": 0,
+            "t_s": 0.0,
+            "marker": [p.name for p in points],
+            "u_px": seen[:, 0],
+            "v_px": seen[:, 1],
+            "sigma_u_px": 0.05,
+            "sigma_v_px": 0.05,
+            "status": "measured",
+        }
+    )
+    shake = camera_shake(tracks, points, fit.mapping)
+    np.testing.assert_allclose(shake.turn_rad[0], turn.as_rotvec(), atol=2e-5)

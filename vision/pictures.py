@@ -1,0 +1,172 @@
+"""Packets -> pictures, each with its own timestamp, its true number, and whether it can be trusted.
+
+Every packet gets a number on its way into the decoder (in place of its timestamp, which decoders hand through untouched), so that
+each picture is known by the packet it came from.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from .ledger import Ledger, Picture
+from .slices import FrameCount, holds_forbidden, length_bytes_of
+
+INTRA_ONLY = (
+    "mjpeg",
+    "mjpegb",
+    "prores",
+    "dnxhd",
+    "ffv1",
+    "huffyuv",
+    "ffvhuff",
+    "utvideo",
+    "rawvideo",
+    "png",
+    "dvvideo",
+)
+"""Every picture stands alone: damage ends with it."""
+ONE_TO_ONE = (*INTRA_ONLY, "h264", "hevc", "mpeg4", "libdav1d", "av1")
+"""One packet, one picture shown; elsewhere a packet may hold a picture that is never shown, and its absence says nothing."""
+CONCEALS = ("h264", "mpeg4", "mpeg2video", "mpeg1video", "h263")
+"""Decoders that mend damage and say so on the picture; of the others an error is asked for."""
+READ_ERRORS = 50
+"""Errors of the container after which nothing more is expected of it."""
+FRAME_THREADS_FROM_PX = 1_000_000
+"""Smaller pictures are decoded faster than they can be used by one thread, and at less cost."""
+LARGEST_GROWTH = 4
+"""A damaged header that makes the picture this many times larger is not believed (nor its memory taken)."""
+
+
+class Stream:
+    """The pictures of an open container's first video stream, in the order they are shown.
+
+    Parameters
+    ----------
+    decode_threads : None = as many as help
+    damaged_at : says of a packet's place in the file, bytes, whether the container knows it to be damaged
+    believe_stamps : tell by the timestamps which picture comes before which; else by their place in the file
+
+    Attributes
+    ----------
+    first_stamp : smallest timestamp of a packet, final when the first picture is out; None without timestamps
+    last_stamp : largest one so far
+    packets : packets so far that hold a picture to be shown, decodable or not
+    stopped_by : the container's last error, or None
+    """
+
+    def __init__(
+        self,
+        container: Any,
+        decode_threads: int | None = None,
+        damaged_at: Callable[[int | None], bool] | None = None,
+        believe_stamps: bool = True,
+    ) -> None:
+        self._container, self._video = container, container.streams.video[0]
+        self._decoder = self._video.codec_context
+        self._damaged_at = damaged_at or (lambda _: False)
+        codec = self._decoder.name
+        self._heads = FrameCount(self._decoder.extradata) if codec == "h264" else None
+        self._has_units = codec in ("h264", "hevc")
+        self._length_bytes = length_bytes_of(codec, self._decoder.extradata)
+        # AVI's timestamps are the places of the packets in the file: they follow the decoding order
+        shuffled = not believe_stamps or "avi" in container.format.name.split(",")
+        rate, base = self._video.average_rate, self._video.time_base
+        step = float(1 / (rate * base)) if rate and base else 0.0
+        self._ledger = Ledger(codec in INTRA_ONLY, codec in ONE_TO_ONE, shuffled, step)
+        self._blame = _prepare(self._decoder, decode_threads)
+        self.first_stamp: int | None = None
+        self.last_stamp: int | None = None
+        self.packets = 0
+        self.stopped_by: Exception | None = None
+
+    def __iter__(self) -> Iterator[Picture]:
+        import av.error
+
+        ledger, decoder = self._ledger, self._decoder
+        for packet in self._readable():
+            picture = self._enter(packet)
+            if not packet.size:
+                ledger.fail(picture)
+                continue
+            packet.pts = picture.number
+            try:
+                frames = decoder.decode(packet)
+            except av.error.FFmpegError:
+                # decoding frames in parallel reports an error with a later packet; there the picture's absence tells
+                if self._blame:
+                    ledger.fail(picture)
+                continue
+            for raw in frames:
+                ledger.show(raw)
+            yield from ledger.ready()
+        try:
+            for raw in decoder.decode(None):
+                ledger.show(raw)
+        except av.error.FFmpegError:
+            pass
+        ledger.end()
+        yield from ledger.ready()
+
+    def _readable(self) -> Iterator[Any]:
+        """Packets in file order; a part that the container cannot make sense of is skipped."""
+        import av.error
+
+        for _ in range(READ_ERRORS):
+            try:
+                for packet in self._container.demux(self._video):
+                    # the demuxer ends with an empty packet without time; inside a file it would end the decoder
+                    if packet.size or packet.pts is not None:
+                        yield packet
+                return
+            except av.error.FFmpegError as error:
+                self.stopped_by = error
+
+    def _enter(self, packet: Any) -> Picture:
+        hidden = bool(packet.is_discard)
+        picture = Picture(
+            self._ledger.entered, packet.pts, packet.dts, hidden=hidden, key=hidden and packet.is_keyframe
+        )
+        self.packets += not hidden
+        if self._heads is not None and packet.size:
+            head = self._heads.head(packet)
+            picture.reference = head.reference
+            picture.spoils = head.gap
+            picture.damaged = head.gap or head.repeated
+        wiped = self._has_units and holds_forbidden(packet, self._length_bytes)
+        if wiped or packet.is_corrupt or self._damaged_at(packet.pos):
+            picture.damaged, picture.spoils = True, picture.spoils or picture.reference
+        self._ledger.enter(picture)
+        stamp = picture.decode_stamp if self.by_place else picture.stamp
+        if stamp is not None and not hidden:
+            self.last_stamp = stamp if self.last_stamp is None else max(stamp, self.last_stamp)
+            if not self._ledger.shown:
+                self.first_stamp = stamp if self.first_stamp is None else min(stamp, self.first_stamp)
+        return picture
+
+    @property
+    def by_place(self) -> bool:
+        """Timestamps are told by a picture's place among the others, not by its own packet."""
+        return self._ledger.shuffled
+
+
+def _prepare(decoder: Any, decode_threads: int | None) -> bool:
+    """Set options and threads; True where an error comes with the packet that caused it.
+
+    With B frames, ffmpeg's frame threads read the marks of damage before the frame is decoded: there (and in HEVC, whose only
+    sign of damage is the error itself) threads work within a frame only.
+    """
+    pixels = decoder.width * decoder.height
+    options = {"err_detect": "crccheck" if decoder.name in CONCEALS else "crccheck+explode"}
+    if pixels:
+        options["max_pixels"] = str(LARGEST_GROWTH * (decoder.width + 128) * (decoder.height + 128))
+    decoder.options = options
+    exact = decoder.name in INTRA_ONLY or (decoder.name == "h264" and not decoder.has_b_frames)
+    if decode_threads is None:
+        by_frame = exact and pixels >= FRAME_THREADS_FROM_PX and (os.cpu_count() or 1) > 2
+    else:
+        by_frame = exact and decode_threads > 1
+    decoder.thread_type = "FRAME" if by_frame else "NONE"
+    decoder.thread_count = (decode_threads or 0) if by_frame else 1
+    return not by_frame

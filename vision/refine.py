@@ -1,0 +1,505 @@
+"""From a mark's windows over a stretch of frames to its places: the simplest model that the pixels allow, frame by frame.
+
+The ladder: width shared by all frames -> own ellipse -> sloping ground and taper (flat top where there is one) -> mark and
+reflection together. The step is chosen for the stretch on some of its frames; a single frame that does not fit its
+neighbours' noise tries the steps above. Noise (variance against grey value) is read from the residuals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .backend import NUMPY, Backend
+from .candidates import Array
+from .spot import (
+    ELLIPSE,
+    HEIGHT,
+    HEIGHT_2,
+    P_UU,
+    P_VV,
+    PLATEAU,
+    PLATEAU_SHARED,
+    POWER,
+    Q_UU,
+    Q_VV,
+    REFLECTION,
+    REFLECTION_FREE,
+    REFLECTION_SHARED,
+    SHARED,
+    SLOPE_U,
+    SLOPE_V,
+    SLOPED,
+    TAPERED,
+    U_2,
+    V_2,
+    Model,
+    SpotFit,
+    U,
+    V,
+    expected,
+    fit_spots,
+    has_plateau,
+    start_of,
+    width_of,
+)
+
+CHECK_FRAMES = 10
+"""The step of the ladder is chosen on this many frames of a stretch."""
+LEARN_ALL = 16
+"""Good frames of a stretch that teach as much as any number."""
+LEARN_FRAMES, LEARN_STRETCHES = 48, 5
+"""A reflection's and its mark's widths blur each other: they are learnt from more frames at first."""
+REFLECTION_EVERY = 4
+"""A reflection is looked for in every so many stretches (and wherever a frame does not fit)."""
+MARGIN = {
+    SHARED.name: 0.0,
+    TAPERED.name: 0.02,
+    ELLIPSE.name: 0.03,
+    SLOPED.name: 0.08,
+    PLATEAU_SHARED.name: 0.05,
+    PLATEAU.name: 0.08,
+}
+MARGIN |= {REFLECTION_SHARED.name: 0.30, REFLECTION.name: 0.33, REFLECTION_FREE.name: 0.38}
+"""How much a step must lower the logarithm of the residual variance below the first step's to be taken: an ellipse costs the
+centre nothing, a free slope 6-14 % of its sd, a reflection more, and on a codec's residuals every parameter gains something."""
+GATE_SD = 5.0
+GATE_SHARE = 1.3
+"""A frame's residual variance beyond this many of its standard deviations and this share above the usual tries other steps."""
+SHAPE_LIMIT = 5.0
+"""Residual variance over the usual beyond which the spot is not the mark (or only part of it)."""
+REFLECTED = tuple(m.name for m in (REFLECTION_SHARED, REFLECTION, REFLECTION_FREE))
+MODEL_SHARE = 0.5
+"""Of the squared difference between the places that two models give to a partly covered or blurred mark."""
+REFLECTION_WIDTHS = 1.5
+REFLECTION_SPREAD_PX = 1.5
+"""Nearer than this many widths of the mark, or wandering about it by more than this, a second spot is not a reflection but the
+fit's way round a mark that is no Gaussian."""
+MEMORY = 0.15
+"""Share of a new stretch in what is known of the mark, once several have been seen."""
+LEAST_NOISE_DN2 = 0.05
+MOST_SLOPE_DN = 0.5
+"""Largest variance per grey value: 2 electrons a DN."""
+LEAST_GOOD = 0.6
+LEAST_INSIDE = 0.6
+"""A window that lies farther outside the picture is not fitted."""
+
+
+@dataclass(frozen=True)
+class Stack:
+    """One mark's windows over some frames.
+
+    Attributes
+    ----------
+    values : (b, s, s) uint8, zero beyond the picture
+    corner : (b, 2) int, picture pixel of each window's first pixel
+    start_px : (b, 2), where the spot was seen
+    size_px : (w, h) of the picture
+    """
+
+    values: NDArray[np.uint8]
+    corner: Array
+    start_px: Array
+    size_px: tuple[int, int]
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def rows(self, index) -> Stack:
+        """Some of the frames."""
+        return Stack(self.values[index], self.corner[index], self.start_px[index], self.size_px)
+
+    def cut(self, centre_px: Array, radius: int) -> tuple[Array, Array]:
+        """Windows ``(b, n, n)`` about ``centre_px``, NaN beyond the picture or the stored window; and their corners."""
+        corner = np.rint(centre_px).astype(int) - radius
+        axis = np.arange(2 * radius + 1)
+        u, v = corner[:, :1] + axis, corner[:, 1:] + axis
+        a, b = u - self.corner[:, :1], v - self.corner[:, 1:]
+        side = self.values.shape[1]
+        inside_u = (a >= 0) & (a < side) & (u >= 0) & (u < self.size_px[0])
+        inside_v = (b >= 0) & (b < side) & (v >= 0) & (v < self.size_px[1])
+        rows = np.arange(len(self.values))[:, None, None]
+        taken = self.values[rows, np.clip(b, 0, side - 1)[:, :, None], np.clip(a, 0, side - 1)[:, None, :]].astype(
+            float
+        )
+        inside = inside_v[:, :, None] & inside_u[:, None, :]
+        if not inside.all():
+            taken[~inside] = np.nan
+        return taken, corner.astype(float)
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Places of one mark over some frames.
+
+    Attributes
+    ----------
+    fit : one row a frame
+    excess : (b,), residual variance over the mark's usual one
+    flux : (b,), height times width squared over the mark's usual one
+    odd : (b,), the frame's residual was not the usual one, and other steps were tried
+    step : (b,), the model of each frame
+    """
+
+    fit: SpotFit
+    excess: Array
+    flux: Array
+    odd: NDArray[np.bool_]
+    step: NDArray[np.object_]
+
+
+class Refiner:
+    """What is known of one mark's looks; learns from every stretch."""
+
+    def __init__(self, width_px: float, dark: bool, white_dn: float | None, backend: Backend = NUMPY) -> None:
+        self.width_px, self.dark, self.white_dn, self.backend = width_px, dark, white_dn, backend
+        self.model = ELLIPSE
+        self.usual: Array | None = None
+        self.reflected = self.flat = np.zeros(0)
+        self.common_px = np.zeros(2)
+        self.height_dn = 0.0
+        self.noise: tuple[float, float] = (4.0, 0.0)
+        self.level = np.nan
+        self.stretches = 0
+
+    @property
+    def half_px(self) -> int:
+        """Half side of the windows to keep: room for a reflection and for a start that is some pixels off."""
+        return int(np.clip(round(5 * self.width_px) + 6, 14, 30))
+
+    def radius(self, model: Model) -> int:
+        """Half side of the fitted window."""
+        width = self.width_px
+        if model in (PLATEAU, PLATEAU_SHARED):
+            return int(np.clip(round(width + 4), 6, 20))  # a flat-topped spot ends soon beyond its edge
+        if model.reflects:
+            return int(np.clip(round(5 * width), 8, 22))
+        return int(np.clip(round(2.8 * width), 5, 16))
+
+    def refine(self, stack: Stack) -> Refined:
+        """Fit all frames of a stretch."""
+        if self.usual is None:
+            self._begin(stack)
+        fit = self._fit(stack, self.model)
+        checked = self._check(stack, fit)
+        if checked is not self.model:
+            self.model = checked
+            fit = self._fit(stack, self.model)
+        step = np.full(len(stack), self.model.name, dtype=object)
+        self._learn(stack, fit, first=self.stretches == 0)
+        if self.stretches == 0:  # the first stretch taught what the mark looks like: once more with that
+            fit = self._fit(stack, self.model)
+        odd = self._odd(fit)
+        if odd.any():
+            fit = self._climb(stack, fit, odd, step)
+        if self.model.reflects:
+            fit = replace(fit, sigma_px=np.hypot(fit.sigma_px, self.common_px))
+        self.stretches += 1
+        usual = self.height_dn * self.width_px**2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            flux = fit.amplitude_dn * fit.width_px**2 / usual
+        return Refined(fit, fit.level / max(self.level, 1e-9), flux, odd, step)
+
+    def once(self, stack: Stack) -> SpotFit:
+        """Fit without learning: a spot that may be the mark."""
+        return self._fit(stack, ELLIPSE if self.usual is None else self.model)
+
+    # what the mark looks like ------------------------------------------------------------------------------------
+
+    def _begin(self, stack: Stack) -> None:
+        """First sight: ellipses of an unknown width."""
+        few = stack.rows(_spread(len(stack), CHECK_FRAMES))
+        fit = self._fit(few, ELLIPSE)
+        good = fit.good & np.isfinite(fit.theta).all(axis=1)
+        if not good.any():
+            return
+        self.usual = np.median(fit.theta[good], axis=0)
+        self.width_px = float(np.clip(width_of(self.usual), 0.6, 12.0))
+        self.height_dn = float(self.usual[HEIGHT])
+
+    def _check(self, stack: Stack, fit: SpotFit) -> Model:
+        """The step of the ladder that this stretch asks for."""
+        sound = np.flatnonzero(fit.good & ~self._odd(fit))
+        if len(sound) < max(3, LEAST_GOOD * len(stack)) or self.usual is None:
+            return self.model
+        few = stack.rows(sound[_spread(len(sound), CHECK_FRAMES)])
+        flat = has_plateau(few.cut(few.start_px, self.radius(ELLIPSE))[0], self.dark).mean() > 0.5
+        tried = [SHARED, TAPERED, ELLIPSE, PLATEAU if flat else SLOPED]
+        cost = {model.name: self._cost(self._fit(few, model), model) for model in tried}
+        if flat and np.isfinite(cost[PLATEAU.name]):
+            self.flat = _middle(self._fit(few, PLATEAU))
+            tried.append(PLATEAU_SHARED)
+            cost[PLATEAU_SHARED.name] = self._cost(self._fit(few, PLATEAU_SHARED), PLATEAU_SHARED)
+        if (self.stretches % REFLECTION_EVERY == 0 or self.model.reflects) and self._find_reflection(few):
+            free = self._plausible(self._fit(few, REFLECTION_FREE), steady=True)
+            if free.good.mean() > LEAST_GOOD:
+                self.reflected = _middle(free.rows(free.good))
+                tried += [REFLECTION_SHARED, REFLECTION]
+                cost |= {m.name: self._cost(self._plausible(self._fit(few, m)), m) for m in tried[-2:]}
+        return min(tried, key=lambda model: cost[model.name])
+
+    def _cost(self, fit: SpotFit, model: Model) -> float:
+        """What a step of the ladder leaves, and costs."""
+        if fit.good.mean() <= LEAST_GOOD:
+            return np.inf
+        return float(np.median(np.log(fit.level[fit.good]))) + MARGIN[model.name]
+
+    def _find_reflection(self, stack: Stack) -> bool:
+        """Start values of a second spot, from the stretch's mean picture; False where nothing stands out."""
+        assert self.usual is not None
+        if self.usual[HEIGHT_2] != 0:
+            return True
+        radius = self.radius(REFLECTION_FREE)
+        values, corner = stack.cut(stack.start_px, radius)
+        seen = np.isfinite(values)
+        total = np.where(seen, values, 0.0).sum(axis=0)
+        mean = np.where(seen.any(axis=0), total / np.maximum(seen.sum(axis=0), 1), np.nan)[None]
+        at = (stack.start_px - corner).mean(axis=0)[None]
+        width = self.width_px
+        around = [(r * np.cos(a), r * np.sin(a)) for r in (1.6 * width, 3.2 * width) for a in np.arange(8) * np.pi / 4]
+        start = np.repeat(start_of(mean, at, np.array([0.85 * width]), self.dark), len(around), axis=0)
+        start[:, HEIGHT_2] = 0.3 * start[:, HEIGHT]
+        start[:, U_2 : V_2 + 1] = start[:, U : V + 1] + np.array(around)
+        start[:, Q_UU] = start[:, Q_VV] = 0.4 / width**2
+        fit = fit_spots(
+            np.repeat(mean, len(around), axis=0),
+            np.zeros((len(around), 2)),
+            start,
+            REFLECTION_FREE,
+            self.noise,
+            self.white_dn,
+            self.backend,
+        )
+        sign = -1.0 if self.dark else 1.0
+        sound = fit.good & (sign * fit.theta[:, HEIGHT] > 0) & (sign * fit.theta[:, HEIGHT_2] > 0)
+        sound &= np.isfinite(fit.level)
+        if not sound.any():
+            return False
+        best = fit.theta[sound][np.argmin(fit.level[sound])]
+        best = self._mark_first(best[None])[0]
+        best[U_2 : V_2 + 1] -= best[U : V + 1]
+        if self.stretches > 0:  # the mark is known without its reflection
+            best[P_UU : P_VV + 1] = self.usual[P_UU : P_VV + 1]
+        self.reflected = best
+        return True
+
+    def _mark_first(self, theta: Array) -> Array:
+        """Let the brighter (nearly as bright: the narrower) of the two spots be the mark."""
+        swapped = _swapped(theta)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            score = np.log(np.abs(theta[:, HEIGHT_2] / theta[:, HEIGHT])) - np.log(width_of(swapped) / width_of(theta))
+        return np.where((score > 0)[:, None], swapped, theta)
+
+    # fitting -----------------------------------------------------------------------------------------------------
+
+    def _start(self, stack: Stack, values: Array, model: Model) -> Array:
+        if self.usual is None:
+            return start_of(values, stack.start_px, np.full(len(stack), self.width_px), self.dark)
+        theta = np.tile(self.usual, (len(stack), 1))
+        if model is PLATEAU_SHARED and self.usual[POWER] == 1.0:
+            theta = np.tile(self.flat, (len(stack), 1))
+        if model.reflects:
+            known = self.reflected if self.usual[HEIGHT_2] == 0 else self.usual
+            theta = np.tile(known, (len(stack), 1))
+            theta[:, U_2 : V_2 + 1] += stack.start_px
+        else:
+            theta[:, HEIGHT_2] = 0.0
+        if model is PLATEAU_SHARED:
+            pass
+        elif model is not PLATEAU:
+            theta[:, POWER] = 1.0
+        elif theta[0, POWER] == 1.0:
+            theta[:, POWER] = 2.0
+        if model not in (SLOPED, PLATEAU, PLATEAU_SHARED):
+            theta[:, SLOPE_U : SLOPE_V + 1] = 0.0
+        theta[:, U : V + 1] = stack.start_px
+        return theta
+
+    def _fit(self, stack: Stack, model: Model) -> SpotFit:
+        values, corner = stack.cut(stack.start_px, self.radius(model))
+        start = self._start(stack, values, model)
+        fit = fit_spots(values, corner, start, model, self.noise, self.white_dn, self.backend)
+        inside = np.isfinite(values).mean(axis=(1, 2)) >= LEAST_INSIDE
+        return replace(fit, good=fit.good & inside)
+
+    def _odd(self, fit: SpotFit) -> NDArray[np.bool_]:
+        """Frames whose residual is not the usual one."""
+        level = self.level if np.isfinite(self.level) else float(np.median(fit.level))
+        return ~fit.good | (fit.level > level * GATE_SHARE * (1 + GATE_SD * np.sqrt(2 / fit.disc)))
+
+    def _climb(self, stack: Stack, fit: SpotFit, odd: NDArray[np.bool_], step: NDArray[np.object_]) -> SpotFit:
+        """Try the other steps on the frames that do not fit, and keep what fits best."""
+        index = np.flatnonzero(odd)
+        few = stack.rows(index)
+        best = fit.rows(index)
+        cost = np.where(best.good, np.log(best.level) + MARGIN[self.model.name], np.inf)
+        names = step[index]
+        tries: list[tuple[Model, SpotFit]] = [
+            (model, self._fit(few, model)) for model in (TAPERED, ELLIPSE, SLOPED, PLATEAU) if model is not self.model
+        ]
+        if self.usual is not None and not self.model.reflects:
+            tries.append((REFLECTION, self._plausible(self._two_lights(few))))
+        for model, again in tries:
+            other = np.where(again.good, np.log(np.maximum(again.level, 1e-12)) + MARGIN[model.name], np.inf)
+            win = other < cost
+            best, cost = best.with_rows(win, again.rows(win)), np.where(win, other, cost)
+            names = np.where(win, model.name, names)
+        step[index] = names
+        # what a frame that does not fit shows depends on the model: by how much is part of its uncertainty
+        bare = self._fit(few, SHARED)
+        moved = np.where((bare.good & ~np.isin(names, REFLECTED))[:, None], best.centre_px - bare.centre_px, 0.0)
+        best = replace(best, sigma_px=np.sqrt(best.sigma_px**2 + MODEL_SHARE * moved**2))
+        return fit.with_rows(index, best)
+
+    def _two_lights(self, stack: Stack) -> SpotFit:
+        """The mark as it usually is, and a second light where the most is left over: a reflection, or a lamp it passes."""
+        assert self.usual is not None
+        values, corner = stack.cut(stack.start_px, self.radius(REFLECTION))
+        theta = self._start(stack, values, SHARED)
+        size = values.shape[2]
+        sign = -1.0 if self.dark else 1.0
+        rest = np.nan_to_num(sign * (values - expected(theta, corner, size)[0]), nan=-np.inf)
+        axis = np.arange(size)
+        away = (axis - (theta[:, U] - corner[:, 0])[:, None])[:, None, :] ** 2
+        away = away + ((axis - (theta[:, V] - corner[:, 1])[:, None]) ** 2)[:, :, None]
+        rest[away < (REFLECTION_WIDTHS * self.width_px) ** 2] = -np.inf
+        rest[away > (4.5 * self.width_px + 2) ** 2] = -np.inf
+        flat = rest.reshape(len(rest), -1)
+        top = flat.argmax(axis=1)
+        theta[:, HEIGHT_2] = sign * np.maximum(flat[np.arange(len(flat)), top], 1.0)
+        theta[:, U_2], theta[:, V_2] = corner[:, 0] + top % size, corner[:, 1] + top // size
+        theta[:, Q_UU : Q_VV + 1] = theta[:, P_UU : P_VV + 1]
+        fit = fit_spots(values, corner, theta, REFLECTION, self.noise, self.white_dn, self.backend)
+        swapped = _swapped(fit.theta)
+        flux = np.abs([theta[:, HEIGHT] * width_of(theta) ** 2 for theta in (fit.theta, swapped)])
+        far = np.abs(np.log(np.maximum(flux, 1e-9) / abs(self.height_dn * self.width_px**2)))
+        # began on the wrong one of the two: once more from the other side
+        turn = fit.good & (far[1] < far[0] - np.log(1.15))
+        if turn.any():
+            start = swapped[turn]
+            start[:, P_UU : P_VV + 1] = self.usual[P_UU : P_VV + 1]
+            more = fit_spots(values[turn], corner[turn], start, REFLECTION, self.noise, self.white_dn, self.backend)
+            fit = fit.with_rows(turn, more)
+        return fit
+
+    def _plausible(self, fit: SpotFit, steady: bool = False) -> SpotFit:
+        """A reflection stands apart from its mark and is not brighter; the mark beside it looks as it does without.
+
+        With ``steady`` it must also stand in the same place beside the mark in most frames.
+        """
+        theta = fit.theta
+        away = theta[:, U_2 : V_2 + 1] - theta[:, U : V + 1]
+        ratio = theta[:, HEIGHT_2] / theta[:, HEIGHT]
+        # beside a mark that is known, a lamp may be brighter than it
+        known = not steady and self.stretches > 0 and self.usual is not None and self.usual[HEIGHT_2] == 0
+        good = fit.good & (ratio > 0.05) & (ratio < (4.0 if known else 1.2))
+        good &= np.linalg.norm(away, axis=1) > REFLECTION_WIDTHS * width_of(theta)
+        if self.usual is not None and self.usual[HEIGHT_2] != 0:
+            good &= np.abs(np.log(width_of(theta) / self.width_px)) < np.log(1.4)
+        if steady and good.sum() > 2:
+            spread = np.median(np.abs(away - np.median(away[good], axis=0)), axis=0)
+            good &= bool((spread < REFLECTION_SPREAD_PX).all())
+        return replace(fit, good=good)
+
+    # learning ----------------------------------------------------------------------------------------------------
+
+    def _learn(self, stack: Stack, fit: SpotFit, first: bool) -> None:
+        """The mark's usual parameters, noise and residual, from the frames that look like it."""
+        good = fit.good.copy()
+        if not good.any():
+            return
+        middle = float(np.median(fit.amplitude_dn[good]))
+        good &= np.abs(np.log(np.abs(fit.amplitude_dn / middle) + 1e-9)) < 0.4
+        if not first and self.height_dn:
+            good &= np.abs(np.log(np.abs(fit.amplitude_dn / self.height_dn) + 1e-9)) < 1.0
+            good &= ~self._odd(fit)
+        if good.sum() < 3:
+            return
+        index = np.flatnonzero(good)[_spread(int(good.sum()), self._learn_frames)]
+        few = stack.rows(index)
+        if self.model.reflects:
+            shaped = self._plausible(self._fit(few, REFLECTION_FREE))
+        else:
+            own = {SHARED.name: ELLIPSE, TAPERED.name: SLOPED, PLATEAU_SHARED.name: PLATEAU}.get(self.model.name)
+            shaped = fit.rows(index) if own is None else self._fit(few, own)
+        shaped = shaped.rows(shaped.good)
+        if len(shaped) < 3:
+            return
+        share = 1.0
+        if not first:
+            share = max(MEMORY, 1 / (self.stretches + 1)) * min(1.0, good.sum() / LEARN_ALL)
+        new = _middle(shaped)
+        # shared widths that are off move the mark of a reflection by the same in all frames
+        self.common_px = np.sqrt(np.pi / 2 / len(shaped)) * np.median(shaped.sigma_px, axis=0)
+        if not self.model.reflects:
+            new[HEIGHT_2] = 0.0
+        before = self.usual
+        if before is not None and (before[HEIGHT_2] == 0) == (new[HEIGHT_2] == 0):
+            new = before + share * (new - before)
+        self.usual = new
+        self.width_px = float(np.clip(width_of(new), 0.6, 12.0))
+        self.height_dn = float(new[HEIGHT])
+        self._learn_noise(few, fit.rows(index), share)
+        again = fit.rows(index) if not first else self._fit(few, self.model)
+        level = float(np.median(again.level))
+        self.level = level if first else self.level + share * (level - self.level)
+
+    @property
+    def _learn_frames(self) -> int:
+        return LEARN_FRAMES if self.model.reflects and self.stretches < LEARN_STRETCHES else 2 * CHECK_FRAMES
+
+    def _learn_noise(self, stack: Stack, fit: SpotFit, share: float) -> None:
+        """Variance against grey value: ground and spot, two means each."""
+        radius = self.radius(self.model)
+        values, corner = stack.cut(stack.start_px, radius)
+        mean, taper = expected(fit.theta, corner, values.shape[2])
+        square = (values - mean) ** 2
+        rise = np.abs(mean - fit.theta[:, :1, None]) / np.abs(fit.theta[:, HEIGHT, None, None])
+        usable = np.isfinite(values) & (taper > 0.7)
+        if self.white_dn is not None:
+            usable &= values < self.white_dn - 2
+        # the fit's parameters lie in the spot, all but the ground's: its few pixels are left that much closer to the model
+        low, high = usable & (rise < 0.05), usable & (rise > 0.2)
+        spot = np.maximum(high.sum(axis=(1, 2)), 1)
+        spent = spot / np.maximum(spot - len(self.model.free) + 1, 0.3 * spot)
+        sound = low.any(axis=(1, 2)) & high.any(axis=(1, 2))
+        if not sound.any():
+            return
+        # medians over the frames: a lamp or a rail in some windows is not noise
+        (var_low, at_low), (var_high, at_high) = (
+            (np.median(_mean(square, part)[sound]), np.median(_mean(mean, part)[sound])) for part in (low, high)
+        )
+        var_high *= float(np.median(spent[sound]))
+        slope = (
+            float(np.clip((var_high - var_low) / (at_high - at_low), 0.0, MOST_SLOPE_DN)) if at_high != at_low else 0.0
+        )
+        floor = max(float(var_low - slope * max(at_low, 0.0)), LEAST_NOISE_DN2)
+        before = self.noise
+        self.noise = before[0] + share * (floor - before[0]), before[1] + share * (slope - before[1])
+
+
+def _mean(values: Array, where: NDArray[np.bool_]) -> Array:
+    """Mean over some pixels of each window ``(b, n, n)``; 0 where there is none."""
+    return np.where(where, values, 0.0).sum(axis=(1, 2)) / np.maximum(where.sum(axis=(1, 2)), 1)
+
+
+def _swapped(theta: Array) -> Array:
+    """The two spots' parameters in each other's place."""
+    answer = theta.copy()
+    for one, other in ((HEIGHT, HEIGHT_2), (U, U_2), (V, V_2), (P_UU, Q_UU), (P_UU + 1, Q_UU + 1), (P_VV, Q_VV)):
+        answer[:, one], answer[:, other] = theta[:, other], theta[:, one]
+    return answer
+
+
+def _middle(fit: SpotFit) -> Array:
+    """Median parameters of some fits; the reflection's place relative to the mark's."""
+    theta = fit.theta.copy()
+    theta[:, U_2 : V_2 + 1] -= theta[:, U : V + 1]
+    return np.median(theta, axis=0)
+
+
+def _spread(count: int, most: int) -> NDArray[np.int64]:
+    """At most ``most`` of ``count`` places, evenly."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)) if count else np.zeros(0, int)

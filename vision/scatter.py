@@ -1,0 +1,168 @@
+"""The standard deviation of a point that its own window cannot show: read from its path and from the rigid body.
+
+A codec, the air, the sensor's pixels add errors that a fit's residual does not hold. A quintic spline through the path leaves
+them over, with knots as far apart as the motion allows. An error that lasts longer than a knot's span stays hidden in a slow
+path, but a codec's error has the same size along u and v and only lasts longer where the mark moves slowly; so the axis that
+shows more of it speaks for both. At last the distances between the marks, which a rigid body keeps, are held against what the
+sigmas let expect of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from ..geometry.mapping import Mapping
+from ..record.schema import Marker
+from .candidates import MAD_TO_SD, Array
+
+SPANS_S = (0.2, 0.3, 0.45, 0.65, 1.0, 1.4, 2.0)
+"""Spans of the spline's knots: longer ones leave more of a slow error over, until the motion itself comes up."""
+LEAST_KNOT_FRAMES = 5
+LEAST_SPANS = 6
+DEGREE = 5
+GROWTH = 1.5
+SLOWING = 1.08
+"""From span to span the residual's variance of an error grows less and less, and never faster than the span (a random walk);
+the motion's grows more and more (the span to the twelfth power): where growth quickens by more than this factor it comes up."""
+CLIP_SD = 5.0
+MOST_SAMPLES = 3000
+SHARED_EXCESS = 0.3
+"""Excess over the fits' own variance that is more than the estimate's scatter (7 % in 400 frames)."""
+ODD_VARIANCE = 3.0
+"""A frame whose fit is this much worse than usual (partly covered, blurred) speaks for itself only."""
+STILL_PX = 0.02
+STILL_FACTOR = 2.5
+"""A codec freezes a still mark's error: its sd over what the residuals give (1.9-3.9 on moving marks at crf 18-28)."""
+RIGID_GATE = 4.0
+"""A ratio of variances counts when it stands this many of its own standard deviations above 1."""
+MOST_RIGID = 9.0
+
+
+def with_scatter(table: pd.DataFrame, markers: Sequence[Marker], mapping: Mapping, lossy: bool = False) -> pd.DataFrame:
+    """Widen every sigma of ``table`` to what paths and rigid distances show.
+
+    Parameters
+    ----------
+    lossy : the recording was compressed with loss; a mark that stands still cannot show its error then
+    """
+    table = table.copy()
+    spread = {m.name: _stated(table, m) for m in markers}
+    clearest = min((usual.max() for _, _, usual in spread.values() if usual is not None), default=0.0)
+    for marker in markers:
+        at, stated, usual = spread[marker.name]
+        if usual is None:
+            continue
+        like = (stated < ODD_VARIANCE * usual).all(axis=1)
+        rows = table.iloc[at[like]]
+        t_s, place = rows["t_s"].to_numpy(), rows[["u_px", "v_px"]].to_numpy()
+        excess = np.array([path_scatter(t_s, place[:, axis]) ** 2 for axis in (0, 1)]) - usual
+        excess = np.maximum(excess, 0.0)
+        if (excess > SHARED_EXCESS * usual).any():
+            excess[:] = excess.max()
+        elif lossy and len(place) > 1 and np.median(np.abs(np.diff(place, axis=0)), axis=0).max() < STILL_PX:
+            excess = np.maximum(excess, STILL_FACTOR**2 * clearest)
+        # the frames that were harder to fit than the others stay so
+        table.loc[table.index[at], ["sigma_u_px", "sigma_v_px"]] = np.sqrt(stated + excess)
+    ratio = rigid_ratio(table, markers, mapping)
+    if ratio > 1:
+        table[["sigma_u_px", "sigma_v_px"]] *= np.sqrt(min(ratio, MOST_RIGID))
+    return table
+
+
+def _stated(table: pd.DataFrame, marker: Marker) -> tuple[Array, Array, Array | None]:
+    """A marker's rows, the variances ``(n, 2)`` that its fits state, and their median (None: never measured)."""
+    at = np.flatnonzero(table["marker"] == marker.name)
+    stated = table.iloc[at][["sigma_u_px", "sigma_v_px"]].to_numpy() ** 2
+    seen = np.isfinite(stated).all(axis=1)
+    return at, stated, np.median(stated[seen], axis=0) if seen.any() else None
+
+
+def path_scatter(t_s: Array, values: Array) -> float:
+    """Standard deviation of a track's error, px; 0 where the track is too short to tell.
+
+    Parameters
+    ----------
+    t_s, values : (n,) times, s, and places, px, all measured
+    """
+    if len(values) > MOST_SAMPLES:  # two stretches tell as much as an hour
+        half = MOST_SAMPLES // 2
+        parts = [slice(0, half), slice(len(values) - half, None)]
+        return float(np.sqrt(np.mean([path_scatter(t_s[p], values[p]) ** 2 for p in parts])))
+    if len(values) < LEAST_KNOT_FRAMES * LEAST_SPANS:
+        return 0.0
+    step = float(np.median(np.diff(t_s)))
+    before, growth, last = 0.0, GROWTH, 0
+    for span in SPANS_S:
+        frames = max(LEAST_KNOT_FRAMES, round(span / step))
+        if frames == last:
+            continue
+        variance = None if frames * LEAST_SPANS > len(values) else _left_over(t_s, values, frames)
+        if variance is None:
+            break
+        if before:
+            grown = variance / before
+            if grown > min(max(growth, 1.0) * SLOWING, SLOWING * frames / last):
+                break
+            growth = grown
+        before, last = max(before, variance), frames
+    return float(np.sqrt(before))
+
+
+def _left_over(t_s: Array, values: Array, frames: int) -> float | None:
+    """Variance that a spline with a knot every so many frames leaves over, per degree of freedom."""
+    from scipy.interpolate import make_lsq_spline
+
+    inner = t_s[frames : len(t_s) - frames // 2 : frames]
+    knots = np.concatenate([[t_s[0]] * (DEGREE + 1), inner, [t_s[-1]] * (DEGREE + 1)])
+    try:
+        spline = make_lsq_spline(t_s, values, knots, DEGREE)
+    except (ValueError, np.linalg.LinAlgError):
+        return None
+    rest = values - spline(t_s)
+    limit = CLIP_SD * max(MAD_TO_SD * float(np.median(np.abs(rest))), 1e-9)
+    return float((np.clip(rest, -limit, limit) ** 2).sum() / (len(values) - len(knots) + DEGREE + 1))
+
+
+def rigid_ratio(table: pd.DataFrame, markers: Sequence[Marker], mapping: Mapping) -> float:
+    """Variance of the marks' distances over what the sigmas let expect; 1 where it is not significantly larger.
+
+    Camera errors change the distance slowly over the tank: a quadratic in the place and the heading is taken out.
+    """
+    ratios = []
+    model = [m for m in markers if m.on == "model"]
+    places = {m.name: _in_tank(table[table["marker"] == m.name], m, mapping) for m in model}
+    for j in range(len(model)):
+        for i in range(j):
+            (one, one_sd), (two, two_sd) = places[model[i].name], places[model[j].name]
+            if len(one) != len(two):
+                continue
+            gap = one - two
+            apart = np.linalg.norm(gap, axis=1)
+            unit = gap / apart[:, None]
+            variance = np.einsum("ni,nij,nj->n", unit, one_sd + two_sd, unit)
+            good = np.isfinite(apart) & np.isfinite(variance) & (variance > 0)
+            if good.sum() < LEAST_KNOT_FRAMES * LEAST_SPANS:
+                continue
+            state = np.column_stack([(one + two)[good] / 2, np.arctan2(unit[good, 1], unit[good, 0])])
+            scale = np.maximum(state.std(axis=0), 1e-9)
+            x, y, b = ((state - state.mean(axis=0)) / scale).T
+            basis = np.column_stack([np.ones_like(x), x, y, b, x * y, x * b, y * b, x**2, y**2, b**2])
+            rest = apart[good] - basis @ np.linalg.lstsq(basis, apart[good], rcond=None)[0]
+            limit = CLIP_SD * MAD_TO_SD * np.median(np.abs(rest))
+            rest = np.clip(rest, -limit, limit)
+            ratio = float((rest**2).sum() / (len(rest) - basis.shape[1]) / variance[good].mean())
+            lag = float((rest[1:] * rest[:-1]).sum() / max((rest**2).sum(), 1e-30))
+            independent = len(rest) * (1 - min(max(lag, 0.0), 0.98)) / (1 + min(max(lag, 0.0), 0.98))
+            if ratio > 1 + RIGID_GATE * np.sqrt(2 / independent):
+                ratios.append(ratio)
+    return float(np.median(ratios)) if ratios else 1.0
+
+
+def _in_tank(rows: pd.DataFrame, marker: Marker, mapping: Mapping) -> tuple[Array, Array]:
+    """Places ``(n, 2)`` m and their covariance ``(n, 2, 2)`` m^2 from the pixels' sigma."""
+    seen = mapping.to_tank(rows[["u_px", "v_px"]].to_numpy(), marker.depth_m)
+    spread = seen.per_px * rows[["sigma_u_px", "sigma_v_px"]].to_numpy()[:, None, :]
+    return seen.xy_m, spread @ spread.swapaxes(1, 2)

@@ -478,7 +478,8 @@ def _pivot_toml() -> str:
 
 def our_fit(values: np.ndarray, corner: np.ndarray, start_px: np.ndarray, width_px: float) -> np.ndarray:
     """towline's spot fit: windows (b, n, n) at ``corner`` (b, 2) -> centres (b, 2) px, NaN where it did not converge."""
-    from towline.vision.spot import ELLIPSE, fit_spots, start_of
+    from towline.vision import fit_spots, start_of
+    from towline.vision.spots.model import ELLIPSE
 
     start = start_of(values, start_px, np.full(len(values), width_px))
     fit = fit_spots(values, corner, start, ELLIPSE)

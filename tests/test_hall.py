@@ -214,8 +214,8 @@ def test_five_marks(tmp_path: Path) -> None:
 
 def test_a_dark_and_a_bright_mark_and_the_colour_that_tells_two_apart(tmp_path: Path) -> None:
     """Bow and stern alone look the same turned by 180 degrees; a colour says which is which, without seen_at_px."""
-    from towline.vision.candidates import find_candidates, with_tint
-    from towline.vision.identity import assign
+    from towline.vision.spots.candidates import find_candidates, with_tint
+    from towline.vision.spots.identity import assign
 
     v, u = np.mgrid[0:HEIGHT, 0:WIDTH]
     picture = np.full((HEIGHT, WIDTH, 3), 90.0)

@@ -10,8 +10,7 @@ import pytest
 
 from towline.vision import fit_spots, path_scatter, start_of, windows
 from towline.vision.backend import backend_for
-from towline.vision.refine import Refiner, Stack
-from towline.vision.spot import (
+from towline.vision.spots.model import (
     ELLIPSE,
     HEIGHT_2,
     P_UU,
@@ -27,6 +26,7 @@ from towline.vision.spot import (
     V_2,
     expected,
 )
+from towline.vision.spots.refine import Refiner, Stack
 
 AMPLITUDE_DN, GROUND_DN, READ_DN, ELECTRONS_PER_DN = 160.0, 20.0, 3.0, 20.0
 NOISE = (READ_DN**2, 1 / ELECTRONS_PER_DN)

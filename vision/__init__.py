@@ -1,9 +1,10 @@
 """Frames -> tracks in pixels with a sigma per point."""
 
-from .decode import ClipInfo, Frame, clip_info, read_frames
 from .overlay import draw_overlay
+from .recording import ClipInfo, Frame, clip_info, read_frames
 from .scatter import path_scatter
-from .spot import SpotFit, fit_spots, start_of, windows
+from .spots.fit import fit_spots
+from .spots.model import SpotFit, start_of, windows
 from .tracker import Tracking, track
 
 __all__ = [

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from ..record.run import Run
-from .decode import Frame
+from .recording import Frame
 
 COLUMNS = ["frame", "t_s", "marker", "u_px", "v_px", "sigma_u_px", "sigma_v_px", "status", "reason"]
 

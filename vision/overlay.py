@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..record.errors import VideoError
 from ..record.files import replacing
 from ..record.schema import DatumPoint
-from .decode import Frame
+from .recording import Frame
 
 # Okabe-Ito, BGR: told apart by colour-blind eyes
 COLOURS = ((0, 159, 230), (233, 180, 86), (115, 158, 0), (66, 228, 240), (178, 114, 0), (0, 94, 213), (167, 121, 204))

@@ -16,7 +16,7 @@ import pandas as pd
 
 from ..geometry.mapping import Mapping
 from ..record.schema import Marker
-from .candidates import MAD_TO_SD, Array
+from .spots.candidates import MAD_TO_SD, Array
 
 SPANS_S = (0.2, 0.3, 0.45, 0.65, 1.0, 1.4, 2.0)
 """Spans of the spline's knots: longer ones leave more of a slow error over, until the motion itself comes up."""

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ..record.errors import VideoError
 from ..record.files import replacing
-from .decode import Frame
 from .overlay import COLOURS, plain, reasons_of, write_text
+from .recording import Frame
 
 Place = tuple[float, float]
 

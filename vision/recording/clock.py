@@ -7,7 +7,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from ..record.errors import VideoError
+from ...record.errors import VideoError
 from .ledger import OrderError, Picture
 from .pictures import Stream
 

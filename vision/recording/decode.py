@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record.errors import VideoError
+from ...record.errors import VideoError
 from .ahead import Ahead
 from .clock import Clock
 from .ledger import Picture

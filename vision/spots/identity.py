@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry.mapping import Mapping
-from ..record.run import Run
-from ..record.schema import Marker
+from ...geometry.mapping import Mapping
+from ...record.run import Run
+from ...record.schema import Marker
 from .candidates import Array, Candidates
 
 DISTANCE_SD_M = 0.004

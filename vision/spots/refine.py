@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .backend import NUMPY, Backend
+from ..backend import NUMPY, Backend
 from .candidates import Array
-from .spot import (
+from .fit import fit_spots
+from .model import (
     ELLIPSE,
     HEIGHT,
     HEIGHT_2,
@@ -40,7 +41,6 @@ from .spot import (
     U,
     V,
     expected,
-    fit_spots,
     has_plateau,
     start_of,
     width_of,

@@ -1,0 +1,176 @@
+"""Whether a fit is the mark: by its brightness, width, light, sigma, its place against the prediction, and the rigid body."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry.mapping import Mapping
+from ...record.schema import Marker
+from .candidates import Array
+from .identity import DISTANCE_SD_M, DISTANCE_SD_SHARE
+from .live import COAST_FRAMES
+from .refine import SHAPE_LIMIT
+from .stretch import Found, Mark
+
+JUMP_PX = 3.0
+"""Largest surprise of a spot's place beyond four standard deviations of the prediction."""
+JUMP_SD = 4.0
+BRIGHTNESS_RANGE = (0.4, 2.5)
+COMMON_SPREAD, SAME_SPREAD = 1.5, 1.12
+"""Marks whose brightness changes by factors this close to each other saw a change of exposure."""
+WIDTH_RANGE = (0.55, 1.8)
+COVERED_RANGE = (0.8, 1.25)
+"""Motion blur spreads a mark's light and leaves its sum; a spot that looks odd and lacks light is partly covered."""
+LARGEST_SIGMA_PX = 0.5
+DISTANCE_MEMORY = 0.3
+DISTANCE_GATE = 6.0
+
+
+def judge(marks: Sequence[Mark | None], found: Found, width: Array, excess: Array, flux: Array) -> Array:
+    """Why a fit is not the mark; the reason stays empty where it is.
+
+    ``width``, ``excess`` (residual variance) and ``flux`` (of odd frames; 1 elsewhere) are over the usual ones.
+
+    Returns
+    -------
+    surprise : (markers, frames) px between each place and its prediction; NaN where there is none
+    """
+    reason, brightness = found.reason, found.brightness
+    ratio = np.full(brightness.shape, np.nan)
+    for index, mark in enumerate(marks):
+        if mark is not None:
+            sign = -1.0 if mark.live.dark else 1.0
+            with np.errstate(invalid="ignore", divide="ignore"):
+                ratio[index] = np.log(np.maximum(sign * brightness[index] / _reference(mark, brightness[index]), 1e-9))
+    low, high = np.log(BRIGHTNESS_RANGE)
+    fine = ratio - _common(ratio, COMMON_SPREAD)[None, :]
+    with np.errstate(invalid="ignore"):
+        _put(reason, "brightness", ~((fine > low) & (fine < high)))
+        _put(reason, "shape", ~((width > WIDTH_RANGE[0]) & (width < WIDTH_RANGE[1])) | (excess > SHAPE_LIMIT))
+        common = np.where(flux == 1.0, 1.0, np.exp(_common(ratio, SAME_SPREAD))[None, :])
+        _put(reason, "covered", ~((flux / common > COVERED_RANGE[0]) & (flux / common < COVERED_RANGE[1])))
+        _put(reason, "too faint", found.sigma.max(axis=2) > LARGEST_SIGMA_PX)
+    surprise = np.full(brightness.shape, np.nan)
+    for index, mark in enumerate(marks):
+        if mark is not None:
+            _replay(index, mark, found, surprise)
+    return surprise
+
+
+def _reference(mark: Mark, brightness: Array) -> float:
+    """The brightness to compare with: the running one, or that of the very first stretch."""
+    if mark.refiner.stretches > 1:
+        return mark.brightness_dn
+    middle = np.nanmedian(np.abs(brightness)) if np.isfinite(brightness).any() else np.nan
+    return float(middle) if np.isfinite(middle) else mark.brightness_dn
+
+
+def _replay(index: int, mark: Mark, found: Found, surprise: Array) -> None:
+    """Run the filter over the fitted places; what it cannot follow has jumped."""
+    state, lost = mark.replay, mark.lost
+    places, reasons = found.place[index], found.reason[index]
+    for row, (_, t_s, _) in enumerate(found.frames):
+        if reasons[row]:
+            lost += 1
+            continue
+        u, v, spread = state.predict(t_s) if t_s > state.t_s else (state.u, state.v, state.spread)
+        gap = float(np.hypot(places[row, 0] - u, places[row, 1] - v))
+        surprise[index, row] = gap
+        if gap > JUMP_PX + JUMP_SD * np.sqrt(spread) and lost <= COAST_FRAMES:
+            reasons[row] = "jumped"
+            lost += 1
+            continue
+        if lost > COAST_FRAMES:
+            state.stop()
+        if t_s > state.t_s:
+            state.update(float(places[row, 0]), float(places[row, 1]), t_s)
+        lost = 0
+    mark.lost = lost
+
+
+def _common(ratio: Array, most: float) -> Array:
+    """Per frame the logarithmic change of brightness that all marks share to a factor ``most``; 0 where they do not."""
+    seen = np.isfinite(ratio)
+    count = seen.sum(axis=0)
+    filled = np.where(seen, ratio, 0.0)
+    mean = filled.sum(axis=0) / np.maximum(count, 1)
+    spread = np.where(seen, np.abs(ratio - mean), 0.0).max(axis=0)
+    return np.where((count > 1) & (2 * spread < np.log(most)), mean, 0.0)
+
+
+def _put(reason: NDArray[np.object_], word: str, where: NDArray[np.bool_]) -> None:
+    """Name the reason where there is none yet."""
+    reason[where & (reason == "")] = word
+
+
+class Rigid:
+    """The marks' distances in the tank, learnt from what is seen."""
+
+    def __init__(self, markers: tuple[Marker, ...], mapping: Mapping) -> None:
+        self.markers, self.mapping = markers, mapping
+        self.distances: dict[tuple[int, int], float] = {}
+
+    def check(self, found: Found, surprise: Array) -> None:
+        """Where a pair's distance is wrong, the mark that surprises most is lost, until all pairs agree."""
+        for _ in range(len(self.markers)):
+            wrong = np.zeros(found.reason.shape, dtype=bool)
+            for i, j in self._pairs():
+                rows = found.both(i, j)
+                if not len(rows):
+                    continue
+                apart, sd = self._apart(i, j, found, rows)
+                stated = self.distances.get((i, j), float(np.median(apart)))
+                off = rows[np.abs(apart - stated) > self._gate((i, j), sd)]
+                wrong[i, off] = wrong[j, off] = True
+            if not wrong.any():
+                return
+            for row in np.flatnonzero(wrong.any(axis=0)):
+                worst = int(np.argmax(np.where(wrong[:, row], np.nan_to_num(surprise[:, row]), -1.0)))
+                found.reason[worst, row] = "distance"
+
+    def fits(self, index: int, place: Array, sigma: Array, now: Found) -> bool:
+        """A mark found again stands at its distance from those that are held."""
+        trial = Found(now.place[:, -1:].copy(), now.sigma[:, -1:].copy(), now.reason[:, -1:].copy(), now.brightness, [])
+        trial.place[index, 0], trial.sigma[index, 0], trial.reason[index, 0] = place, sigma, ""
+        for pair in self._pairs():
+            other = pair[0] if pair[1] == index else pair[1]
+            if index in pair and pair in self.distances and trial.reason[other, 0] == "":
+                apart, sd = self._apart(*pair, trial, np.array([0]))
+                if abs(apart[0] - self.distances[pair]) > self._gate(pair, sd)[0]:
+                    return False
+        return True
+
+    def learn(self, found: Found) -> None:
+        """Take a stretch's distances in."""
+        for i, j in self._pairs():
+            rows = found.both(i, j)
+            if len(rows):
+                apart = float(np.median(self._apart(i, j, found, rows)[0]))
+                before = self.distances.get((i, j), apart)
+                self.distances[(i, j)] = before + DISTANCE_MEMORY * (apart - before)
+
+    def _tank(self, index: int, place: Array, sigma: Array) -> tuple[Array, Array]:
+        """Places (n, 2) m and their covariance (n, 2, 2) m^2 from the pixels' sigma."""
+        seen = self.mapping.to_tank(place, self.markers[index].depth_m)
+        spread = seen.per_px * sigma[:, None, :]
+        return seen.xy_m, spread @ spread.swapaxes(1, 2)
+
+    def _apart(self, i: int, j: int, found: Found, rows: Array) -> tuple[Array, Array]:
+        """Distances of two marks in the tank and their standard deviations from the pixels, m."""
+        (one, one_sd), (two, two_sd) = (self._tank(k, found.place[k, rows], found.sigma[k, rows]) for k in (i, j))
+        gap = one - two
+        apart = np.linalg.norm(gap, axis=1)
+        unit = gap / np.maximum(apart, 1e-12)[:, None]
+        return apart, np.sqrt(np.einsum("ni,nij,nj->n", unit, one_sd + two_sd, unit))
+
+    def _gate(self, key: tuple[int, int], sd: Array) -> Array:
+        body = np.array(self.markers[key[0]].body_m) - np.array(self.markers[key[1]].body_m)
+        # the camera's common errors change slowly over the picture: one standard deviation of identity's tolerance
+        return DISTANCE_GATE * sd + DISTANCE_SD_M + DISTANCE_SD_SHARE * float(np.hypot(*body))
+
+    def _pairs(self):
+        count = len(self.markers)
+        return [(i, j) for j in range(count) for i in range(j) if self.markers[i].on == self.markers[j].on]

@@ -1,0 +1,102 @@
+"""Some frames that are fitted together: the windows that were kept of them, and what came of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from .candidates import Array
+from .live import LiveMark
+from .refine import Refiner, Stack
+
+
+class Mark:
+    """One marker while it is followed."""
+
+    def __init__(self, live: LiveMark, refiner: Refiner) -> None:
+        self.live, self.refiner = live, refiner
+        self.replay = live.filter.copy()
+        self.brightness_dn = live.rise_dn
+        self.lost = 0
+
+
+class Stretch:
+    """Windows of all markers over some frames, in arrays of fixed size."""
+
+    def __init__(self, markers: int) -> None:
+        self.markers = markers
+        self.frames: list[tuple[int, float, bool]] = []
+        self.windows: list[list[tuple[int, NDArray[np.uint8], tuple[int, int], tuple[float, float], float]]] = [
+            [] for _ in range(markers)
+        ]
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def clear(self) -> None:
+        """Begin the next one."""
+        self.frames = []
+        self.windows = [[] for _ in range(self.markers)]
+
+    def keep(self, marker: int, luma: NDArray[np.uint8], u: float, v: float, half: int, reach: float) -> None:
+        """Store one marker's window about ``u, v`` for the frame added last."""
+        height, width = luma.shape
+        u0, v0, side = round(u) - half, round(v) - half, 2 * half + 1
+        if u0 >= 0 and v0 >= 0 and u0 + side <= width and v0 + side <= height:
+            cut = luma[v0 : v0 + side, u0 : u0 + side].copy()
+        else:
+            cut = np.zeros((side, side), np.uint8)
+            a, b = slice(max(u0, 0), min(u0 + side, width)), slice(max(v0, 0), min(v0 + side, height))
+            if a.stop > a.start and b.stop > b.start:
+                cut[b.start - v0 : b.stop - v0, a.start - u0 : a.stop - u0] = luma[b, a]
+        self.windows[marker].append((len(self.frames) - 1, cut, (u0, v0), (u, v), reach))
+
+    def stack(self, marker: int, size_px: tuple[int, int]) -> tuple[NDArray[np.int64], Stack, Array] | None:
+        """The stored windows of one marker: their frames, the windows, the search's reach."""
+        kept = self.windows[marker]
+        if not kept:
+            return None
+        rows, cuts, corners, starts, reach = zip(*kept, strict=True)
+        stack = Stack(np.stack(cuts), np.array(corners), np.array(starts), size_px)
+        return np.array(rows), stack, np.array(reach)
+
+
+@dataclass
+class Found:
+    """What a stretch gave, (markers, frames): places, sigmas, and why a place is missing ("" = measured)."""
+
+    place: Array
+    sigma: Array
+    reason: NDArray[np.object_]
+    brightness: Array
+    frames: list[tuple[int, float, bool]]
+
+    def both(self, i: int, j: int) -> NDArray[np.int64]:
+        """Frames in which two markers were measured."""
+        return np.flatnonzero((self.reason[i] == "") & (self.reason[j] == ""))
+
+
+def table_of(done: list[Found], names: list[str]) -> pd.DataFrame:
+    """Rows of tracks.csv, with the reasons, of all stretches."""
+    count = len(names)
+    place = np.concatenate([f.place for f in done], axis=1).swapaxes(0, 1).reshape(-1, 2)
+    sigma = np.concatenate([f.sigma for f in done], axis=1).swapaxes(0, 1).reshape(-1, 2)
+    reason = np.concatenate([f.reason for f in done], axis=1).T.ravel()
+    index = np.concatenate([[i for i, _, _ in f.frames] for f in done])
+    t_s = np.concatenate([[t for _, t, _ in f.frames] for f in done])
+    return pd.DataFrame(
+        {
+            "frame": np.repeat(index, count),
+            "t_s": np.repeat(t_s, count),
+            "marker": np.tile(np.array(names, dtype=object), len(index)),
+            "u_px": place[:, 0],
+            "v_px": place[:, 1],
+            "sigma_u_px": sigma[:, 0],
+            "sigma_v_px": sigma[:, 1],
+            "status": np.where(reason == "", "measured", "lost"),
+            "reason": reason,
+        }
+    )

@@ -70,7 +70,8 @@ class Score:
     false : marker-frames found far from the truth or while hidden
     swaps : found at another mark's place
     partial, partial_px : found while partly hidden; rms error of those
-    z_u, z_v : standard deviation of error over stated sigma
+    z_u, z_v : standard deviation of error over stated sigma about each mark's mean
+    z_rms : root mean square of error over stated sigma, a mark's constant offset included
     rate_hz, decode_hz : frames per CPU-second; of decoding alone
     """
 
@@ -91,6 +92,7 @@ class Score:
     partial_px: float
     z_u: float
     z_v: float
+    z_rms: float
     rate_hz: float
     decode_hz: float
 
@@ -111,8 +113,11 @@ def score(clip: Clip, method: str, answer: Answer, bounds: Bounds, decode_hz: fl
     near = measured & (far <= FALSE_PX)
     kept = near & (state == "visible")
     false = measured & ((far > FALSE_PX) | (state == "hidden"))
-    z = gap[kept] / stated[kept]
-    z = z[np.isfinite(z).all(axis=1)]
+    whole = gap[kept] / stated[kept]
+    z = whole[np.isfinite(whole).all(axis=1)]
+    z_of = [whole[(marker[kept] == name) & np.isfinite(whole).all(axis=1)] for name in clips.NAMES]
+    # about each mark's own mean: a constant offset of a mark is in the columns bias and z rms
+    z_sd = np.sqrt(np.mean([part.var(axis=0) for part in z_of], axis=0)) if min(map(len, z_of)) > 2 else [np.nan] * 2
     by_marker = [gap[kept & (marker == name)] for name in clips.NAMES]
     means = [g.mean(axis=0) for g in by_marker if len(g)]
     rest = [g - g.mean(axis=0) for g in by_marker if len(g)]
@@ -133,8 +138,9 @@ def score(clip: Clip, method: str, answer: Answer, bounds: Bounds, decode_hz: fl
         swaps=_swaps(table, measured, truth),
         partial=int(cut.sum()),
         partial_px=_rms(gap[cut]),
-        z_u=float(z[:, 0].std()) if len(z) > 2 else np.nan,
-        z_v=float(z[:, 1].std()) if len(z) > 2 else np.nan,
+        z_u=float(z_sd[0]),
+        z_v=float(z_sd[1]),
+        z_rms=_rms(z) if len(z) > 2 else np.nan,
         rate_hz=answer.frames / max(answer.cpu_s, 1e-9),
         decode_hz=decode_hz,
     )
@@ -211,15 +217,16 @@ def conditions(wanted: list[Condition], frames: int, every: int, under: Path) ->
 
 
 _SCORE_HEAD = (
-    "condition  method          RMSE   bound  ratio   known   alone    bias   lost false swap   z u   z v  frame/s decode/s",
-    "                             px      px             px      px      px      %                             CPU      CPU",
+    "condition  method          RMSE   bound  ratio   known scatter    bias   lost false swap   z u   z v z rms  frame/s decode/s",
+    "                             px      px             px      px      px      %                                   CPU      CPU",
 )
 
 
 def _print_score(s: Score) -> None:
     print(
         f"{s.condition:10} {s.method:12} {s.rmse_px:7.4f} {s.bound_px:7.4f} {s.rmse_px / s.bound_px:6.2f} {s.known_px:7.4f} "
-        f"{s.alone_px:7.4f} {s.bias_px:7.4f} {_percent(s):6.2f} {s.false:5d} {s.swaps:4d} {s.z_u:5.2f} {s.z_v:5.2f} "
+        f"{s.scatter_px:7.4f} {s.bias_px:7.4f} {_percent(s):6.2f} {s.false:5d} {s.swaps:4d} {s.z_u:5.2f} {s.z_v:5.2f} "
+        f"{s.z_rms:5.2f} "
         f"{s.rate_hz:8.0f} {s.decode_hz:8.0f}",
         flush=True,
     )

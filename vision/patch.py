@@ -47,9 +47,10 @@ TRUSTED_SD = 5.0
 LEAST_SHARE = 0.04
 """... as does one with less than this share of the other direction's energy: a sampled edge has steps that feign texture."""
 CLEAR_RATIO = 40.0
+PIECE_PX = 6
 NEAR_PX = 4
 """Residuals count as related over this many pixels (triangle)."""
-TURN_SD, SIZE_SD, SHEAR_SD = 0.03, 0.01, 0.005
+TURN_SD, SIZE_SD, SHEAR_SD = 0.03, 0.004, 0.0015
 """Rotation, scale and shear change by about this from frame to frame at most."""
 _PARAMETERS = 8
 _TURN = 0.5 * np.array([[0, 0, 0, 0], [0, 1, -1, 0], [0, -1, 1, 0], [0, 0, 0, 0.0]])
@@ -128,7 +129,8 @@ class Registration:
     visible_share : share of the patch's weight inside the picture
     noise_dn : root mean square residual of the pixels that fit
     spread : (2, 2), the centre's variance from the residuals as they are related over pixels, and as if independent
-        (columns), u and v (rows); their ratio, pooled over frames, widens the covariance
+        (columns), u and v (rows); their ratio, pooled over frames, widens the covariance; ones where not asked for
+    pieces : (2,), the centre's variance where pieces of PIECE_PX of the picture scatter in place by 1 px; ones likewise
     """
 
     pose: Pose
@@ -138,6 +140,7 @@ class Registration:
     visible_share: float
     noise_dn: float
     spread: Array
+    pieces: Array
 
 
 def make_patch(
@@ -346,7 +349,7 @@ def register(
     shape_sd: tuple[float, float, float] = (TURN_SD, SIZE_SD, SHEAR_SD),
     white_dn: float = 255.0,
     related: bool = False,
-    pieces: float = 1.0,
+    as_one: float = 1.0,
 ) -> Registration | None:
     """Fit ``patch`` to ``luma (h, w)`` from ``start`` (to a pixel or so; its brightness is not used).
 
@@ -355,8 +358,8 @@ def register(
     shape_sd : prior standard deviations of rotation, scale and shear against start's; they hold what a poor texture does
         not show
     white_dn : the sensor's upper limit
-    related : also work out ``spread``
-    pieces : pixels' residuals that vary as one; the prior counts as against that many fewer pixels
+    related : also work out ``spread`` and ``pieces``
+    as_one : so many pixels' residuals vary as one; the prior weighs by that much more
 
     Returns
     -------
@@ -377,7 +380,7 @@ def register(
         weighted = linear.jacobian * linear.used
         both = weighted @ linear.whole.T
         normal, right = both[:, :_PARAMETERS], both[:, _PARAMETERS]
-        prior = pieces * (scale / patch.radius_px) ** 2 * firm
+        prior = as_one * (scale / patch.radius_px) ** 2 * firm
         normal[2:6, 2:6] += prior
         right[2:6] -= patch.radius_px * prior @ (back @ pose.shape - np.eye(2)).ravel()
         normal[_DIAGONAL, _DIAGONAL] = normal[_DIAGONAL, _DIAGONAL] * (1.0 + 1e-9) + 1e-9
@@ -441,6 +444,7 @@ def _answer(
         cut.visible,
         noise,
         _spread(cut, linear, influence, weighted, solved, noise) if related else np.ones((2, 2)),
+        _pieces(cut, linear, influence) if related else np.ones(2),
     )
 
 
@@ -491,6 +495,15 @@ def _spread(
         explained = (solved * (sums[1 : 1 + _PARAMETERS] @ sums[1 + _PARAMETERS :].T)).sum()
         found[row] = sums[0] @ sums[0], noise_dn**2 * (NEAR_PX**2 * float(own @ own) - explained)
     return found / NEAR_PX**2
+
+
+def _pieces(cut: _Cut, linear: _Linear, influence: Array) -> Array:
+    """Variance (2,) of the centre if every square of PIECE_PX were displaced by itself, 1 px along u and along v."""
+    reach = int(np.abs(cut.place).max()) + PIECE_PX
+    column, row = ((cut.place + reach) // PIECE_PX).astype(np.intp)
+    cell = row * (int(column.max()) + 1) + column
+    moved = [np.bincount(cell, own * slope) for own in influence for slope in linear.jacobian[:2]]
+    return np.array([(moved[2 * k] ** 2).sum() + (moved[2 * k + 1] ** 2).sum() for k in (0, 1)])
 
 
 def _box_sums(cut: _Cut, fields: Array) -> Array:

@@ -8,7 +8,7 @@ import pandas as pd
 from ..record.errors import TrackingError
 from ..record.run import Run
 from ..record.schema import Marker
-from .decode import Frame
+from .recording import Frame
 
 DAMAGED = "damaged frame"
 

@@ -31,6 +31,7 @@ SMOOTH_PX = 1.0
 STEEP_QUANTILE, STEEP_MARGIN = 0.7, 2.0
 PLACE_SCATTER_PX = (0.03, 0.4)
 """The steepest pixels tell by their median how far the picture scatters in place, within these limits."""
+SLOPE_SD, LEAST_SAMPLES = 2.0, 8
 CENTRE_SHARE = 0.6
 """Until the first chunk is learnt the pixels near the picked point count most, by a Gaussian of this share of the radius."""
 TRUST_POWER = 4
@@ -175,6 +176,25 @@ class Learner:
         last = np.where(np.isfinite(stack[-1]), stack[-1], self.recent)
         self.recent = 0.5 * (self.recent + last)
         self.patch = self.patch.with_trust(self._trust())
+
+    def place_variance_px2(self) -> float:
+        """By how much pieces of the picture scatter in place against each other: variance, px2, of one coordinate.
+
+        The pixels' scatter is regressed on their squared slope (jagged edges, compression, parts at another depth); only what
+        is significant counts. White noise scatters steep and flat pixels alike and leaves 0.
+        """
+        if self._variance is None or self._samples < LEAST_SAMPLES:
+            return 0.0
+        down, right = np.gradient(self.patch.mean_dn)
+        steep = down**2 + right**2
+        used = self._inside & self._seen & (self.patch.trust > 0.5)
+        if used.sum() < 30:
+            return 0.0
+        x, y = steep[used] - steep[used].mean(), self._variance[used] - self._variance[used].mean()
+        total = max(float(x @ x), 1e-9)
+        slope = float(x @ y) / total
+        error = float(np.sqrt(((y - slope * x) ** 2 * x**2).sum())) / total
+        return float(np.clip(slope - SLOPE_SD * error, 0.0, PLACE_SCATTER_PX[1] ** 2))
 
     def _trust(self) -> Array:
         """Full weight up to FREE_SCATTER of the scatter expected of a pixel that moves with the mark, falling fast beyond.

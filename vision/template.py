@@ -12,7 +12,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .patch import SHEAR_SD, SIZE_SD, TURN_SD, Array, Patch, Pose, Registration, axes_of, determinant, inverse, matching_share, register
+from .patch import (
+    SHEAR_SD,
+    SIZE_SD,
+    TURN_SD,
+    Array,
+    Patch,
+    Pose,
+    Registration,
+    axes_of,
+    determinant,
+    inverse,
+    matching_share,
+    register,
+)
 from .patch_learn import LEARN_FRAMES, Learner, expected_sigma_px, first_patch, picture_noise_dn
 from .patch_search import peaks_everywhere, peaks_near
 
@@ -68,7 +81,7 @@ AGREE_PX, AGREE_SD = 0.2, 4.0
 """Forwards and backwards agree within this and this many standard deviations."""
 HELD_PX = 24
 """Cut-outs kept for the way back reach this far beyond the patch."""
-FIRST_SHEAR_SD = 0.002
+FIRST_SHEAR_SD = 0.001
 SHAPE_RETURN = 0.02
 RELATED_EVERY = 8
 LEARN_EVERY = 4
@@ -181,7 +194,7 @@ class TemplateFollower:
         self._since = 0
         self._searches = 0
         self._registered = 0
-        self._pool, self._pooled = np.ones(2), 0
+        self._pool, self._pieces, self._pooled = np.ones(2), np.full(2, 0.3), 0
         self.reference_sigma_px = np.full(2, np.nan)
 
     def step(self, index: int, t_s: float, luma: NDArray[np.uint8]) -> list[TemplatePlace]:
@@ -262,7 +275,7 @@ class TemplateFollower:
         return None, searched
 
     def _due_everywhere(self, state: _State) -> bool:
-        """A patch that chance imitates well (a corner of plain areas) is not looked for far away."""
+        """A patch that chance imitates well (a corner of plain areas) is not believed far from where it must be."""
         return state.lost > 0 and state.lost % STAND_FRAMES == 0 and self._chance < TELLING_CHANCE
 
     def _register(self, luma: Array, start: Pose, state: _State) -> Registration | None:
@@ -271,8 +284,8 @@ class TemplateFollower:
         grown = min(1.0 + state.lost, 25.0) ** 0.5
         # before the background's pixels are known, shear would take up that they move otherwise
         sd = (TURN_SD * grown, SIZE_SD * grown, SHEAR_SD * grown if self._learnt else FIRST_SHEAR_SD)
-        pieces = float(max(self._pool.max(), 1.0))
-        return register(luma, self._patch, start, sd, self.white_dn, related, pieces)
+        as_one = float(max(self._pool.max(), 1.0))
+        return register(luma, self._patch, start, sd, self.white_dn, related, as_one)
 
     def _judge(self, found: Registration | None, state: _State) -> str:
         """Why a registration is not the mark; "" = it is."""
@@ -327,8 +340,10 @@ class TemplateFollower:
             best = good[0]
             if state.lost or self._surprise(best, expected) > NEARER * self._surprise(good[1], expected):
                 return None, AMBIGUOUS
-        sure = state.lost <= SURE_FRAMES and self._surprise(best, expected) < SURE_PX
-        if state.lost and not sure and self._near_twin(best.pose.centre_px):
+        near = self._surprise(best, expected) < SURE_PX
+        if state.lost and not (near and state.lost <= SURE_FRAMES) and self._near_twin(best.pose.centre_px):
+            return None, AMBIGUOUS
+        if state.lost and not near and self._chance > TELLING_CHANCE:
             return None, AMBIGUOUS
         return best, ""
 
@@ -377,7 +392,9 @@ class TemplateFollower:
             if frame.found is not None and frame.found.spread[0, 0] != frame.found.spread[0, 1]:
                 growth = frame.found.spread[:, 0] / np.maximum(frame.found.spread[:, 1], 1e-30)
                 self._pooled += 1
-                self._pool += max(1.0 / (self._pooled + 2), POOL) * (growth - self._pool)
+                share = max(1.0 / (self._pooled + 2), POOL)
+                self._pool += share * (growth - self._pool)
+                self._pieces += share * (frame.found.pieces - self._pieces)
         places = [self._place(frame) for frame in held]
         if not np.isfinite(self.reference_sigma_px).all():
             first = [p.sigma_px for p in places if not p.reason]
@@ -454,7 +471,7 @@ class TemplateFollower:
             if frame.found is None:
                 state = replace(state, lost=state.lost + 1)
                 continue
-            if back is not None and not _agree(back, frame.found):
+            if back is not None and not self._agree(back, frame.found):
                 self._distrust(held[position:])
                 state = None
                 continue
@@ -466,18 +483,27 @@ class TemplateFollower:
             if frame.found is not None:
                 frame.found, frame.reason = None, DRIFTED
 
+    def _sigma(self, found: Registration) -> Array:
+        """Standard deviation (2,): noise, as related over pixels, and pieces of the picture that scatter in place."""
+        assert self._learner is not None
+        noise = np.diag(found.covariance_px2) * np.maximum(self._pool, 1.0)
+        return np.sqrt(noise + self._learner.place_variance_px2() * self._pieces)
+
+    def _agree(self, one: Registration, two: Registration) -> bool:
+        apart = np.abs(one.pose.centre_px - two.pose.centre_px)
+        return bool((apart < AGREE_PX + AGREE_SD * self._sigma(one)).all())
+
     def _place(self, frame: _Held) -> TemplatePlace:
         nothing = np.full(2, np.nan)
         if frame.found is None:
             reason = frame.reason or NO_MATCH
             return TemplatePlace(frame.index, frame.t_s, nothing, nothing, np.nan, np.nan, np.nan, reason)
         shape = frame.found.pose.shape @ inverse(self._upright)
-        widened = np.sqrt(np.maximum(self._pool, 1.0))
         return TemplatePlace(
             frame.index,
             frame.t_s,
             frame.found.pose.centre_px,
-            np.sqrt(np.diag(frame.found.covariance_px2)) * widened,
+            self._sigma(frame.found),
             float(np.arctan2(shape[1, 0] - shape[0, 1], shape[0, 0] + shape[1, 1])),
             float(np.sqrt(abs(determinant(shape)))),
             frame.found.correlation,
@@ -509,12 +535,6 @@ def _turned(shape: Array, angle_rad: float) -> Array:
 
 def _shifted(found: Registration, corner: Array) -> Registration:
     return replace(found, pose=replace(found.pose, centre_px=found.pose.centre_px + corner))
-
-
-def _agree(one: Registration, two: Registration) -> bool:
-    apart = one.pose.centre_px - two.pose.centre_px
-    sigma = np.sqrt(np.diag(one.covariance_px2))
-    return bool((np.abs(apart) < AGREE_PX + AGREE_SD * sigma).all())
 
 
 __all__ = ["TemplateFollower", "TemplatePlace", "expected_sigma_px"]

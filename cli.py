@@ -6,8 +6,8 @@ import argparse
 import math
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.command is None:
         parser.print_help()
         return EXIT_USAGE
-    with _loading("record"):
+    from .progress import loading
+
+    with loading("record"):
         from .record.errors import TowlineError
 
     try:
@@ -48,26 +50,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _one_line(text: str) -> str:
     return " ".join(text.split())
-
-
-@contextmanager
-def _loading(room: str) -> Iterator[None]:
-    """Import in this block a room and what it stands on.
-
-    Python's collector would look through all that this makes again and again, and once more at exit: a third of a second that
-    frees nothing. It sleeps in the block, and never looks at what was made there.
-    """
-    if f"{__package__}.{room}" in sys.modules:
-        yield
-        return
-    import gc
-
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.freeze()
-        gc.enable()
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -238,15 +220,14 @@ def _render(options: argparse.Namespace) -> int:
 
 
 def _track(options: argparse.Namespace) -> int:
+    from .progress import loading
     from .record.errors import TowlineError
 
-    with _loading("vision"):
+    with loading("stages"):
         import av  # noqa: F401
-        import cv2  # noqa: F401
 
         from . import stages
         from .record.run import read_run
-        from .vision import track  # noqa: F401
     failed: dict[str, str] = {}
     overlay, sheet = not options.no_overlay, options.sheet or not options.no_overlay
     for folder in options.runs:

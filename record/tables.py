@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from .errors import InputError
 from .files import replacing
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 STATUS = ("measured", "predicted", "lost")
 TRACK_COLUMNS = ("frame", "t_s", "marker", "u_px", "v_px", "sigma_u_px", "sigma_v_px", "status")
@@ -25,6 +28,8 @@ def read_table(path: str | Path, needed: tuple[str, ...]) -> pd.DataFrame:
     ------
     InputError : missing or empty file, no header, a needed column absent, or a value that is no number (row named).
     """
+    import pandas as pd
+
     path = Path(path)
     try:
         if path.suffix == ".parquet":
@@ -45,6 +50,8 @@ def read_table(path: str | Path, needed: tuple[str, ...]) -> pd.DataFrame:
 
 
 def _read_csv(path: Path) -> pd.DataFrame:
+    import pandas as pd
+
     text = path.read_text(encoding="utf-8")
     lines = text.splitlines(keepends=True)
     skip = 0
@@ -142,6 +149,8 @@ def read_history(path: str | Path, column: str) -> pd.DataFrame:
 
 
 def _numbers(path: str | Path, table: pd.DataFrame, names: tuple[str, ...]) -> None:
+    import pandas as pd
+
     for name in names:
         numbers = pd.to_numeric(table[name], errors="coerce")
         wrong = (numbers.isna() & table[name].notna()) | np.isinf(numbers.to_numpy(dtype=float, na_value=np.nan))

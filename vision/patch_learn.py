@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .patch import PAD_PX, Array, Patch, Pose, make_patch, slope_energy
+from .patch import PAD_PX, Array, Patch, inverse, make_patch, slope_energy
+from .patch_pixels import Pose
 
 RADII_PX = (12, 15, 18, 20)
 BLURS_PX = (1.0, 1.5, 2.0)
@@ -132,14 +133,16 @@ class Learner:
         gap = self.at_nodes(luma, pose) - self.patch.mean_dn
         seen = np.isfinite(gap)
         before = self._variance if self._variance is not None else np.zeros_like(gap)
-        self._variance = before + (np.where(seen, gap**2, before / max(self._samples, 1.0)) - before) / (self._samples + 1.0)
+        self._variance = before + (np.where(seen, gap**2, before / max(self._samples, 1.0)) - before) / (
+            self._samples + 1.0
+        )
         self._samples += 1.0
         near = np.exp(-0.5 * (np.hypot(*self._xi) / (CENTRE_SHARE * self.patch.radius_px)) ** 2)
         self.patch = self.patch.with_trust(self._trust() * near.reshape(gap.shape))
 
     def anchor(self, first: Pose, picked_px: Array) -> Array:
         """Let the point that lay at ``picked_px`` when the patch lay at ``first`` be the picked one: where it was, xi (2,)."""
-        xi = np.linalg.solve(first.shape, picked_px - first.centre_px)
+        xi = inverse(first.shape) @ (picked_px - first.centre_px)
         self.patch = self.patch.seen_from(xi)
         self._xi = self._xi - xi[:, None]
         return xi

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .patch import Array, Patch, Pose
+from .patch import Array, Patch, axes_of, inverse
+from .patch_pixels import LARGEST_GROWTH, Pose
 
 LOBE_SHARE = 0.5
 """Peaks nearer to each other than this share of the radius (at least LEAST_LOBE_PX) are one."""
@@ -79,7 +80,7 @@ def peaks_everywhere(luma: NDArray[np.uint8], patch: Patch, nodes: Array, shape:
 
 
 def _half(patch: Patch, pose: Pose) -> int:
-    grown = float(np.clip(np.sqrt(abs(np.linalg.det(pose.shape))), 0.5, 1.6))
+    grown = min(axes_of(pose.shape)[0], LARGEST_GROWTH)
     return int(np.ceil(patch.radius_px * grown))
 
 
@@ -87,7 +88,7 @@ def _drawn(patch: Patch, nodes: Array, shape: Array, axis: Array) -> tuple[NDArr
     """The patch and its weight, turned by ``shape``, at pixels ``axis`` x ``axis`` from its centre."""
     import cv2
 
-    turn = np.linalg.inv(shape)
+    turn = inverse(shape)
     v, u = np.meshgrid(axis, axis, indexing="ij")
     xi = [(turn[k, 0] * u + turn[k, 1] * v - patch.origin_px[k]).astype(np.float32) for k in (0, 1)]
     drawn = cv2.remap(nodes.astype(np.float32), xi[0], xi[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -125,7 +126,9 @@ def _peaks(surface: Array, blind: Array, radius_px: float, count: int, edge: int
         value = float(left[row, column])
         if value <= 0:
             break
-        found.append((np.array([column + _top(surface, row, column, 0, 1), row + _top(surface, row, column, 1, 0)]), value))
+        found.append(
+            (np.array([column + _top(surface, row, column, 0, 1), row + _top(surface, row, column, 1, 0)]), value)
+        )
         away_u, away_v = u - column, v - row
         if length > 0:
             apart = np.abs(away_u * blind[1] - away_v * blind[0]) / length

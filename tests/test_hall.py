@@ -251,3 +251,36 @@ def test_a_dark_and_a_bright_mark_and_the_colour_that_tells_two_apart(tmp_path: 
     chosen = assign(both, run.file.marker, run_datum(run, (WIDTH, HEIGHT)).mapping, run)
     assert chosen.accepted
     np.testing.assert_allclose(both.centre_px[list(chosen.chosen)], [(290, 150), (110, 150)], atol=1.0)
+
+
+def test_datum_points_are_found_again_after_a_knock(tmp_path: Path) -> None:
+    """Four crosses on the tank's rim, a knock of 14 and -9 px: they stand where the picture shows them, to a tenth of a pixel."""
+    knock = (14.3, -9.6)
+
+    def crosses(index: int, picture: np.ndarray, places: dict) -> None:
+        v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(float)
+        shift = knock if index >= 20 else (0.0, 0.0)
+        for px, py in ((50, 40), (350, 40), (50, 260), (350, 260)):
+            du, dv = u - px - shift[0], v - py - shift[1]
+            near = (np.abs(du) < 9) & (np.abs(dv) < 9)
+            picture += 90 * near * np.maximum(np.exp(-(du**2) / 3), np.exp(-(dv**2) / 3))
+
+    hall = Hall(change=crosses, frames=40, knock=lambda index: knock if index >= 20 else (0.0, 0.0))
+    hall.track(tmp_path)  # writes run.toml
+    text = (tmp_path / "run.toml").read_text()
+    for before, after in (("50.0, 20.0", "50.0, 40.0"), ("350.0, 20.0", "350.0, 40.0")):
+        text = text.replace(f"pixel_px = [{before}]", f"pixel_px = [{after}]")
+    for before, after in (("50.0, 280.0", "50.0, 260.0"), ("350.0, 280.0", "350.0, 260.0")):
+        text = text.replace(f"pixel_px = [{before}]", f"pixel_px = [{after}]")
+    (tmp_path / "run.toml").write_text(text.replace("tank_m", "track = true\ntank_m"))
+    run = read_run(tmp_path)
+    found = track(run, hall.pictures(), run_datum(run, (WIDTH, HEIGHT)).mapping).datum
+    assert found is not None
+    assert len(found) == 4 * 40
+    seen = found[found["status"] == "measured"]
+    assert len(seen) >= 0.85 * len(found)  # a few frames after the knock
+    picked = {p.name: p.pixel_px for p in run.file.datum}
+    for row in seen.itertuples():
+        shift = knock if row.frame >= 20 else (0.0, 0.0)
+        assert abs(row.u_px - picked[row.marker][0] - shift[0]) < 0.15
+        assert abs(row.v_px - picked[row.marker][1] - shift[1]) < 0.15

@@ -51,11 +51,11 @@ def picture_noise_dn(luma: NDArray[np.uint8]) -> float:
 
 def first_patch(luma: NDArray[np.uint8], picked_px: Array, radius_px: int | None, noise_dn: float) -> Patch:
     """Cut the template about ``picked_px``; without a radius, the smallest that places it well enough in every direction."""
-    for radius in RADII_PX if radius_px is None else (radius_px,):
+    for radius in RADII_PX if radius_px is None else ():
         patch = _cut_patch(luma, picked_px, radius, noise_dn)
         if expected_sigma_px(patch, noise_dn)[1] < WANTED_SIGMA_PX:
-            break
-    return patch
+            return patch
+    return _cut_patch(luma, picked_px, radius_px or RADII_PX[-1], noise_dn)
 
 
 def expected_sigma_px(patch: Patch, noise_dn: float) -> Array:
@@ -189,7 +189,7 @@ class Learner:
         if self._variance is None or self._samples < LEAST_SAMPLES:
             return 0.0
         down, right = np.gradient(self.patch.mean_dn)
-        steep = down**2 + right**2
+        steep = np.asarray(down**2 + right**2)
         used = self._inside & self._seen & (self.patch.trust > 0.5)
         if used.sum() < 30:
             return 0.0
@@ -208,14 +208,15 @@ class Learner:
         from scipy.ndimage import gaussian_filter
 
         assert self._variance is not None
-        smooth = gaussian_filter(self._variance, SMOOTH_PX)
+        smooth = np.asarray(gaussian_filter(self._variance, SMOOTH_PX))
         inside = self._inside & self._seen
         quiet = max(float(np.quantile(smooth[inside], QUIET_QUANTILE)), 0.09)
         down, right = np.gradient(gaussian_filter(self.patch.mean_dn, SMOOTH_PX / 2))
-        steep = down**2 + right**2
+        steep = np.asarray(down**2 + right**2)
         steepest = inside & (steep > np.quantile(steep[inside], STEEP_QUANTILE))
         excess = (smooth[steepest] - quiet) / np.maximum(steep[steepest], 1e-6)
-        place = float(np.clip(STEEP_MARGIN * np.median(excess), *(x**2 for x in PLACE_SCATTER_PX)))
+        least, most = (x**2 for x in PLACE_SCATTER_PX)
+        place = min(max(STEEP_MARGIN * float(np.median(excess)), least), most)
         allowed = FREE_SCATTER * (quiet + place * steep)
         return np.minimum(1.0, allowed / np.maximum(smooth, 1e-9)) ** TRUST_POWER * self._seen
 

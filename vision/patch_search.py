@@ -69,7 +69,7 @@ def peaks_everywhere(luma: NDArray[np.uint8], patch: Patch, nodes: Array, shape:
     half = _half(patch, Pose(np.zeros(2), shape)) // 2
     axis = np.arange(-(2 * half + 0.5), 2 * half + 1.0)
     kernel, weight = _drawn(patch, nodes, shape, axis)
-    kernel, weight = (cv2.resize(x, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for x in (kernel, weight))
+    kernel, weight = (_halved(x) for x in (kernel, weight))
     height, width = (x // 2 for x in luma.shape)
     if height < len(kernel) or width < len(kernel):
         return []
@@ -77,6 +77,12 @@ def peaks_everywhere(luma: NDArray[np.uint8], patch: Patch, nodes: Array, shape:
     surface = _correlation(small.astype(np.float32), kernel, weight)
     found = _peaks(surface, shape @ patch.blind, patch.radius_px / 2, count, 1)
     return [Peak(2.0 * (place + half) + 0.5, value) for place, value in found]
+
+
+def _halved(picture: NDArray[np.float32]) -> NDArray[np.float32]:
+    import cv2
+
+    return np.asarray(cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
 def _half(patch: Patch, pose: Pose) -> int:
@@ -95,7 +101,7 @@ def _drawn(patch: Patch, nodes: Array, shape: Array, axis: Array) -> tuple[NDArr
     apart = np.hypot(xi[0] + patch.origin_px[0], xi[1] + patch.origin_px[1])
     trust = cv2.remap(patch.trust.astype(np.float32), xi[0], xi[1], cv2.INTER_LINEAR, borderValue=0)
     weight = trust * np.clip(patch.radius_px + 0.5 - apart, 0.0, 1.0)
-    return drawn, weight.astype(np.float32)
+    return np.asarray(drawn, dtype=np.float32), weight.astype(np.float32)
 
 
 def _correlation(picture: NDArray[np.float32], kernel: NDArray[np.float32], weight: NDArray[np.float32]) -> Array:

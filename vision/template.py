@@ -18,12 +18,14 @@ from .patch_fit import Registration
 from .patch_learn import LEARN_FRAMES, Learner, first_patch, picture_noise_dn
 from .patch_look import Look, apart_px
 from .patch_pixels import Pose
-from .patch_track import DRIFTED, Track
+from .patch_track import DRIFTED, NO_MATCH, Track
 
 PLAIN_PX = 0.5
 """From a prediction this near the registration ends at the same place: it need not be run again backwards."""
 AGREE_PX, AGREE_SD = 0.2, 4.0
 """Forwards and backwards agree within this and this many standard deviations."""
+OTHER_PX, PARTED_FRAMES = 1.5, 3
+"""So far apart, or apart for so many frames, they are at different things; less leaves only those frames in doubt."""
 HELD_PX = 24
 """Cut-outs kept for the way back reach this far beyond the patch."""
 ROUNDS = 3
@@ -195,24 +197,39 @@ class TemplateFollower:
                 frame.found = replace(frame.found, pose=replace(pose, centre_px=pose.centre_px + pose.shape @ xi))
 
     def _go_back(self, held: list[_Held], look: Look, learner: Learner) -> None:
-        """Follow the chunk from its last place backwards; where another place is reached, nothing later is believed."""
+        """Follow the chunk from its last place backwards; once another place is reached, nothing later is believed."""
         track: Track | None = None
+        parted: list[_Held] = []
         for position in range(len(held) - 1, -1, -1):
             frame = held[position]
+            if frame.found is None:
+                track = None if track is None else track.missed()
+                continue
             if track is None:
-                if frame.found is not None:
-                    track = Track.starting(frame.found.pose, frame.t_s, frame.before.noise_dn)
-            elif frame.found is None:
-                track = track.missed()
-            elif apart_px(frame.found, track.predict(frame.t_s)) < PLAIN_PX:
+                track = Track.starting(frame.found.pose, frame.t_s, frame.before.noise_dn)
+                continue
+            back = self._found_back(frame, track, look)
+            if back is None or self._agree(back, frame.found, learner):
                 track = track.after(frame.found, frame.t_s)
-            else:
-                back, _ = look.find(frame.cut, track.moved(-frame.corner), frame.t_s, frame.corner)
-                if back is not None and not self._agree(_shifted(back, frame.corner), frame.found, learner):
-                    self._distrust(held[position:])
-                    track = None
-                else:
-                    track = track.after(frame.found, frame.t_s)
+                for other in parted:
+                    other.found, other.reason = None, DRIFTED
+                parted = []
+                continue
+            parted.append(frame)
+            track = track.after(back, frame.t_s)
+            if len(parted) >= PARTED_FRAMES or apart_px(back, frame.found.pose.centre_px) > OTHER_PX:
+                self._distrust(held[position:])
+                track, parted = None, []
+        if parted:
+            self._distrust(held[held.index(parted[-1]) :])
+
+    @staticmethod
+    def _found_back(frame: _Held, track: Track, look: Look) -> Registration | None:
+        """The mark in a held frame, looked for from later frames."""
+        if frame.found is not None and apart_px(frame.found, track.predict(frame.t_s)) < PLAIN_PX:
+            return frame.found
+        back, _ = look.find(frame.cut, track.moved(-frame.corner), frame.t_s, frame.corner)
+        return None if back is None else _shifted(back, frame.corner)
 
     def _distrust(self, frames: list[_Held]) -> None:
         self._track = frames[0].before.missed(len(frames))
@@ -251,8 +268,8 @@ class TemplateFollower:
 
     def _place(self, frame: _Held, learner: Learner) -> TemplatePlace:
         if frame.found is None:
-            nothing = np.full(2, np.nan)
-            return TemplatePlace(frame.index, frame.t_s, nothing, nothing, np.nan, np.nan, np.nan, frame.reason)
+            nothing, reason = np.full(2, np.nan), frame.reason or NO_MATCH  # "": the learnt template did not hold
+            return TemplatePlace(frame.index, frame.t_s, nothing, nothing, np.nan, np.nan, np.nan, reason)
         shape = frame.found.pose.shape @ inverse(self._upright)
         return TemplatePlace(
             frame.index,

@@ -8,7 +8,7 @@ from .patch import Array, Patch, inverse, least_ratio
 from .patch_pixels import PARAMETERS, Cut, Linear, Pose
 
 PIECE_PX = 6
-NEAR_PX = 4
+NEAR_PX = 6
 """Residuals count as related over this many pixels (triangle)."""
 
 

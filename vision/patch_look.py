@@ -27,6 +27,8 @@ TWIN_SHARE = 0.7
 """A place elsewhere in the frame with this share of the patch's own correlation is a look-alike."""
 SURE_PX = 1.5
 """A place this near to the prediction is the mark, look-alike or not, after a short loss."""
+RIM_SHARE = 0.3
+"""A lost patch whose centre is within this share of its radius of the picture's rim is outside it."""
 FIRST_SHEAR_SD = 0.001
 """Before the background's pixels are known, shear would take up that they move otherwise."""
 RELATED_EVERY = 8
@@ -83,17 +85,19 @@ class Look:
             found, searched = self._choose(luma, track, [p.centre_px for p in peaks], turned, corner)
         if found is not None or searched != NO_MATCH:
             return found, searched
-        if reason in (COVERED, OUTSIDE):
+        if reason == OUTSIDE or self._gone(track, t_s, luma.shape):
+            return None, OUTSIDE
+        if reason == COVERED:
             return None, reason
         seen = matching_share(luma, self.patch, there, track.noise_dn, self.white_dn)
         return None, COVERED if seen > COVERED_SHARE else NO_MATCH
 
-    def register(self, luma: Array, start: Pose, track: Track) -> Registration | None:
-        """Fit the template from ``start``."""
+    def register(self, luma: Array, start: Pose, track: Track, related: bool = False) -> Registration | None:
+        """Fit the template from ``start``; ``related``: with the residuals' relation, worked out now and then anyway."""
         self._registered += 1
         grown = min(1.0 + track.lost, 25.0) ** 0.5
         shape_sd = (TURN_SD * grown, SIZE_SD * grown, FIRST_SHEAR_SD if self.young else SHEAR_SD * grown)
-        related = self._registered % RELATED_EVERY == 0
+        related = related or self._registered % RELATED_EVERY == 0
         return register(luma, self.patch, start, shape_sd, self.white_dn, related, self.as_one)
 
     def note_twins(self, luma: NDArray[np.uint8], found: Registration | None) -> None:
@@ -141,6 +145,12 @@ class Look:
         blind = self.patch.blind
         away = place - there.centre_px
         return place - there.shape @ blind * float(blind @ inverse(there.shape) @ away)
+
+    def _gone(self, track: Track, t_s: float, shape: tuple[int, ...]) -> bool:
+        """At its last rate the patch would have left the picture by now, or half left it."""
+        place = track.pose.centre_px + track.rate_px_s * (t_s - track.t_s)
+        rim = RIM_SHARE * self.patch.radius_px
+        return track.lost > 0 and not (rim <= place[0] <= shape[1] - 1 - rim and rim <= place[1] <= shape[0] - 1 - rim)
 
     def _due_everywhere(self, track: Track) -> bool:
         return track.lost > 0 and track.lost % STAND_FRAMES == 0 and self.judge.telling

@@ -133,7 +133,10 @@ def rigid_ratio(table: pd.DataFrame, markers: Sequence[Marker], mapping: Mapping
     """
     ratios = []
     model = [m for m in markers if m.on == "model"]
-    places = {m.name: _in_tank(table[table["marker"] == m.name], m, mapping) for m in model}
+    every = max(
+        1, len(table) // max(len(model), 1) // MOST_SAMPLES
+    )  # an hour's frames tell no more, and fill the memory
+    places = {m.name: _in_tank(table[table["marker"] == m.name].iloc[::every], m, mapping) for m in model}
     for j in range(len(model)):
         for i in range(j):
             (one, one_sd), (two, two_sd) = places[model[i].name], places[model[j].name]

@@ -24,8 +24,8 @@ PLAIN_PX = 0.5
 """From a prediction this near the registration ends at the same place: it need not be run again backwards."""
 AGREE_PX, AGREE_SD = 0.2, 4.0
 """Forwards and backwards agree within this and this many standard deviations."""
-OTHER_PX, PARTED_FRAMES = 1.5, 3
-"""So far apart, or apart for so many frames, they are at different things; less leaves only those frames in doubt."""
+OTHER_PX = 1.5
+"""Farther apart they are at different things, and nothing that follows is believed; nearer, only that frame is in doubt."""
 HELD_PX = 24
 """Cut-outs kept for the way back reach this far beyond the patch."""
 ROUNDS = 3
@@ -175,7 +175,7 @@ class TemplateFollower:
             look.patch = learner.patch
             for frame in good:
                 assert frame.found is not None
-                frame.found = _again(frame, frame.found.pose, look)
+                frame.found = _again(frame, frame.found.pose, look, number == ROUNDS - 1)
             good = [f for f in good if f.found is not None]
             if not self._learnt and held[0].found is not None:
                 self._anchor(held, held[0].found.pose, learner)
@@ -197,9 +197,8 @@ class TemplateFollower:
                 frame.found = replace(frame.found, pose=replace(pose, centre_px=pose.centre_px + pose.shape @ xi))
 
     def _go_back(self, held: list[_Held], look: Look, learner: Learner) -> None:
-        """Follow the chunk from its last place backwards; once another place is reached, nothing later is believed."""
+        """Follow the chunk from its last place backwards; once it is at another thing, nothing later is believed."""
         track: Track | None = None
-        parted: list[_Held] = []
         for position in range(len(held) - 1, -1, -1):
             frame = held[position]
             if frame.found is None:
@@ -211,17 +210,12 @@ class TemplateFollower:
             back = self._found_back(frame, track, look)
             if back is None or self._agree(back, frame.found, learner):
                 track = track.after(frame.found, frame.t_s)
-                for other in parted:
-                    other.found, other.reason = None, DRIFTED
-                parted = []
-                continue
-            parted.append(frame)
-            track = track.after(back, frame.t_s)
-            if len(parted) >= PARTED_FRAMES or apart_px(back, frame.found.pose.centre_px) > OTHER_PX:
+            elif apart_px(back, frame.found.pose.centre_px) < OTHER_PX:
+                track = track.after(back, frame.t_s)
+                frame.found, frame.reason = None, DRIFTED
+            else:
                 self._distrust(held[position:])
-                track, parted = None, []
-        if parted:
-            self._distrust(held[held.index(parted[-1]) :])
+                track = None
 
     @staticmethod
     def _found_back(frame: _Held, track: Track, look: Look) -> Registration | None:
@@ -247,7 +241,7 @@ class TemplateFollower:
         for frame in held:
             if frame.found is not None and frame.found.spread[0, 1] != 1.0:
                 self._pooled += 1
-                share = max(1.0 / (self._pooled + 2), POOL)
+                share = max(1.0 / (self._pooled + 1), POOL)
                 growth = frame.found.spread[:, 0] / np.maximum(frame.found.spread[:, 1], 1e-30)
                 self._related += share * (growth - self._related)
                 self._pieces += share * (frame.found.pieces - self._pieces)
@@ -286,9 +280,9 @@ def _usual_noise(frames: list[_Held]) -> float:
     return float(np.median([f.found.noise_dn for f in frames if f.found is not None]))
 
 
-def _again(frame: _Held, pose: Pose, look: Look) -> Registration | None:
+def _again(frame: _Held, pose: Pose, look: Look, related: bool) -> Registration | None:
     """Register a held frame anew, in its cut-out."""
-    found = look.register(frame.cut, replace(pose, centre_px=pose.centre_px - frame.corner), frame.before)
+    found = look.register(frame.cut, replace(pose, centre_px=pose.centre_px - frame.corner), frame.before, related)
     return None if found is None else _shifted(found, frame.corner)
 
 

@@ -254,6 +254,7 @@ class SpotFollower:
         found.place[missing] = np.nan
         found.sigma[missing] = np.nan
         self.losses += int(missing.sum())
+        found.brightness = np.zeros(0)
         self.done.append(found)
 
     def _broken(self, found: Found) -> bool:

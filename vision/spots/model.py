@@ -154,7 +154,7 @@ def windows(luma: NDArray[np.uint8], centres_px: Array, radius_px: int) -> tuple
     height, width = luma.shape
     size = 2 * radius_px + 1
     values = np.full((len(centres_px), size, size), np.nan)
-    corner = np.rint(centres_px).astype(int) - radius_px
+    corner = np.asarray(np.rint(centres_px), dtype=int) - radius_px
     for index in range(len(corner)):
         u, v = (int(x) for x in corner[index])
         u0, u1, v0, v1 = max(u, 0), min(u + size, width), max(v, 0), min(v + size, height)
@@ -167,7 +167,7 @@ def start_of(values: Array, start_px: Array, start_width_px: Array, dark: bool =
     """Where a fit begins: round spots of the given width, ground and height by order statistics; ``(b, 16)``."""
     data = values.reshape(len(values), -1)
     usable = np.isfinite(data)
-    some = usable.any(axis=1)
+    some = np.asarray(usable.any(axis=1))
     data = np.where(some[:, None], data, 0.0)
     # a mark fills at most a quarter of its window: the lower (dark mark: upper) side's median is the ground
     ground = np.nanmedian(data, axis=1)

@@ -24,7 +24,9 @@ class DatumMarks:
         from .template import TemplateFollower
 
         if frame.damaged:
-            self.rows += [(frame.index, frame.t_s, name, *[np.nan] * 4, "lost", "damaged frame") for name in self.points]
+            self.rows += [
+                (frame.index, frame.t_s, name, *[np.nan] * 4, "lost", "damaged frame") for name in self.points
+            ]
             return
         if self.followers is None:
             white = float(frame.white_dn)

@@ -147,8 +147,9 @@ class Look:
         return place - there.shape @ blind * float(blind @ inverse(there.shape) @ away)
 
     def _gone(self, track: Track, t_s: float, shape: tuple[int, ...]) -> bool:
-        """At its last rate the patch would have left the picture by now, or half left it."""
-        place = track.pose.centre_px + track.rate_px_s * (t_s - track.t_s)
+        """At its last rate the patch would have left the picture soon after it was lost, or half left it."""
+        ahead = (t_s - track.t_s) * min(1.0, STAND_FRAMES / max(track.lost, 1))
+        place = track.pose.centre_px + track.rate_px_s * ahead
         rim = RIM_SHARE * self.patch.radius_px
         return track.lost > 0 and not (rim <= place[0] <= shape[1] - 1 - rim and rim <= place[1] <= shape[0] - 1 - rim)
 

@@ -1,6 +1,6 @@
 """Damaged recordings: what the decoder makes of 200 broken copies of a clip whose every frame is known.
 
-    python benchmarks/fuzz.py [--copies 200] [--seed 1] [--list]
+    python benchmarks/fuzz.py [--copies 200] [--seed 1] [--threads 2] [--list]
 
 Two moving spots, 640 x 480, 120 frames at 30 Hz, H.264: an mp4 with B frames (index in front) and an mkv without. Each frame
 carries its own number as a row of large blocks, so that a frame handed out tells which one it is. Copies are broken by flipped
@@ -38,17 +38,18 @@ WORKERS, COPIES_PER_WORKER = 2, 50
 OUTCOMES = ("clean", "gaps", "error", "wrong time", "wrong picture", "hang", "crash")
 
 
-def judge(path: Path, truth: np.ndarray) -> dict:
+def judge(path: Path, truth: np.ndarray, threads: int) -> dict:
     """Read a copy and say what came of it.
 
     Parameters
     ----------
     truth : (frames, 2, s, s), the spots of the unbroken clip
+    threads : decoder threads; more than one reads clips with B frames in haste first
     """
     good = damaged = wrong_time = wrong_picture = 0
     note = error = ""
     try:
-        for frame in read_frames(path):
+        for frame in read_frames(path, decode_threads=threads):
             if frame.damaged:
                 damaged += 1
                 continue
@@ -88,7 +89,7 @@ def _looks_like(luma: np.ndarray, number: int, truth: np.ndarray) -> bool:
     return bool(np.abs(spot_windows(luma, number) - truth[number]).max() <= PICTURE_TOLERANCE_DN)
 
 
-def _work(folder: Path) -> None:
+def _work(folder: Path, threads: int) -> None:
     """Judge the files named on standard input, one JSON line each."""
     import resource
 
@@ -96,7 +97,7 @@ def _work(folder: Path) -> None:
     truth = {suffix: np.load(folder / f"truth{suffix}.npy") for suffix in (".mp4", ".mkv")}
     for line in sys.stdin:
         path = Path(line.rstrip("\n"))
-        result = judge(path, truth[path.suffix])
+        result = judge(path, truth[path.suffix], threads)
         result["peak_mib"] = _peak_mib()
         print(json.dumps(result), flush=True)
 
@@ -111,14 +112,14 @@ def _peak_mib() -> int:
 class Watched:
     """A process that judges copies, watched: one that does not answer in time is ended and counted as a hang."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, threads: int) -> None:
+        self._folder, self._threads = folder, threads
         self._process: subprocess.Popen | None = None
 
     def judge(self, path: Path) -> dict:
         """Judge a copy, in a new process if the last one is gone."""
         if self._process is None or self._process.poll() is not None:
-            command = [sys.executable, __file__, "--work", str(self._folder)]
+            command = [sys.executable, __file__, "--work", str(self._folder), "--threads", str(self._threads)]
             self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         process = self._process
         assert process.stdin is not None
@@ -145,7 +146,7 @@ class Watched:
             self._process.wait()
 
 
-def fuzz(copies: int, seed: int) -> Iterator[tuple[Copy, dict]]:
+def fuzz(copies: int, seed: int, threads: int) -> Iterator[tuple[Copy, dict]]:
     """Make and judge copies."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -156,7 +157,7 @@ def fuzz(copies: int, seed: int) -> Iterator[tuple[Copy, dict]]:
             assert [number_of(frame.luma) for frame in frames] == list(range(FRAMES))
             np.save(folder / f"truth{suffix}.npy", [spot_windows(f.luma, f.index) for f in frames])
         workers = WORKERS if copies > COPIES_PER_WORKER else 1
-        watched = [Watched(folder) for _ in range(workers)]
+        watched = [Watched(folder, threads) for _ in range(workers)]
 
         def one(job: tuple[int, Copy]) -> tuple[Copy, dict]:
             index, copy = job
@@ -181,16 +182,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--copies", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--threads", type=int, default=2, help="decoder threads")
     parser.add_argument("--list", action="store_true", help="print every copy")
     parser.add_argument("--work", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.work is not None:
-        _work(given.work)
+        _work(given.work, given.threads)
         return 0
     began = time.perf_counter()
     table: dict[tuple[str, str], Counter] = {}
     frames: Counter = Counter()
-    for copy, result in fuzz(given.copies, given.seed):
+    for copy, result in fuzz(given.copies, given.seed, given.threads):
         row = table.setdefault((copy.suffix, copy.kind), Counter())
         row[result["outcome"]] += 1
         frames.update({key: result.get(key, 0) for key in ("good", "damaged", "wrong_time", "wrong_picture")})

@@ -10,6 +10,7 @@ from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
 
+import av
 import numpy as np
 import pytest
 
@@ -18,6 +19,7 @@ from towline.vision import clip_info, read_frames
 from towline.vision.recording.ahead import Ahead
 from towline.vision.recording.clock import Clock
 from towline.vision.recording.ledger import Picture
+from towline.vision.recording.pictures import Doubt, Stream
 from towline.vision.recording.slices import holds_forbidden
 
 WIDTH, HEIGHT, BLOCK_PX, BITS = 160, 96, 16, 8
@@ -246,6 +248,28 @@ def test_damage_lasts_until_the_next_key_frame(tmp_path: Path, b_frames: int, de
     assert good >= set(range(12)) | set(range(24, 48))
     assert len(good) < 48 - 4  # and what follows the damage is not called good
     good_ones_are_right(frames)
+
+
+@pytest.mark.parametrize("b_frames", [0, 2])
+def test_threads_give_what_one_thread_gives(tmp_path: Path, b_frames: int) -> None:
+    path = film(tmp_path / "clip.mp4", range(60), b_frames=b_frames)
+    with av.open(str(path)) as container:
+        assert Stream(container, 3, haste=True).in_haste == bool(b_frames)
+    one, three = (list(read_frames(path, decode_threads=n)) for n in (1, 3))
+    assert [(f.index, f.t_s, f.damaged) for f in one] == [(f.index, f.t_s, f.damaged) for f in three]
+    assert all((a.luma == b.luma).all() for a, b in zip(one, three, strict=True))
+
+
+def test_doubt_in_haste_goes_on_where_it_came_to(tmp_path: Path) -> None:
+    """The first sign of damage comes late in the clip: every picture once, the rest as one thread reads it."""
+    path = film(tmp_path / "bad.mp4", range(72), b_frames=2)
+    spoiled = spoil(path, 50)
+    with av.open(str(spoiled)) as container, pytest.raises(Doubt):
+        list(Stream(container, 3, haste=True))
+    one, three = (list(read_frames(spoiled, decode_threads=n)) for n in (1, 3))
+    assert [(f.index, f.t_s, f.damaged) for f in one] == [(f.index, f.t_s, f.damaged) for f in three]
+    assert any(f.damaged for f in three)
+    good_ones_are_right(three)
 
 
 def test_damage_in_one_picture_of_many_key_frames_stays_there(tmp_path: Path) -> None:

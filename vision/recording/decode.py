@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, nullcontext, suppress
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,9 @@ from .ledger import Picture
 from .luma import WHITE_FULL_DN, luma, quarters, turned, white_dn
 from .matroska import MatroskaSums
 from .mp4 import contradiction
-from .pictures import Stream
+from .pictures import Doubt, Stream
 
-FRAMES_AHEAD = 8
+FRAMES_AHEAD = 40
 BYTES_AHEAD = 64 << 20
 """Decoded frames waiting to be used: so many, and no more than this."""
 
@@ -102,7 +103,8 @@ def read_frames(
     span_s : first and last time wanted, s, in the recording's own time: as stamped, before ``exposure_s`` moves it; None = all
     frame_rate_hz : replaces the container's timestamps by index/rate
     exposure_s : exposure time; half of it is added to the stamped time, which is taken as the exposure's start
-    decode_threads : decoder threads; None = as many as help. Where more than one would hide damage (B frames, HEVC), one works
+    decode_threads : decoder threads; None = as many as help. Where several would hide damage (HEVC; H.264 with B frames once an
+        error has shown) one works
 
     Raises
     ------
@@ -128,6 +130,26 @@ def _decoded(
     exposure_s: float,
     decode_threads: int | None,
 ) -> Iterator[Frame]:
+    """Read in haste; at the first sign of damage begin again with care, and go on where haste had come to."""
+    given = 0
+    try:
+        for frame in _decoded_once(path, span_s, frame_rate_hz, exposure_s, decode_threads, haste=True):
+            yield frame
+            given += 1
+    except Doubt:
+        again = _decoded_once(path, span_s, frame_rate_hz, exposure_s, decode_threads, haste=False)
+        with closing(again):
+            yield from islice(again, given, None)
+
+
+def _decoded_once(
+    path: str | Path,
+    span_s: tuple[float, float] | None,
+    frame_rate_hz: float | None,
+    exposure_s: float,
+    decode_threads: int | None,
+    haste: bool,
+) -> Generator[Frame]:
     contradicted = contradiction(path) if Path(path).is_file() else None
     if contradicted is not None and frame_rate_hz is None:
         raise _index_error(path, contradicted)
@@ -137,18 +159,27 @@ def _decoded(
         sums = MatroskaSums(path) if "matroska" in container.format.name.split(",") else None
         with closing(sums) if sums is not None else nullcontext():
             damaged_at = sums.damaged_at if sums is not None else None
-            stream = Stream(container, decode_threads, damaged_at, believe_stamps=frame_rate_hz is None)
+            stream = Stream(container, decode_threads, damaged_at, frame_rate_hz is None, haste)
             clock = Clock(path, container, stream, info.duration_s, frame_rate_hz)
             if sums is not None and frame_rate_hz is None:
                 _check_sums(path, container, sums)
-            for picture, t_s in clock.timed(_of_one_size(stream)):
-                if span_s is not None and t_s < span_s[0]:
-                    continue
-                if span_s is not None and t_s > span_s[1]:
-                    return
-                raw = picture.raw
-                yield Frame(picture.index, t_s + exposure_s / 2, luma(raw), raw, picture.damaged, white_dn(raw))
-            clock.check_end(span_s[1] if span_s is not None else None, _reason(stream.stopped_by))
+            try:
+                yield from _in_span(clock, stream, span_s, exposure_s)
+                clock.check_end(span_s[1] if span_s is not None else None, _reason(stream.stopped_by))
+            except VideoError:
+                if stream.in_haste:
+                    raise Doubt from None
+                raise
+
+
+def _in_span(clock: Clock, stream: Stream, span_s: tuple[float, float] | None, exposure_s: float) -> Iterator[Frame]:
+    for picture, t_s in clock.timed(_of_one_size(stream)):
+        if span_s is not None and t_s < span_s[0]:
+            continue
+        if span_s is not None and t_s > span_s[1]:
+            return
+        raw = picture.raw
+        yield Frame(picture.index, t_s + exposure_s / 2, luma(raw), raw, picture.damaged, white_dn(raw))
 
 
 def _of_one_size(pictures: Iterable[Picture]) -> Iterator[Picture]:

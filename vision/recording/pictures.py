@@ -2,11 +2,16 @@
 
 Every packet gets a number on its way into the decoder (in place of its timestamp, which decoders hand through untouched), so that
 each picture is known by the packet it came from.
+
+ffmpeg's frame threads read a picture's marks of damage before it is decoded, if pictures are shown in another order than they are
+decoded in. There a stream is first read in haste: every error ends it (`Doubt`), pictures are held back until errors of their
+own would have shown, and whoever reads it begins again with one thread, which marks damage picture by picture.
 """
 
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -33,10 +38,19 @@ CONCEALS = ("h264", "mpeg4", "mpeg2video", "mpeg1video", "h263")
 """Decoders that mend damage and say so on the picture; of the others an error is asked for."""
 READ_ERRORS = 50
 """Errors of the container after which nothing more is expected of it."""
-FRAME_THREADS_FROM_PX = 1_000_000
+FRAME_THREADS_FROM_PX = 400_000
 """Smaller pictures are decoded faster than they can be used by one thread, and at less cost."""
+MOST_THREADS = 8
+HASTE = ("h264",)
+"""Decoders that report every kind of damage as an error, when asked to."""
+HELD_BACK = 8
+"""Pictures held back in haste. Of 600 broken copies one showed a wrong picture 5 pictures before its error, none earlier."""
 LARGEST_GROWTH = 4
 """A damaged header that makes the picture this many times larger is not believed (nor its memory taken)."""
+
+
+class Doubt(Exception):
+    """A stream that was read in haste is damaged, or its container is."""
 
 
 class Stream:
@@ -47,9 +61,11 @@ class Stream:
     decode_threads : None = as many as help
     damaged_at : says of a packet's place in the file, bytes, whether the container knows it to be damaged
     believe_stamps : tell by the timestamps which picture comes before which; else by their place in the file
+    haste : let threads work where they hide damage, and raise Doubt at its first sign
 
     Attributes
     ----------
+    in_haste : Doubt may come
     first_stamp : smallest timestamp of a packet, final when the first picture is out; None without timestamps
     last_stamp : largest one so far
     packets : packets so far that hold a picture to be shown, decodable or not
@@ -62,6 +78,7 @@ class Stream:
         decode_threads: int | None = None,
         damaged_at: Callable[[int | None], bool] | None = None,
         believe_stamps: bool = True,
+        haste: bool = False,
     ) -> None:
         self._container, self._video = container, container.streams.video[0]
         self._decoder = self._video.codec_context
@@ -75,18 +92,35 @@ class Stream:
         rate, base = self._video.average_rate, self._video.time_base
         step = float(1 / (rate * base)) if rate and base else 0.0
         self._ledger = Ledger(codec in INTRA_ONLY, codec in ONE_TO_ONE, shuffled, step)
-        self._blame = _prepare(self._decoder, decode_threads)
+        self.in_haste, self._blame = _prepare(self._decoder, decode_threads, haste)
         self.first_stamp: int | None = None
         self.last_stamp: int | None = None
         self.packets = 0
         self.stopped_by: Exception | None = None
 
     def __iter__(self) -> Iterator[Picture]:
+        return self._held_back() if self.in_haste else self._pictures()
+
+    def _held_back(self) -> Iterator[Picture]:
+        held: deque[Picture] = deque()
+        for expected, picture in enumerate(self._pictures()):
+            if picture.damaged or picture.index != expected:
+                raise Doubt
+            held.append(picture)
+            if len(held) > HELD_BACK:
+                yield held.popleft()
+        if self.stopped_by is not None:
+            raise Doubt
+        yield from held
+
+    def _pictures(self) -> Iterator[Picture]:
         import av.error
 
         ledger, decoder = self._ledger, self._decoder
         for packet in self._readable():
             picture = self._enter(packet)
+            if self.in_haste and (picture.damaged or not packet.size):
+                raise Doubt
             if not packet.size:
                 ledger.fail(picture)
                 continue
@@ -94,6 +128,8 @@ class Stream:
             try:
                 frames = decoder.decode(packet)
             except av.error.FFmpegError:
+                if self.in_haste:
+                    raise Doubt from None
                 # decoding frames in parallel reports an error with a later packet; there the picture's absence tells
                 if self._blame:
                     ledger.fail(picture)
@@ -105,7 +141,8 @@ class Stream:
             for raw in decoder.decode(None):
                 ledger.show(raw)
         except av.error.FFmpegError:
-            pass
+            if self.in_haste:
+                raise Doubt from None
         ledger.end()
         yield from ledger.ready()
 
@@ -151,22 +188,25 @@ class Stream:
         return self._ledger.shuffled
 
 
-def _prepare(decoder: Any, decode_threads: int | None) -> bool:
-    """Set options and threads; True where an error comes with the packet that caused it.
+def _prepare(decoder: Any, decode_threads: int | None, haste: bool) -> tuple[bool, bool]:
+    """Set options and threads.
 
-    With B frames, ffmpeg's frame threads read the marks of damage before the frame is decoded: there (and in HEVC, whose only
-    sign of damage is the error itself) threads work within a frame only.
+    Returns
+    -------
+    in_haste : damage may be hidden, so that its first sign ends all
+    blame : an error comes with the packet that caused it
     """
     pixels = decoder.width * decoder.height
-    options = {"err_detect": "crccheck" if decoder.name in CONCEALS else "crccheck+explode"}
+    cores = os.cpu_count() or 1
+    wanted = decode_threads or (min(cores + 1, MOST_THREADS) if pixels >= FRAME_THREADS_FROM_PX else 1)
+    exact = decoder.name in INTRA_ONLY or (decoder.name == "h264" and not decoder.has_b_frames)
+    in_haste = haste and not exact and wanted > 1 and decoder.name in HASTE
+    by_frame = wanted > 1 and (exact or in_haste)
+    mends = decoder.name in CONCEALS and not in_haste
+    options = {"err_detect": "crccheck" if mends else "crccheck+explode"}
     if pixels:
         options["max_pixels"] = str(LARGEST_GROWTH * (decoder.width + 128) * (decoder.height + 128))
     decoder.options = options
-    exact = decoder.name in INTRA_ONLY or (decoder.name == "h264" and not decoder.has_b_frames)
-    if decode_threads is None:
-        by_frame = exact and pixels >= FRAME_THREADS_FROM_PX and (os.cpu_count() or 1) > 2
-    else:
-        by_frame = exact and decode_threads > 1
     decoder.thread_type = "FRAME" if by_frame else "NONE"
-    decoder.thread_count = (decode_threads or 0) if by_frame else 1
-    return not by_frame
+    decoder.thread_count = wanted if by_frame else 1
+    return in_haste, not by_frame

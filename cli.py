@@ -112,6 +112,11 @@ def _parser() -> argparse.ArgumentParser:
     sub = command("render", _render, "scenario.toml to a filmed run: video, run.toml and its truth")
     sub.add_argument("scenario", type=Path, metavar="SCENARIO.toml")
     sub.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="the run folder to write")
+
+    from .commands import modules
+
+    for module in modules():
+        module.add_arguments(command(module.NAME, module.call, module.HELP))
     return parser
 
 

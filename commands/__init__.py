@@ -1,0 +1,11 @@
+"""Commands that have a module of their own: ``NAME``, ``HELP``, ``add_arguments(sub)``, ``call(options)``.
+
+A module parses, calls and prints; it computes nothing and imports nothing heavy before it is called.
+"""
+
+from types import ModuleType
+
+
+def modules() -> tuple[ModuleType, ...]:
+    """The commands' modules, in the order of ``towline --help``."""
+    return ()

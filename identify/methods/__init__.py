@@ -1,0 +1,1 @@
+"""The thesis's other estimators, one a module."""

@@ -157,14 +157,15 @@ def _console() -> Any:
     return console if console.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
 
 
-def _progress(follow: bool = False) -> AbstractContextManager[Callable[[str, int, int | None], None]]:
+def show_progress(follow: bool = False) -> AbstractContextManager[Callable[[str, int, int | None], None]]:
     """A progress line on the terminal; silent where the output is not one, unless it is to be followed."""
     from .progress import progress
 
     return progress(follow)
 
 
-def _fail_lines(failed: dict[str, str]) -> None:
+def say_failed(failed: dict[str, str]) -> None:
+    """One line for each run that failed."""
     for name, why in failed.items():
         print(f"towline: failed: {name}: {_one_line(why)}", file=sys.stderr)
 
@@ -178,12 +179,12 @@ def _batch(options: argparse.Namespace, fresh: bool = False):
     from .analysis import moved_batch
     from .record.errors import TowlineError
 
-    with _progress() as show:
+    with show_progress() as show:
         batch = moved_batch(options.runs, options.method, show, fresh)
     if not batch.runs:
         if len(batch.failed) == 1:
             raise TowlineError(next(iter(batch.failed.values())))
-        _fail_lines(batch.failed)
+        say_failed(batch.failed)
         raise TowlineError("no run could be used")
     return batch
 
@@ -216,7 +217,7 @@ def _render(options: argparse.Namespace) -> int:
     from .simulate.render import render_scenario
 
     file = read_scenario(options.scenario)
-    with _progress() as show:
+    with show_progress() as show:
         render_scenario(
             file, options.scenario.parent, options.out, lambda done, total: show(f"{file.name}: rendering", done, total)
         )
@@ -239,7 +240,7 @@ def _track(options: argparse.Namespace) -> int:
         try:
             run = read_run(folder)
             filmed = run.file.source.video is not None
-            with _progress(options.follow) as show:
+            with show_progress(options.follow) as show:
                 found = stages.tracked(run, show, options.fresh, options.device)
                 drawn = stages.draw(found, overlay, sheet, show) if filmed else []
         except TowlineError as error:
@@ -251,7 +252,7 @@ def _track(options: argparse.Namespace) -> int:
         _notes(found.notes)
         if filmed:
             _say_written(run.out, {"tracks.csv": True, "overlay.mp4": overlay, "worst.png": sheet}, found.anew, drawn)
-    _fail_lines(failed)
+    say_failed(failed)
     return _code(failed)
 
 
@@ -289,7 +290,7 @@ def _motion(options: argparse.Namespace) -> int:
         if m.camera is not None:
             _notes(m.camera.notes)
             print("wrote " + ", ".join(str(m.run.out / name) for name in ("marks.csv", "motion.csv", "camera.json")))
-    _fail_lines(batch.failed)
+    say_failed(batch.failed)
     return _code(batch.failed)
 
 
@@ -328,7 +329,7 @@ def _identify(options: argparse.Namespace) -> int:
     batch = _batch(options)
     out = options.out or output_folder(options.runs)
     result = _fit_and_write(options, batch, out).result
-    _fail_lines(result.failed)
+    say_failed(result.failed)
     return _code(result.failed)
 
 
@@ -339,7 +340,7 @@ def _fit_and_write(options: argparse.Namespace, batch: Any, out: Path) -> Any:
     from .stages import read_priors
 
     priors = None if options.priors is None else read_priors(options.priors)
-    with _progress() as show:
+    with show_progress() as show:
         answer = identified(batch, options.form, options.speed, priors, lambda text: show(text, 0, None))
     write_result(out / "derivatives.json", answer.result)
     _console().print(derivatives_table(answer.result))
@@ -353,7 +354,7 @@ def _steady(options: argparse.Namespace) -> int:
 
     batch = _batch(options)
     result = _steady_and_write(batch, options.out or output_folder(options.runs))
-    _fail_lines(result.failed)
+    say_failed(result.failed)
     return _code(result.failed)
 
 
@@ -432,5 +433,5 @@ def _run(options: argparse.Namespace) -> int:
         page, title, pages, derivatives, steady, [*notes, *(f"{name}: {why}" for name, why in batch.failed.items())]
     )
     print(f"page: {page}")
-    _fail_lines(failed)
+    say_failed(failed)
     return EXIT_ERROR if problems else _code(failed)

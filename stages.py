@@ -136,7 +136,7 @@ def _follow_marks(run: Run, backend: Any, progress: Progress | None) -> Tracking
             from .vision import clip_info, track
 
         info = clip_info(run.source_path)
-        datum = _datum_of(run, info)
+        datum = datum_of(run, info)
         total = _frames_expected(run, info)
 
         def tell(done: int, lost: int) -> None:
@@ -210,7 +210,7 @@ def _begun(frames: Iterator[Frame]) -> Iterator[Iterator[Frame]]:
             close()
 
 
-def _datum_of(run: Run, info: ClipInfo | None = None) -> DatumFit:
+def datum_of(run: Run, info: ClipInfo | None = None) -> DatumFit:
     """The fitted datum of a run; ``info`` of its video, if it has one."""
     from .geometry import run_datum
 
@@ -334,7 +334,7 @@ def moved(run: Run, method: str = "exact", progress: Progress | None = None, fre
     refound = run.out / DATUM
     moving = run.file.source.video is not None and any(p.track for p in run.file.datum) and refound.is_file()
     datum_tracks = read_tracks(refound) if moving else None
-    result = motion_from_tracks(run, tracks, _datum_of(run), method, __version__, run.input_hashes(), datum_tracks)
+    result = motion_from_tracks(run, tracks, datum_of(run), method, __version__, run.input_hashes(), datum_tracks)
     write_table(paths[MARKS], result.marks, stamp)
     write_result(paths[CAMERA], result.camera)
     with replacing(paths[COMMON]) as temporary:
@@ -411,4 +411,4 @@ def read_priors(path: str | Path):
     return read_toml(path, Priors)
 
 
-__all__ = ["Moved", "Tracked", "draw", "moved", "picture_of", "read_priors", "tracked", "truth_motion", "truth_of"]
+__all__ = ["Moved", "Tracked", "datum_of", "draw", "moved", "picture_of", "read_priors", "tracked", "truth_motion", "truth_of"]

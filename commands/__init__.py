@@ -8,4 +8,6 @@ from types import ModuleType
 
 def modules() -> tuple[ModuleType, ...]:
     """The commands' modules, in the order of ``towline --help``."""
-    return ()
+    from . import check, datum, lens, rectify
+
+    return (check, datum, lens, rectify)

@@ -47,6 +47,41 @@ class Lens:
         """K, (3, 3) px."""
         return np.array([[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]])
 
+    @classmethod
+    def from_vector(cls, vector: Array) -> Lens:
+        """The lens of fx fy cx cy k1 k2 p1 p2 k3, (9,)."""
+        fx, fy, cx, cy = (float(v) for v in vector[:4])
+        return cls(fx, fy, cx, cy, np.array(vector[4:9], dtype=float))
+
+    @property
+    def vector(self) -> Array:
+        """fx fy cx cy k1 k2 p1 p2 k3, (9,)."""
+        return np.concatenate([[self.fx_px, self.fy_px, self.cx_px, self.cy_px], self.distortion])
+
+    def slopes(self, ideal: Array) -> tuple[Array, Array, Array]:
+        """Pixels of ideal coordinates ``(n, 2)`` and their slopes by those and by the lens's own numbers.
+
+        Returns
+        -------
+        pixel_px : (n, 2)
+        per_ideal : (n, 2, 2) px
+        per_lens : (n, 2, 9), by ``vector``
+        """
+        x, y = ideal[:, 0], ideal[:, 1]
+        distorted, slope = _distorted(x, y, self.distortion)
+        focal = np.array([self.fx_px, self.fy_px])
+        square = x * x + y * y
+        per_lens = np.zeros((len(ideal), 2, 9))
+        per_lens[:, 0, 0], per_lens[:, 1, 1] = distorted
+        per_lens[:, 0, 2] = per_lens[:, 1, 3] = 1.0
+        for column, radial in ((4, square), (5, square**2), (8, square**3)):
+            per_lens[:, 0, column], per_lens[:, 1, column] = x * radial, y * radial
+        per_lens[:, 0, 6], per_lens[:, 1, 6] = 2 * x * y, square + 2 * y * y
+        per_lens[:, 0, 7], per_lens[:, 1, 7] = square + 2 * x * x, 2 * x * y
+        per_lens[:, :, 4:] *= focal[None, :, None]
+        pixel = distorted.T * focal + [self.cx_px, self.cy_px]
+        return pixel, slope * focal[None, :, None], per_lens
+
     def distort(self, ideal: Array) -> Array:
         """Normalised ideal coordinates ``(n, 2)`` -> pixels ``(n, 2)``."""
         x, y = ideal[:, 0], ideal[:, 1]

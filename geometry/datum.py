@@ -1,32 +1,32 @@
-"""The datum: points of known place in the picture -> the camera matrix and its uncertainty.
+"""The datum: points of known place in the picture -> the camera matrix and its uncertainty, also with a badly picked point.
 
-Four ways, by what is known (formats.md):
-- ``pose``: [camera] gives the lens; the six numbers of the pose are fitted.
-- ``two_planes``: no lens, datum points at two depths: the whole matrix is fitted (single-view metrology).
-- ``homography``: no lens, one plane, and the marks lie in it.
-- ``square_pixels``: no lens, one plane, marks off it: square pixels and a centred principal point are assumed, said,
-  and their uncertainty carried.
+``datum_model`` says what is fitted. A point that the others contradict is left out, by name: the one without which all is well.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
 from ..record.errors import GeometryError
 from ..record.schema import CameraTable, DatumPoint
-from .camera import Array, Lens
+from .camera import Array
+from .datum_model import DatumModel, datum_model
 from .mapping import ProjectiveMapping
 
-CENTRE_SD_SHARE = 0.02
-"""Principal points of ordinary cameras scatter by about 2 % of the picture's width around its centre."""
 REJECTED_AT = 0.01
 """The stated picking errors are not believed when the residuals' chi-square is less probable than this."""
+WORSE_BY = 13.8
+"""Leaving out another point instead must raise chi-square by more (1 in 1000 for two numbers), or it is not known which is bad."""
+LEAST_DEGREES = 2
+"""Degrees of freedom that must remain to tell that all is well without a point."""
+MOST_SUBSETS = 3000
+CONSENSUS_SIGMAS = 4.0
 RANK_TOLERANCE = 1e-9
 _STEP = 1e-6
 
@@ -38,23 +38,52 @@ class DatumFit:
     Attributes
     ----------
     mapping : pixel <-> tank
-    residual_px : (n, 2), picked minus projected
+    residual_px : (n, 2), picked minus projected, of every point
+    residual_m : (n, 2), where the pick says the point is, minus tank_m
     sigma_px : (n,), stated picking errors
-    chi_square, degrees : of the weighted residuals
+    chi_square, degrees : of the weighted residuals of the points used
+    excluded : points left out, by their place in the list
     notes : assumptions and warnings, for the user
     """
 
     mapping: ProjectiveMapping
     residual_px: Array
+    residual_m: Array
     sigma_px: Array
     chi_square: float
     degrees: int
+    excluded: tuple[int, ...]
     notes: tuple[str, ...]
 
     @property
     def rms_px(self) -> float:
-        """Root mean square of the residuals per coordinate."""
-        return float(np.sqrt(np.mean(self.residual_px**2)))
+        """Root mean square of the used points' residuals per coordinate."""
+        used = np.delete(self.residual_px, self.excluded, axis=0)
+        return float(np.sqrt(np.mean(used**2)))
+
+
+@dataclass(frozen=True)
+class _Picks:
+    """The datum points as arrays."""
+
+    tank: Array
+    pixel: Array
+    sigma: Array
+    place_sd: Array
+
+    def without(self, out: Sequence[int]) -> _Picks:
+        return _Picks(*(np.delete(a, out, axis=0) for a in (self.tank, self.pixel, self.sigma, self.place_sd)))
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """A model fitted to picks."""
+
+    theta: Array
+    covariance: Array
+    chi_square: float
+    degrees: int
+    whitened: Array
 
 
 def fit_datum(
@@ -62,8 +91,10 @@ def fit_datum(
     camera: CameraTable | None,
     marker_depths_m: Sequence[float],
     image_size_px: tuple[int, int] | None = None,
+    lens_covariance: Array | None = None,
+    robust: bool = True,
 ) -> DatumFit:
-    """Fit the camera to its datum points.
+    """Fit the camera to its datum points: linear start, then Levenberg-Marquardt through the lens.
 
     Parameters
     ----------
@@ -71,210 +102,192 @@ def fit_datum(
     camera : the lens, or None
     marker_depths_m : depths at which places will be asked for; they decide which model is needed
     image_size_px : width, height; needed for ``square_pixels``
+    lens_covariance : (9, 9) of ``Lens.vector``; None: the lens is exact
+    robust : leave out points that the others contradict
 
     Raises
     ------
     GeometryError : the points do not fix the camera
     """
-    tank = np.array([p.tank_m for p in points], dtype=float)
-    pixel = np.array([p.pixel_px for p in points], dtype=float)
-    sigma = np.array([p.sigma_px for p in points], dtype=float)
-    notes: list[str] = []
-    depths = np.unique(tank[:, 2])
-    if camera is not None:
-        lens = Lens.from_table(camera)
-        start = _pose_start(tank, lens.normalise(pixel)[0])
-        return _finish("pose", lens, _pose_matrix, start, tank, pixel, sigma, points, notes)
-    lens = Lens(1.0, 1.0, 0.0, 0.0)
-    if len(depths) > 1 and len(points) >= 6:
-        start = _dlt(tank, pixel).ravel()
-        notes.append("no [camera]: the picture is taken as free of distortion; height from datum points at two depths")
-        return _finish("two_planes", lens, _free_matrix, start, tank, pixel, sigma, points, notes, gauge=1)
-    if len(depths) == 1 and np.allclose(marker_depths_m, depths[0], atol=1e-9):
-        plane = _plane_dlt(tank[:, :2], pixel)
-        notes.append("no [camera]: the picture is taken as free of distortion")
-        build = _plane_matrix(float(depths[0]))
-        return _finish("homography", lens, build, plane.ravel(), tank, pixel, sigma, points, notes, gauge=1)
-    if image_size_px is None:
-        raise GeometryError(
-            "camera: missing table; the marks lie off the datum plane and the picture's size is not known: "
-            "give [camera], or six or more datum points at two depths"
-        )
-    return _square_pixels(lens, image_size_px, tank, pixel, sigma, points, notes)
-
-
-def _square_pixels(
-    lens: Lens,
-    size: tuple[int, int],
-    tank: Array,
-    pixel: Array,
-    sigma: Array,
-    points: Sequence[DatumPoint],
-    notes: list[str],
-) -> DatumFit:
-    width, height = size
-    centre = np.array([(width - 1) / 2, (height - 1) / 2])
-    spread = CENTRE_SD_SHARE * width
-    notes.append(
-        "no [camera], one datum plane and marks off it: square pixels and a principal point at the picture's centre "
-        f"(within {spread:.0f} px) are assumed; a [camera] table or water-line datum points would replace the assumption"
+    picks = _Picks(
+        np.array([p.tank_m for p in points], dtype=float),
+        np.array([p.pixel_px for p in points], dtype=float),
+        np.array([p.sigma_px for p in points], dtype=float),
+        np.array([p.tank_sd_m for p in points], dtype=float),
     )
-    focal = _focal_from_plane(_plane_dlt(tank[:, :2], pixel), centre, width)
-    pose = _pose_start(tank, (pixel - centre) / focal)
-    start = np.concatenate([[focal], centre, pose])
+    names = [p.name or f"point {i + 1}" for i, p in enumerate(points)]
 
-    def build(theta: Array) -> Array:
-        intrinsic = np.array([[theta[0], 0, theta[1]], [0, theta[0], theta[2]], [0, 0, 1.0]])
-        return intrinsic @ _pose_matrix(theta[3:])
+    def model_of(some: _Picks) -> DatumModel:
+        return datum_model(some.tank, some.pixel, camera, marker_depths_m, image_size_px, lens_covariance)
 
-    def prior(theta: Array) -> Array:
-        return (theta[1:3] - centre) / spread
+    model = model_of(picks)
+    solved = _solve(model, picks)
+    excluded: tuple[int, ...] = ()
+    notes = list(model.notes)
+    if robust and _rejected(solved):
+        found = _without_bad_points(model_of, picks, solved)
+        if found is not None:
+            excluded, model, solved = found
+    return _finish(model, solved, picks, excluded, names, notes)
 
-    return _finish("square_pixels", lens, build, start, tank, pixel, sigma, points, notes, prior=prior)
 
+def _solve(model: DatumModel, picks: _Picks) -> _Solved:
+    """Levenberg-Marquardt from the model's start; the scale of a gauge is held."""
+    homogeneous = np.column_stack([picks.tank, np.ones(len(picks.tank))])
+    scale = np.maximum(np.abs(model.start), 1e-3 * np.abs(model.start).max())
+    whiten = _whitening(model, picks)
 
-def _finish(
-    method: str,
-    lens: Lens,
-    build: Callable[[Array], Array],
-    start: Array,
-    tank: Array,
-    pixel: Array,
-    sigma: Array,
-    points: Sequence[DatumPoint],
-    notes: list[str],
-    gauge: int = 0,
-    prior: Callable[[Array], Array] | None = None,
-) -> DatumFit:
-    """Levenberg-Marquardt from ``start``, then covariance; ``gauge`` counts directions without effect (a scale)."""
-    homogeneous = np.column_stack([tank, np.ones(len(tank))])
-    scale = np.maximum(np.abs(start), 1e-3 * np.abs(start).max())
-
-    def picks(scaled: Array) -> Array:
-        seen = homogeneous @ build(scaled * scale).T
-        return (pixel - lens.distort(seen[:, :2] / seen[:, 2:])) / sigma[:, None]
+    def whitened(scaled: Array) -> Array:
+        theta = scaled * scale
+        seen = homogeneous @ model.matrix(theta).T
+        gap = picks.pixel - model.lens(theta).distort(seen[:, :2] / seen[:, 2:])
+        return np.einsum("nij,nj->ni", whiten, gap)
 
     def cost(scaled: Array) -> Array:
-        gap = picks(scaled).ravel()
-        extra = prior(scaled * scale) if prior else np.zeros(0)
-        fixed_scale = [np.linalg.norm(scaled) - np.linalg.norm(start / scale)] if gauge else []
-        return np.concatenate([gap, extra, fixed_scale])
+        fixed = [np.linalg.norm(scaled) - np.linalg.norm(model.start / scale)] if model.gauge else []
+        return np.concatenate([whitened(scaled).ravel(), model.prior(scaled * scale), fixed])
 
-    answer = least_squares(cost, start / scale, method="lm", jac="3-point", xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    answer = least_squares(cost, model.start / scale, method="lm", jac="3-point", xtol=1e-14, ftol=1e-14, gtol=1e-14)
     values = np.linalg.svd(answer.jac, compute_uv=False)
     if not np.isfinite(values).all() or values[-1] < RANK_TOLERANCE * values[0]:
         raise GeometryError(
-            f"datum: the {len(points)} points do not fix the camera ({method}): three of four on a line, or too few"
+            f"datum: the {len(picks.tank)} points do not fix the camera ({model.method}): "
+            "three of four on a line, or too few"
         )
-    covariance = np.linalg.inv(answer.jac.T @ answer.jac)
-    gap = picks(answer.x)
-    degrees = 2 * len(points) - (len(start) - gauge) + (2 if prior else 0)
-    chi_square = float((gap**2).sum())
+    inverse = np.linalg.inv(answer.jac.T @ answer.jac)
+    gap = whitened(answer.x)
+    known = model.prior(model.start)
+    chi_square = float((gap**2).sum() + (model.prior(answer.x * scale) ** 2).sum())
+    degrees = 2 * len(picks.tank) + len(known) - (len(model.start) - model.gauge)
+    return _Solved(answer.x * scale, inverse * np.outer(scale, scale), chi_square, degrees, gap)
+
+
+def _whitening(model: DatumModel, picks: _Picks) -> Array:
+    """(n, 2, 2): picking errors, and errors of the points' own places as the picture shows them."""
+    covariance = picks.sigma[:, None, None] ** 2 * np.eye(2)
+    if picks.place_sd.any():
+        step = 1e-4
+        lens, matrix = model.lens(model.start), model.matrix(model.start)
+
+        def project(tank: Array) -> Array:
+            seen = np.column_stack([tank, np.ones(len(tank))]) @ matrix.T
+            return lens.distort(seen[:, :2] / seen[:, 2:])
+
+        slope = np.stack(
+            [(project(picks.tank + e) - project(picks.tank - e)) / (2 * step) for e in step * np.eye(3)], 2
+        )
+        slope = slope * picks.place_sd[:, None, None]
+        covariance = covariance + slope @ slope.transpose(0, 2, 1)
+    return np.linalg.inv(np.linalg.cholesky(covariance))
+
+
+def _rejected(solved: _Solved) -> bool:
+    return solved.degrees > 0 and bool(chdtrc(solved.degrees, solved.chi_square) < REJECTED_AT)
+
+
+def _without_bad_points(model_of, picks: _Picks, solved: _Solved):
+    """The points to leave out, with the fit of the rest; None where it cannot be told which are bad."""
+    most = (solved.degrees - LEAST_DEGREES) // 2
+    if most < 1:
+        return None
+    ways: list[tuple[float, tuple[int, ...], DatumModel, _Solved]] = []
+    for out in [(i,) for i in range(len(picks.tank))]:
+        way = _left_out(model_of, picks, out)
+        if way is not None:
+            ways.append((way[1].chi_square, out, *way))
+    ways.sort(key=lambda way: way[0])
+    if ways and not _rejected(ways[0][3]):
+        told = len(ways) == 1 or ways[1][0] - ways[0][0] > WORSE_BY
+        return ways[0][1:] if told else None
+    out = _consensus_misses(picks)
+    if not 1 < len(out) <= most:
+        return None
+    way = _left_out(model_of, picks, out)
+    return (out, *way) if way is not None and not _rejected(way[1]) else None
+
+
+def _left_out(model_of, picks: _Picks, out: tuple[int, ...]) -> tuple[DatumModel, _Solved] | None:
+    rest = picks.without(out)
+    try:
+        model = model_of(rest)
+        return model, _solve(model, rest)
+    except (GeometryError, np.linalg.LinAlgError):
+        return None
+
+
+def _consensus_misses(picks: _Picks) -> tuple[int, ...]:
+    """Points of the plane with most points that the largest consensus of four leaves aside (RANSAC over all fours).
+
+    scikit-image's projective transform, without a lens: the tolerance holds its largest bend, as the best four themselves show it.
+    """
+    from skimage.transform import ProjectiveTransform
+
+    depths, count = np.unique(picks.tank[:, 2], return_counts=True)
+    plane = np.flatnonzero(picks.tank[:, 2] == depths[np.argmax(count)])
+    if len(plane) < 6:
+        return ()
+    source, target = picks.tank[plane, :2], picks.pixel[plane]
+    best: tuple[int, float, Array] | None = None
+    for index, four in enumerate(combinations(range(len(plane)), 4)):
+        if index >= MOST_SUBSETS:
+            break
+        transform = ProjectiveTransform.from_estimate(source[list(four)], target[list(four)])
+        if not transform:
+            continue
+        apart = np.linalg.norm(transform(source) - target, axis=1) / picks.sigma[plane]
+        near = apart < CONSENSUS_SIGMAS
+        key = (int(near.sum()), -float((apart[near] ** 2).sum()))
+        if best is None or key > best[:2]:
+            best = (*key, near)
+    return () if best is None else tuple(int(i) for i in plane[~best[2]])
+
+
+def _finish(
+    model: DatumModel,
+    solved: _Solved,
+    picks: _Picks,
+    excluded: tuple[int, ...],
+    names: Sequence[str],
+    notes: list[str],
+) -> DatumFit:
     widen = 1.0
-    if degrees > 0 and chdtrc(degrees, chi_square) < REJECTED_AT:
-        widen = np.sqrt(chi_square / degrees)
-        worst = int(np.argmax((gap**2).sum(axis=1)))
-        size = float(np.linalg.norm(gap[worst]) * sigma[worst])
-        notes.append(
-            f"the datum does not fit its stated picking errors (chi-square {chi_square:.1f} of {degrees}): largest at "
-            f"{points[worst].name or f'point {worst + 1}'}, {size:.2f} px; the camera's uncertainty is widened {widen:.1f} times"
-        )
-    elif degrees == 0:
-        notes.append("the datum has no point to spare: its picks cannot be checked; a fifth point would")
-    theta = answer.x * scale
-    root = np.linalg.cholesky(covariance) * widen
-    modes = []
-    for column in (root * scale[:, None]).T:
-        modes.append((build(theta + _STEP * column) - build(theta - _STEP * column)) / (2 * _STEP))
-    mapping = ProjectiveMapping(method, lens, build(theta), np.array(modes))
-    return DatumFit(mapping, gap * sigma[:, None], sigma, chi_square, degrees, tuple(notes))
-
-
-def _pose_matrix(theta: Array) -> Array:
-    rotation = Rotation.from_rotvec(theta[:3]).as_matrix()
-    return np.column_stack([rotation, theta[3:6]])
-
-
-def _free_matrix(theta: Array) -> Array:
-    return theta.reshape(3, 4)
-
-
-def _plane_matrix(depth_m: float) -> Callable[[Array], Array]:
-    def build(theta: Array) -> Array:
-        plane = theta.reshape(3, 3)
-        if depth_m != 0:
-            raise GeometryError("datum: one plane without [camera] must be the datum plane itself, depth 0")
-        return np.column_stack([plane[:, 0], plane[:, 1], np.zeros(3), plane[:, 2]])
-
-    return build
-
-
-def _pose_start(tank: Array, ideal: Array) -> Array:
-    """Rotation vector and translation from normalised points, by OpenCV's SQPnP (global optimum, planar or not)."""
-    import cv2
-
-    centre = tank.mean(axis=0)
-    found, rotation, translation = cv2.solvePnP(
-        np.ascontiguousarray(tank - centre),
-        np.ascontiguousarray(ideal),
-        np.eye(3),
-        np.zeros(5),
-        flags=cv2.SOLVEPNP_SQPNP,
+    theta = solved.theta
+    if _rejected(solved):
+        widen = np.sqrt(solved.chi_square / solved.degrees)
+    root = np.linalg.cholesky(solved.covariance) * widen
+    ends = [(theta + _STEP * column, theta - _STEP * column) for column in root.T]
+    modes = np.array([model.matrix(a) - model.matrix(b) for a, b in ends]) / (2 * _STEP)
+    lens_modes = np.array([model.lens(a).vector - model.lens(b).vector for a, b in ends]) / (2 * _STEP)
+    lens = model.lens(theta)
+    mapping = ProjectiveMapping(
+        model.method, lens, model.matrix(theta), modes, lens_modes if lens_modes.any() else np.zeros((0, 9))
     )
-    if not found or not np.isfinite(rotation).all():
-        raise GeometryError("datum: no camera pose fits the points; are tank_m and pixel_px in the same order?")
-    matrix = Rotation.from_rotvec(rotation.ravel()).as_matrix()
-    shift = translation.ravel() - matrix @ centre
-    if ((tank @ matrix.T + shift)[:, 2] <= 0).any():
-        raise GeometryError("datum: the points fit only a camera that has some of them behind it; check tank_m's signs")
-    return np.concatenate([rotation.ravel(), shift])
+    residual = picks.pixel - mapping.to_pixel(picks.tank)
+    stands = np.array([_stands(mapping, p, z) for p, z in zip(picks.pixel, picks.tank[:, 2], strict=True)])
+    apart = stands - picks.tank[:, :2]
+
+    def size(i: int) -> str:
+        return f"{np.linalg.norm(residual[i]):.2f} px ({1e3 * np.linalg.norm(apart[i]):.1f} mm)"
+
+    if widen > 1.0:
+        used = np.delete(np.arange(len(names)), excluded)
+        worst = int(used[np.argmax((solved.whitened**2).sum(axis=1))])
+        notes.append(
+            f"the datum does not fit its stated picking errors (chi-square {solved.chi_square:.1f} of {solved.degrees}): "
+            f"largest at {names[worst]}, {size(worst)}; the camera's uncertainty is widened {widen:.1f} times"
+        )
+    elif solved.degrees == 0:
+        notes.append("the datum has no point to spare: its picks cannot be checked; a fifth point would")
+    for i in excluded:
+        notes.append(
+            f"datum point {names[i]} is left out: it lies {size(i)} from where all the others put it; pick it again, or check "
+            "its tank_m"
+        )
+    return DatumFit(mapping, residual, apart, picks.sigma, solved.chi_square, solved.degrees, excluded, tuple(notes))
 
 
-def _normaliser(points: Array) -> Array:
-    """Hartley's similarity: points to zero mean and unit spread, (d+1, d+1)."""
-    centre = points.mean(axis=0)
-    spread = np.sqrt(((points - centre) ** 2).sum(axis=1).mean())
-    size = points.shape[1]
-    similarity = np.eye(size + 1)
-    similarity[:size, :size] /= spread
-    similarity[:size, size] = -centre / spread
-    return similarity
-
-
-def _linear_camera(source: Array, pixel: Array) -> Array:
-    """Direct linear transform of homogeneous ``source (n, d+1)`` to pixels; (3, d+1)."""
-    rows = []
-    for point, (u, v) in zip(source, pixel, strict=True):
-        zero = np.zeros_like(point)
-        rows += [np.concatenate([point, zero, -u * point]), np.concatenate([zero, point, -v * point])]
-    return np.linalg.svd(np.array(rows))[2][-1].reshape(3, -1)
-
-
-def _dlt(tank: Array, pixel: Array) -> Array:
-    left, right = _normaliser(pixel), _normaliser(tank)
-    source = np.column_stack([tank, np.ones(len(tank))]) @ right.T
-    target = (np.column_stack([pixel, np.ones(len(pixel))]) @ left.T)[:, :2]
-    return _signed(np.linalg.inv(left) @ _linear_camera(source, target) @ right, tank)
-
-
-def _plane_dlt(xy: Array, pixel: Array) -> Array:
-    left, right = _normaliser(pixel), _normaliser(xy)
-    source = np.column_stack([xy, np.ones(len(xy))]) @ right.T
-    target = (np.column_stack([pixel, np.ones(len(pixel))]) @ left.T)[:, :2]
-    return _signed(np.linalg.inv(left) @ _linear_camera(source, target) @ right, xy)
-
-
-def _signed(matrix: Array, points: Array) -> Array:
-    """Scale so that points are ahead of the camera and the matrix is of order one in its last row."""
-    ahead = np.column_stack([points, np.ones(len(points))]) @ matrix[2]
-    return matrix / ahead.mean()
-
-
-def _focal_from_plane(plane: Array, centre: Array, width: int) -> float:
-    """Focal length in px from a plane's homography under square pixels (orthogonality and equal length of r1, r2)."""
-    shift = np.array([[1, 0, -centre[0]], [0, 1, -centre[1]], [0, 0, 1.0]])
-    h1, h2 = (shift @ plane)[:, 0], (shift @ plane)[:, 1]
-    top = np.array([h1[0] * h2[0] + h1[1] * h2[1], h1[0] ** 2 + h1[1] ** 2 - h2[0] ** 2 - h2[1] ** 2])
-    low = np.array([h1[2] * h2[2], h1[2] ** 2 - h2[2] ** 2])
-    square = -(top @ low) / max(low @ low, 1e-300)
-    return float(np.sqrt(square)) if np.isfinite(square) and square > (0.2 * width) ** 2 else 1.2 * width
+def _stands(mapping: ProjectiveMapping, pixel: Array, depth_m: float) -> Array:
+    try:
+        return mapping.to_tank(pixel[None], depth_m).xy_m[0]
+    except GeometryError:
+        return np.full(2, np.nan)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -56,13 +56,15 @@ class ProjectiveMapping:
     method : how the matrix was found
     lens : of [camera], or the identity (pixels taken as ideal)
     matrix : (3, 4), tank (x, y, z, 1) -> ideal coordinates of ``lens``
-    matrix_modes : (k, 3, 4), its change with each independent unit-variance mode of the datum's uncertainty
+    matrix_modes : (k, 3, 4), its change with each independent unit-variance mode of the datum's and the lens's uncertainty
+    lens_modes : (k, 9), the lens's change (``Lens.vector``) with the same modes; (0, 9): the lens is exact
     """
 
     method: str
     lens: Lens
     matrix: Array
     matrix_modes: Array
+    lens_modes: Array = field(default_factory=lambda: np.zeros((0, 9)))
 
     def to_pixel(self, tank_m: Array) -> Array:
         """Tank points ``(n, 3)`` -> pixels ``(n, 2)``."""
@@ -91,6 +93,10 @@ class ProjectiveMapping:
         inverse = _inverse_2x2(forward)
         moved = np.einsum("kij,nj->kni", self.matrix_modes, point)
         moved = (moved[:, :, :2] - ideal[None] * moved[:, :, 2:]) / scale[None, :, None]
+        if len(self.lens_modes):
+            # a pixel stands still while the lens moves: its ideal place moves the other way
+            _, per_ideal, per_lens = self.lens.slopes(ideal)
+            moved += np.einsum("nij,njl,kl->kni", _inverse_2x2(per_ideal), per_lens, self.lens_modes)
         return Places(xy, inverse @ ideal_per_px, -np.einsum("nij,knj->kni", inverse, moved))
 
 

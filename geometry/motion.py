@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -50,9 +50,26 @@ def run_datum(run: Run, image_size_px: tuple[int, int] | None) -> DatumFit:
     size = file.camera.image_size_px if file.camera else image_size_px
     depths = [m.depth_m for m in file.marker]
     try:
-        return fit_datum(file.datum, file.camera, depths, size)
+        return fit_datum(file.datum, file.camera, depths, size, lens_covariance(run))
     except GeometryError as error:
         raise InputError(run.folder / RUN_FILE, "", str(error)) from None
+
+
+def lens_covariance(run: Run) -> Array | None:
+    """Covariance of ``Lens.vector`` by [camera]'s calibration or sd, (9, 9); None: taken as exact.
+
+    Raises
+    ------
+    InputError : the calibration file cannot be used
+    """
+    camera = run.file.camera
+    if camera is None:
+        return None
+    if camera.calibration is not None:
+        from ..record.lens_file import read_lens
+
+        return np.array(read_lens(run.path(camera.calibration)).covariance, dtype=float)
+    return np.diag(np.square(camera.sd)) if any(camera.sd) else None
 
 
 def run_mapping(run: Run, fit: DatumFit, method: str) -> Mapping:
@@ -92,30 +109,13 @@ def motion_from_tracks(
     ------
     InputError : the tracks hold no marker of run.toml, or never two at once
     """
-    markers = run.file.marker
-    if any(m.on == "post" for m in markers):
-        name = next(m.name for m in markers if m.on == "post")
-        raise InputError(
-            run.folder / RUN_FILE,
-            f"marker {name!r}.on",
-            '"post" (camera fixed to the tank) is not evaluated by this version',
-        )
-    mapping = run_mapping(run, fit, method)
     notes = list(fit.notes)
-    pixel, sigma, frames, times = _by_frame(run, tracks, markers)
-    if not np.isfinite(sigma[np.isfinite(pixel).all(axis=2)]).all():
-        notes.append(f"tracks without a sigma: {DEFAULT_SIGMA_PX} px assumed")
-    sigma = np.where(np.isfinite(sigma) & (sigma > 0), sigma, DEFAULT_SIGMA_PX)
-    if any(p.track for p in run.file.datum):
-        pixel, sigma, note = _steadied(datum_tracks, run, fit, frames, pixel, sigma)
-        notes.append(note)
-    place, covariance, modes = _places(run, mapping, markers, pixel, sigma)
-    body = np.array([m.body_m for m in markers])
-    rigid = fit_rigid(place, covariance, body)
-    if not np.isfinite(rigid.pose).any():
-        raise InputError(run.out / "tracks.csv", "", "no frame shows two markers at once; no motion can be had from it")
-    modes = np.concatenate([modes, _body_modes(run, rigid, body)]) if run.file.priors.marker_place_sd_m else modes
-    pose_modes = np.einsum("namj,knmj->kna", np.nan_to_num(rigid.gain), np.nan_to_num(modes))
+    mapping = run_mapping(run, fit, method)
+    found = poses_from_tracks(run, tracks, mapping, fit, datum_tracks)
+    notes += found.notes
+    markers, rigid = found.markers, found.rigid
+    frames, times, place, covariance = found.frames, found.t_s, found.place_m, found.covariance_m2
+    modes, pose_modes = found.modes_m, found.pose_modes
     alpha, alpha_slope = _alpha(run, rigid.pose)
     slope = np.zeros((len(frames), 3, 3))  # (y_cg, beta, alpha) by (x, y, beta)
     slope[:, 0, 1] = slope[:, 1, 2] = 1.0
@@ -168,6 +168,122 @@ def motion_from_tracks(
         np.where(measured[None, :, None], common, 0.0),
         camera,
     )
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Tracks by frame, mapped and fitted.
+
+    Attributes
+    ----------
+    frames, t_s : (n,)
+    markers : on the model
+    pixel_px, sigma_px : (n, m, 2) of those; NaN where not measured
+    place_m, covariance_m2, modes_m : (n, m, 2), (n, m, 2, 2), (k, n, m, 2), in tank axes as filmed
+    rigid : poses; in the carriage's axes where the camera is fixed to the tank
+    pose_modes : (k, n, 3)
+    notes : assumptions, for the user
+    """
+
+    frames: Array
+    t_s: Array
+    markers: tuple[Marker, ...]
+    pixel_px: Array
+    sigma_px: Array
+    place_m: Array
+    covariance_m2: Array
+    modes_m: Array
+    rigid: RigidFit
+    pose_modes: Array
+    notes: tuple[str, ...]
+
+
+def poses_from_tracks(
+    run: Run,
+    tracks: pd.DataFrame,
+    mapping: Mapping,
+    fit: DatumFit | None = None,
+    datum_tracks: pd.DataFrame | None = None,
+) -> Poses:
+    """Map the tracks into the tank and fit the rigid model in every frame.
+
+    Marks on the post (camera fixed to the tank, carriage moving through the picture) give the carriage's place in every frame;
+    the model's pose is told from there. A frame without one of them is lost.
+
+    Parameters
+    ----------
+    run, tracks, datum_tracks : see ``motion_from_tracks``
+    mapping : ``run_mapping``'s
+    fit : the datum's, needed with ``datum_tracks``
+
+    Raises
+    ------
+    InputError : the tracks hold no marker of run.toml, or never two at once
+    """
+    everyone = run.file.marker
+    notes: list[str] = []
+    pixel, sigma, frames, times = _by_frame(run, tracks, everyone)
+    if not np.isfinite(sigma[np.isfinite(pixel).all(axis=2)]).all():
+        notes.append(f"tracks without a sigma: {DEFAULT_SIGMA_PX} px assumed")
+    sigma = np.where(np.isfinite(sigma) & (sigma > 0), sigma, DEFAULT_SIGMA_PX)
+    if any(p.track for p in run.file.datum) and fit is not None:
+        pixel, sigma, note = _steadied(datum_tracks, run, fit, frames, pixel, sigma)
+        notes.append(note)
+    place, covariance, modes = _places(run, mapping, everyone, pixel, sigma)
+    on_model = np.array([m.on == "model" for m in everyone])
+    markers = tuple(m for m in everyone if m.on == "model")
+    body = np.array([m.body_m for m in markers])
+    rigid = fit_rigid(place[:, on_model], covariance[:, on_model], body)
+    own = modes[:, :, on_model]
+    if run.file.priors.marker_place_sd_m:
+        extra = _body_modes(run, rigid, body)
+        own = np.concatenate([own, extra])
+        modes = np.concatenate([modes, np.zeros((len(extra), *modes.shape[1:]))])
+    pose_modes = np.einsum("namj,knmj->kna", np.nan_to_num(rigid.gain), np.nan_to_num(own))
+    if not on_model.all():
+        posts = tuple(m for m in everyone if m.on == "post")
+        rigid, pose_modes = _from_carriage(
+            run, posts, rigid, pose_modes, place[:, ~on_model], covariance[:, ~on_model], modes[:, :, ~on_model]
+        )
+    if not np.isfinite(rigid.pose).any():
+        raise InputError(run.out / "tracks.csv", "", "no frame shows two markers at once; no motion can be had from it")
+    return Poses(
+        frames,
+        times,
+        markers,
+        pixel[:, on_model],
+        sigma[:, on_model],
+        place[:, on_model],
+        covariance[:, on_model],
+        own,
+        rigid,
+        pose_modes,
+        tuple(notes),
+    )
+
+
+def _from_carriage(
+    run: Run, posts: Sequence[Marker], rigid: RigidFit, pose_modes: Array, place: Array, covariance: Array, modes: Array
+) -> tuple[RigidFit, Array]:
+    """Poses against the carriage, whose marks say where its post has come to."""
+    post = np.array(run.file.tow.post_m) if run.file.tow is not None else np.zeros(2)
+    seen = np.asarray(np.isfinite(place).all(axis=2))
+    weight = np.where(
+        seen[:, :, None, None], np.linalg.inv(np.where(seen[:, :, None, None], covariance, np.eye(2))), 0.0
+    )
+    total = weight.sum(axis=1)
+    known = np.asarray(seen.any(axis=1))
+    inverse = np.linalg.inv(np.where(known[:, None, None], total, np.eye(2)))
+    gain = np.where(known[:, None, None, None], np.einsum("nij,nmjk->nmik", inverse, weight), 0.0)
+    stands = np.array([m.body_m for m in posts]) + post
+    gone = np.einsum("nmij,nmj->ni", gain, np.where(seen[:, :, None], place - stands, 0.0))
+    pose, spread = rigid.pose.copy(), rigid.covariance.copy()
+    pose[:, :2] -= gone
+    spread[:, :2, :2] += inverse
+    pose[~known], spread[~known] = np.nan, np.nan
+    pose_modes = pose_modes.copy()
+    pose_modes[:, :, :2] -= np.einsum("nmij,knmj->kni", gain, np.nan_to_num(modes))
+    return replace(rigid, pose=pose, covariance=spread), pose_modes
 
 
 def _steadied(
@@ -270,20 +386,31 @@ def _alpha(run: Run, pose: Array) -> tuple[Array, Array]:
 
 def _invariants(run: Run, place: Array, pose: Array, markers: Sequence[Marker]) -> dict[str, Measured]:
     """Marker distances and the taut line's length, mean minus stated, with the scatter over frames (theory.md 4)."""
-    found: dict[str, Measured] = {}
+    series = _invariant_series(run, place, pose, markers)
+    found = {name: _mean_and_scatter(values) for name, values in series.items()}
+    return {name: value for name, value in found.items() if np.isfinite([value.value, value.std]).all()}
+
+
+def invariant_series(run: Run, tracks: pd.DataFrame, fit: DatumFit) -> tuple[Array, dict[str, Array]]:
+    """Marker distances and the taut line's length over time, minus stated, m: t_s (n,) and name -> (n,)."""
+    found = poses_from_tracks(run, tracks, fit.mapping)
+    return found.t_s, _invariant_series(run, found.place_m, found.rigid.pose, found.markers)
+
+
+def _invariant_series(run: Run, place: Array, pose: Array, markers: Sequence[Marker]) -> dict[str, Array]:
+    found: dict[str, Array] = {}
     for j in range(len(markers)):
         for i in range(j):
             apart = np.linalg.norm(place[:, i] - place[:, j], axis=1)
             stated = np.hypot(*(np.array(markers[i].body_m) - np.array(markers[j].body_m)))
-            found[f"distance {markers[i].name}-{markers[j].name}"] = _mean_and_scatter(apart - stated)
+            found[f"distance {markers[i].name}-{markers[j].name}"] = apart - stated
     tow = run.file.tow
     if run.file.kind == "tow" and tow is not None and tow.tow_point_m is not None and tow.line_length_m is not None:
         cosine, sine = np.cos(pose[:, 2]), np.sin(pose[:, 2])
         x = pose[:, 0] + tow.tow_point_m * cosine - tow.tow_point_offset_m * sine
         y = pose[:, 1] + tow.tow_point_m * sine + tow.tow_point_offset_m * cosine
-        radius = np.hypot(x - tow.post_m[0], y - tow.post_m[1])
-        found["taut line"] = _mean_and_scatter(radius - tow.line_length_m)
-    return {name: value for name, value in found.items() if np.isfinite([value.value, value.std]).all()}
+        found["taut line"] = np.hypot(x - tow.post_m[0], y - tow.post_m[1]) - tow.line_length_m
+    return found
 
 
 def _mean_and_scatter(values: Array) -> Measured:

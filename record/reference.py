@@ -9,6 +9,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+from .check_file import CheckFile
+from .lens_file import LensFile
 from .priors import Priors
 from .results import CameraFile, DerivativesFile, SteadyFile, TruthFile
 from .scenario import ScenarioFile
@@ -21,6 +23,8 @@ _PAGES: tuple[tuple[str, type[BaseModel], str], ...] = (
     ("out/camera.json", CameraFile, "Written by `towline motion`."),
     ("out/derivatives.json", DerivativesFile, "Written by `towline identify`."),
     ("out/steady.json", SteadyFile, "Written by `towline steady`."),
+    ("out/check.json", CheckFile, "Written by `towline check`."),
+    ("lens.json", LensFile, "Written by `towline lens`."),
     ("truth/derivatives.json", TruthFile, "Written by `towline render`."),
 )
 

@@ -19,6 +19,7 @@ from .toml import Table
 Kind = Literal["tow", "forced", "free"]
 Colour = Literal["red", "green", "blue", "white", "yellow", "bright", "dark"]
 LOOK = re.compile(r"^(led|disc|template|aruco:\d+|apriltag:\d+)$")
+DATUM_LOOK = re.compile(r"^(mark|(aruco|apriltag):\d+:[0-3]|checker:\d+x\d+:\d+,\d+)$")
 
 SAME_PLACE_M = 1e-3
 """Two markers (or datum points) nearer than this cannot be told apart in any picture."""
@@ -49,6 +50,9 @@ Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]
 Density = Annotated[Number, _within(500.0, 1500.0, "kg/m3", "is it in g/cm3?")]
 Sigma = Annotated[Number, Field(gt=0, le=100)]
+NineNotNegative = tuple[
+    NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative
+]
 Pixel = tuple[Number, Number]
 Span = tuple[Number, Number]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
@@ -102,6 +106,13 @@ class CameraTable(Table):
     distortion: tuple[Number, Number, Number, Number, Number] = Field(
         default=(0.0, 0.0, 0.0, 0.0, 0.0), description="k1 k2 p1 p2 k3 of OpenCV's model"
     )
+    sd: NineNotNegative = Field(
+        default=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        description="standard deviations of fx fy cx cy k1 k2 p1 p2 k3; 0: exact",
+    )
+    calibration: str | None = Field(
+        default=None, description="lens.json of towline lens: the covariance of these numbers, instead of sd"
+    )
 
 
 class DatumPoint(Table):
@@ -113,12 +124,24 @@ class DatumPoint(Table):
         description="x, y and depth below the datum plane (>= 0); points at a second depth make the height exact"
     )
     sigma_px: Sigma = Field(default=0.5, description="how well it was picked, standard deviation along u and along v")
+    tank_sd_m: NotNegative = Field(
+        default=0.0, description="how well tank_m is known, standard deviation along each axis; 0: exact"
+    )
     track: bool = Field(default=False, description="re-found in every frame (shaken camera); false: stands as picked")
+    look: str | None = Field(
+        default=None,
+        description="what towline datum finds it by: mark (dot or cross near pixel_px) | aruco:N:CORNER | "
+        "apriltag:N:CORNER | checker:COLSxROWS:I,J (inner corners)",
+    )
 
     @model_validator(mode="after")
     def _below_datum(self) -> DatumPoint:
         if self.tank_m[2] < 0:
             raise ValueError(f"tank_m depth {self.tank_m[2]:g} m lies above the datum plane; depth is >= 0")
+        if self.look is not None and not DATUM_LOOK.match(self.look):
+            raise ValueError(
+                f"look = {self.look!r}; expected mark, aruco:N:CORNER, apriltag:N:CORNER (0..3) or checker:COLSxROWS:I,J"
+            )
         return self
 
 

@@ -65,7 +65,7 @@ def page_html(
     if notes:
         parts.append(tag("section", tag("h2", "Notes"), bullets(notes), id="notes"))
     parts.append(_footer(derivatives, steady))
-    return _document(title, tag("main", *parts))
+    return document(title, tag("main", *parts))
 
 
 def _failed_without_section(runs: list[RunPage], derivatives: DerivativesFile | None) -> dict[str, str]:
@@ -98,7 +98,8 @@ def _footer(derivatives: DerivativesFile | None, steady: SteadyFile | None) -> H
     return tag("footer", words)
 
 
-def _document(title: str, body: Html) -> str:
+def document(title: str, body: Html) -> str:
+    """A whole self-contained page."""
     style = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'

@@ -234,7 +234,7 @@ def _run_toml(file: ScenarioFile, video: str, picks: NDArray[np.float64]) -> str
         source["frame_rate_hz"] = file.time.rate_hz
     tables: dict[str, object] = {"source": source}
     if film.lens_known:
-        tables["camera"] = film.camera.model_dump()
+        tables["camera"] = film.camera.model_dump(exclude_none=True, exclude={"sd"})
     sigma = max(film.pick_sigma_px, _SMALLEST_SIGMA_PX)
     tables["datum"] = [
         {

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -25,3 +28,15 @@ def shared() -> Path:
     if not SHARED.is_dir():
         pytest.skip("the reference data (../shared) does not stand beside this checkout")
     return SHARED
+
+
+@pytest.fixture(scope="session")
+def cameras(root: Path) -> ModuleType:
+    """Random cameras with their truth and planted faults: the benchmark's own."""
+    spec = importlib.util.spec_from_file_location("geometry_cases", root / "benchmarks" / "geometry_cases.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module

@@ -180,7 +180,7 @@ def write_overlay(
 
     seen = _Seen.of(table)
     with replacing(path) as temporary, av.open(str(temporary), "w", format="mp4") as container:
-        encoder = _Encoder(container, rate_hz)
+        encoder = Encoder(container, rate_hz)
         count = 0
         for frame in frames:
             encoder.put(_drawn(frame, seen, datum), frame.t_s)
@@ -207,7 +207,7 @@ def _drawn(frame: Frame, seen: _Seen, datum: Sequence[DatumPoint]) -> NDArray[np
     return canvas
 
 
-class _Encoder:
+class Encoder:
     """H.264 with the times it is given; the first picture fixes the size (made even, as the codec wants it)."""
 
     def __init__(self, container: Any, rate_hz: float) -> None:
@@ -216,6 +216,7 @@ class _Encoder:
         self._origin_s = 0.0
 
     def put(self, picture: NDArray[np.uint8], t_s: float) -> None:
+        """Write one picture, (h, w, 3) BGR; times rise."""
         import av
 
         height, width = (size - size % 2 for size in picture.shape[:2])
@@ -230,5 +231,6 @@ class _Encoder:
         self._container.mux(self._stream.encode(shown))
 
     def finish(self) -> None:
+        """Write what the codec still holds back."""
         if self._stream is not None:
             self._container.mux(self._stream.encode(None))

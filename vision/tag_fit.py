@@ -79,6 +79,7 @@ class TagFit:
     worst_cell : largest mean residual of a cell, beyond chance, over the contrast
     settled : the iteration came to its end
     curve : (2, 3), of the lens, see ``lens_curve``
+    motion_covariance_px2 : (8, 8), of the last step's motion (``_design``)
     """
 
     to_px: Array
@@ -88,6 +89,17 @@ class TagFit:
     worst_cell: float
     settled: bool
     curve: Array
+    motion_covariance_px2: Array
+
+    @property
+    def corner_sigma_px(self) -> Array:
+        """(4, 2), standard deviations of ``corners_px`` from the scatter of the fit's residuals."""
+        x, y = ((project(self.to_px, SQUARE) - self.centre_px) / half_side_px(self.to_px)).T
+        one, no = np.ones(4), np.zeros(4)
+        along_u = np.stack([one, no, x, y, no, no, x * x, x * y], axis=1)
+        along_v = np.stack([no, one, no, no, x, y, x * y, y * y], axis=1)
+        design = np.stack([along_u, along_v], axis=1)
+        return np.sqrt(np.einsum("cai,ij,caj->ca", design, self.motion_covariance_px2, design))
 
     @property
     def centre_px(self) -> Array:
@@ -115,7 +127,7 @@ class TagFit:
 
 @dataclass(frozen=True)
 class _Step:
-    """One Gauss-Newton step: its solution, what is left of the residuals (n,), and the centre's covariance."""
+    """One Gauss-Newton step: its solution, what is left of the residuals (n,), and the motion's covariance (8, 8)."""
 
     motion_px: Array
     wider_px2: float
@@ -189,7 +201,9 @@ class Tag:
                 worst, spread = _worst_cell(step.left_dn, pixels.tag, parts * len(self.cells))
                 contrast = step.contrast_dn
                 settled = moved < NEARLY_SETTLED_PX
-                return TagFit(to_px, step.covariance_px2, contrast, spread / contrast, worst / contrast, settled, curve)
+                left = spread / contrast, worst / contrast
+                covariance = step.covariance_px2
+                return TagFit(to_px, covariance[:2, :2], contrast, *left, settled, curve, covariance)
         return None
 
     def _rim(self, cell_px: float) -> float:
@@ -262,7 +276,9 @@ def _step(pixels: Pixels, template: Template, white_dn: float) -> _Step | None:
     solution = inverse @ (part @ seen).astype(float)
     left = observed - np.minimum(solution.astype(np.float32) @ design, white_dn)
     variance = float(np.sum(left[used] ** 2)) / freedom
-    return _Step(solution[:_MOTION], solution[14], solution[16], solution[11], left, variance * inverse[:2, :2])
+    return _Step(
+        solution[:_MOTION], solution[14], solution[16], solution[11], left, variance * inverse[:_MOTION, :_MOTION]
+    )
 
 
 def _gram(rows: Array) -> Array:

@@ -1,0 +1,148 @@
+"""What the methods share: the record they take, the six derivatives they give, and the delta method between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...record.errors import EstimationError
+from ...record.results import Measured
+from ...simulate.model import DERIVATIVE_UNITS, Array, Tow, linear_system, sway_yaw_acceleration
+from ...simulate.model import Hull as _Hull
+
+DIFFERENCE_SHARE = 1e-5
+"""Step of the central differences relative to the value, or to its standard deviation where that is larger."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One run's motion for the methods that need no weights.
+
+    Attributes
+    ----------
+    t_s : (n,), rising
+    y_m, beta_rad : (n,), y_CG from the post, heading
+    tow : Tow with a constant tension_n
+    """
+
+    t_s: Array
+    y_m: Array
+    beta_rad: Array
+    tow: Tow
+
+    @property
+    def step_s(self) -> float:
+        """The sampling step; raises EstimationError where the samples are not even to 1 %."""
+        steps = np.diff(self.t_s)
+        if len(steps) < 4 or np.abs(steps - steps.mean()).max() > 0.01 * steps.mean():
+            raise EstimationError("this method needs evenly sampled records without gaps; resample or use fit_runs")
+        return float(steps.mean())
+
+
+@dataclass(frozen=True)
+class SixEstimate:
+    """The six linear derivatives with what is known of their errors.
+
+    Attributes
+    ----------
+    six : (6,), in the order of ``DERIVATIVE_UNITS``, SI
+    covariance : (6, 6); from the inputs' stated covariance or the residuals, as the method says
+    notes : for the user
+    """
+
+    six: Array
+    covariance: Array
+    notes: tuple[str, ...] = ()
+
+    @property
+    def sd(self) -> Array:
+        """Standard deviations, (6,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def named(self) -> dict[str, Measured]:
+        """Value and standard deviation by name."""
+        return {n: Measured(value=float(v), std=float(s)) for n, v, s in zip(DERIVATIVE_UNITS, self.six, self.sd)}
+
+
+def jacobian(function: Callable[[Array], Array], values: Array, scale: Array | None = None) -> Array:
+    """Slope of ``function`` (m,) at ``values`` (n,), (m, n), by central differences.
+
+    Parameters
+    ----------
+    scale : (n,), standard deviations of the values; a step is 1e-5 of the larger of value and scale
+    """
+    values = np.asarray(values, dtype=float)
+    size = np.abs(values) if scale is None else np.maximum(np.abs(values), scale)
+    steps = DIFFERENCE_SHARE * np.where(size > 0, size, 1.0)
+    columns = []
+    for index, step in enumerate(steps):
+        up, down = values.copy(), values.copy()
+        up[index] += step
+        down[index] -= step
+        columns.append((np.asarray(function(up)) - np.asarray(function(down))) / (2 * step))
+    return np.stack(columns, axis=-1)
+
+
+def propagate(function: Callable[[Array], Array], values: Array, covariance: Array) -> tuple[Array, Array]:
+    """Value of ``function`` and its covariance to first order (delta method)."""
+    values = np.asarray(values, dtype=float)
+    slope = jacobian(function, values, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+    return np.asarray(function(values)), slope @ covariance @ slope.T
+
+
+def covariance_of(sds: Array | tuple[float, ...]) -> Array:
+    """Diagonal covariance of independent errors."""
+    return np.diag(np.square(np.asarray(sds, dtype=float)))
+
+
+def constant_tension(tow: Tow) -> float:
+    """T of a tow; raises EstimationError where it is not stated."""
+    if tow.tension_n is None or tow.tension_n <= 0:
+        raise EstimationError(f"tension_n = {tow.tension_n}; this method needs a constant tension above 0")
+    return tow.tension_n
+
+
+def shared_tow(tows: list[Tow]) -> tuple[float, float, float]:
+    """T, L, U that all tows share; raises EstimationError where they differ by more than 1e-9 of their size."""
+    wanted = [(constant_tension(t), t.line_length_m, t.speed_m_s) for t in tows]
+    for name, column in zip(("tension_n", "line_length_m", "speed_m_s"), np.array(wanted).T, strict=True):
+        if np.ptp(column) > 1e-9 * abs(column[0]):
+            raise EstimationError(f"{name} is {column.min():g} .. {column.max():g}; (9.3) needs one value in all tows")
+    return wanted[0]
+
+
+def balance(v_rate: Array, r_rate: Array, v: Array, r: Array, side: Array, moment: Array) -> tuple[Array, Array]:
+    """The equations of motion (2.18) as equations for the six derivatives: rows @ six = right.
+
+    Parameters
+    ----------
+    v_rate, r_rate, v, r : (n,), real or complex
+    side, moment : (n,), everything beside the linear hull
+
+    Returns
+    -------
+    rows : (2, n, 6), sway and yaw
+    right : (2, n)
+
+    The rows are the residual m' v' - ... of ``simulate.model.sway_yaw_acceleration`` on unit derivatives: where one
+    derivative is 1 and both masses are 1, its accelerations are that derivative's own column.
+    """
+    rows = np.zeros((2, len(v), 6), dtype=np.result_type(v, v_rate, side))
+    for index in range(2, 6):
+        unit = np.zeros(6)
+        unit[:2], unit[index] = 1.0, 1.0
+        rows[0, :, index], rows[1, :, index] = sway_yaw_acceleration(_Hull(*unit, speed_m_s=1.0), v, r, 0.0, 0.0)
+    rows[0, :, 0], rows[1, :, 1] = -v_rate, -r_rate
+    return rows, -np.stack([side, moment])
+
+
+def sway_velocity(y_rate: Array, beta: Array, tow: Tow) -> Array:
+    """v = y' - U beta (2.12), from the first row of the linear form."""
+    matrix, _ = linear_system(_UNIT_HULL, tow)
+    return (y_rate - matrix[0, 1] * beta) / matrix[0, 2]
+
+
+_UNIT_HULL = _Hull(1.0, 1.0, -1.0, 0.0, 0.0, -1.0, speed_m_s=1.0)

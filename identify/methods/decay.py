@@ -1,0 +1,329 @@
+"""The decaying record (8.20): two exponentials and one oscillation shared by y and beta, by variable projection.
+
+    y(t)    = y_b + A1 e^(-l1 t) + A2 e^(-l2 t) + C1 e^(-l3 t) sin(w t + p1)
+    beta(t) = b_b + c1 e^(-l1 t) + c2 e^(-l2 t) + C3 e^(-l3 t) sin(w t + p2)
+
+The amplitudes are linear: only l1, l2, l3, w are searched (Kaufman's Jacobian), from several starts, under l1 > l2 > 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from ...record.errors import EstimationError
+from ...record.results import Measured
+from ...simulate.model import Array, Tow
+from ..data import ASSUMED_SIGMA_BETA_RAD, ASSUMED_SIGMA_Y_M
+from ..noise import Whitener, measured, stated
+from .forced import Swing
+from .phase import Amplitudes
+
+Sign = Literal["stable", "unstable", "free"]
+SLOWEST_SHARE = 0.2
+"""l2 is not looked for below this share of one over the record's length: it could not be told from the bias."""
+FASTEST_SHARE = 0.5
+"""l1 is not looked for above this share of the sampling rate: the exponential would live in one sample."""
+SAME_OPTIMUM = 1e-4
+"""Starts whose cost ends within this share of the best have reached the optimum."""
+REWEIGHTINGS = 2
+AT_BOUND = 1e-3
+THINNED = 200
+"""Samples that the starts are tried on; the best goes on with all (the thesis thinned 64 Hz to 8 Hz for the same reason)."""
+
+
+@dataclass(frozen=True)
+class DecayFit:
+    """Result of ``fit_decay``.
+
+    Attributes
+    ----------
+    theta : (14,): l1, l2, l3, w, then bias, A1, A2, cos and sin amplitude of y, and the same of beta
+    covariance : (14, 14), residual scatter and colour included; 0 where the reduced form fixes A1 = c1 = 0 (l1 NaN)
+    reduced : without the fast exponential
+    residual : (n, 2), y m and beta rad
+    starts, reached : tried starts, and those that ended at this optimum
+    notes : parameters at a bound, starts that disagree
+    t_0_s : time from which t counts
+    """
+
+    theta: Array
+    covariance: Array
+    reduced: bool
+    residual: Array
+    starts: int
+    reached: int
+    notes: tuple[str, ...]
+    t_0_s: float
+
+    def _one(self, index: int) -> Measured:
+        return Measured(value=float(self.theta[index]), std=float(np.sqrt(max(self.covariance[index, index], 0.0))))
+
+    @property
+    def l1_per_s(self) -> Measured:
+        """The fast decay; NaN in the reduced form."""
+        return self._one(0)
+
+    @property
+    def l2_per_s(self) -> Measured:
+        """The slow decay."""
+        return self._one(1)
+
+    @property
+    def l3_per_s(self) -> Measured:
+        """Damping of the pair; Tables 8.6 and 8.7 print lambda = -l3."""
+        return self._one(2)
+
+    @property
+    def omega_rad_s(self) -> Measured:
+        """Frequency of the pair."""
+        return self._one(3)
+
+    @property
+    def y_bias_m(self) -> Measured:
+        """y_b."""
+        return self._one(4)
+
+    @property
+    def beta_bias_rad(self) -> Measured:
+        """b_b."""
+        return self._one(9)
+
+    @property
+    def roots(self) -> Array:
+        """-l1, -l2, -l3 +- i w, (4,) complex (three in the reduced form)."""
+        l1, l2, l3, w = self.theta[:4]
+        real = [-l2] if self.reduced else [-l1, -l2]
+        return np.array([*real, complex(-l3, w), complex(-l3, -w)])
+
+    def sines(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """((C1, p1), (C3, p2)): amplitude and phase of C e^(-l3 t) sin(w t + p), -pi < p <= pi."""
+        y, b = self.theta[7:9], self.theta[12:14]
+        return (float(np.hypot(*y)), float(np.arctan2(*y))), (float(np.hypot(*b)), float(np.arctan2(*b)))
+
+    def amplitudes(self) -> Amplitudes:
+        """The pair as complex amplitudes at ``t_0_s``, for ``phase_from_amplitudes``."""
+        values, covariance = self._pair()
+        return Amplitudes(
+            complex(values[4], values[5]),
+            complex(values[0], values[1]),
+            complex(values[2], values[3]),
+            covariance[:4, :4],
+            float(self.theta[4]),
+            float(self.theta[9]),
+        )
+
+    def swing(self, tow: Tow) -> Swing:
+        """The pair with the covariance of its rate and amplitudes, for ``modal_derivatives``."""
+        a = self.amplitudes()
+        return Swing(tow, a.rate, a.y_m, a.beta_rad, 0.0, self._pair()[1])
+
+    def _pair(self) -> tuple[Array, Array]:
+        """(Re Y, Im Y, Re B, Im B, Re s, Im s) and its covariance; Re(Y e^(iwt)) = Re Y cos - Im Y sin."""
+        take = np.zeros((6, 14))
+        for row, (column, sign) in enumerate(((7, 1), (8, -1), (12, 1), (13, -1), (2, -1), (3, 1))):
+            take[row, column] = sign
+        filled = np.where(np.isfinite(self.theta), self.theta, 0.0)
+        return take @ filled, take @ self.covariance @ take.T
+
+
+def fit_decay(
+    t_s: Array,
+    y_m: Array,
+    beta_rad: Array,
+    *,
+    reduced: bool = False,
+    sign: Sign = "free",
+    sigma: tuple[float, float] = (ASSUMED_SIGMA_Y_M, ASSUMED_SIGMA_BETA_RAD),
+) -> DecayFit:
+    """Fit (8.20) to a record; gaps are allowed.
+
+    Parameters
+    ----------
+    reduced : A1 = c1 = 0, the form the thesis used for most runs
+    sign : of the pair's damping: "stable" l3 > 0, "unstable" l3 < 0, "free" either (the thesis's constraints of (8.22))
+    sigma : of y and beta to begin with; their scatter and colour are then measured
+
+    Raises
+    ------
+    EstimationError : fewer than 30 samples, or less than three quarters of a swing in the record
+    """
+    t = np.asarray(t_s, dtype=float) - t_s[0]
+    values = np.column_stack([y_m, beta_rad])
+    if len(t) < 30:
+        raise EstimationError(f"{len(t)} samples; the decay fit needs at least 30")
+    variance = np.broadcast_to(np.diag(np.square(sigma)), (len(t), 2, 2))
+    weight = stated(variance, t)
+    limits = _limits(t, reduced, sign)
+    best, reached, starts = _from_all_starts(t, values, weight, limits, reduced)
+    for _ in range(REWEIGHTINGS):
+        rest = values - _model(t, best, values, weight, reduced)[0]
+        weight = measured(rest, weight)
+        best = _search(t, values, weight, best, limits, reduced).x
+    return _result(t, float(t_s[0]), values, weight, best, limits, reduced, starts, reached)
+
+
+def _limits(t: Array, reduced: bool, sign: Sign) -> tuple[Array, Array]:
+    """Lower and upper of (l2, l3, w) or (l1 - l2, l2, l3, w)."""
+    span, rate = t[-1], (len(t) - 1) / t[-1]
+    slow, fast = SLOWEST_SHARE / span, FASTEST_SHARE * rate
+    tiny = 1e-9 / span
+    damping = {"stable": (tiny, fast), "unstable": (-3.0 / span * 10, -tiny), "free": (-30.0 / span, fast)}[sign]
+    low, high = [slow, damping[0], 1.5 * np.pi / span], [fast, damping[1], np.pi * rate / 2]
+    if not reduced:
+        low, high = [slow, *low], [fast, *high]
+    return np.array(low), np.array(high)
+
+
+def _basis(t: Array, p: Array, reduced: bool) -> tuple[Array, Array]:
+    """Columns 1, e1, e2, cos, sin, (n, k), and their slopes by p, (len(p), n, k)."""
+    l2, l3, w = p[-3:]
+    swing, e2 = np.exp(-l3 * t), np.exp(-l2 * t)
+    cos, sin = swing * np.cos(w * t), swing * np.sin(w * t)
+    columns = [np.ones_like(t), e2, cos, sin]
+    zero = np.zeros_like(t)
+    slopes = [[zero, -t * e2, zero, zero], [zero, zero, -t * cos, -t * sin], [zero, zero, -t * sin, t * cos]]
+    if not reduced:
+        e1 = np.exp(-(p[0] + l2) * t)
+        columns.insert(1, e1)
+        for row, value in zip(slopes, (-t * e1, zero, zero), strict=True):
+            row.insert(1, value)
+        slopes.insert(0, [zero, -t * e1, zero, zero, zero])
+    return np.column_stack(columns), np.array(slopes).transpose(0, 2, 1)
+
+
+def _model(t: Array, p: Array, values: Array, weight: Whitener, reduced: bool):
+    """Best model (n, 2), its amplitudes (2, k), whitened residual (2n,) and Kaufman Jacobian (2n, len(p))."""
+    basis, slopes = _basis(t, p, reduced)
+    white = weight(np.repeat(basis[:, None, :], 2, axis=1))
+    target = weight(values)
+    residual, jacobian, amplitudes = [], [], []
+    for channel in range(2):
+        q, r = np.linalg.qr(white[:, channel])
+        projected = q.T @ target[:, channel]
+        amplitude = np.linalg.lstsq(r, projected, rcond=1e-13)[0]
+        residual.append(target[:, channel] - q @ projected)
+        moved = weight(np.repeat((slopes @ amplitude).T[:, None, :], 2, axis=1))[:, channel]
+        jacobian.append(-(moved - q @ (q.T @ moved)))
+        amplitudes.append(amplitude)
+    found = np.array(amplitudes)
+    return basis @ found.T, found, np.concatenate(residual), np.concatenate(jacobian)
+
+
+def _search(
+    t: Array,
+    values: Array,
+    weight: Whitener,
+    start: Array,
+    limits: tuple[Array, Array],
+    reduced: bool,
+    tolerance: float = 1e-12,
+):
+    inside = np.clip(start, limits[0] * (1 + 1e-6) + 1e-12, limits[1] - 1e-6 * np.abs(limits[1]) - 1e-12)
+    last: list[tuple[Array, Array, Array]] = []
+
+    def both(p: Array) -> tuple[Array, Array, Array]:
+        if not last or not np.array_equal(last[0][0], p):
+            last[:] = [(p.copy(), *_model(t, p, values, weight, reduced)[2:])]
+        return last[0]
+
+    return least_squares(
+        lambda p: both(p)[1],
+        inside,
+        jac=lambda p: both(p)[2],  # pyright: ignore[reportArgumentType]
+        bounds=limits,
+        x_scale=np.maximum(np.abs(inside), 0.05),
+        ftol=tolerance,
+        xtol=tolerance,
+        gtol=1e-12,
+        max_nfev=100,
+    )
+
+
+def _from_all_starts(t: Array, values: Array, weight: Whitener, limits: tuple[Array, Array], reduced: bool):
+    peak = _peak_rad_s(t, values)
+    if not np.isfinite(peak):
+        raise EstimationError(
+            f"no oscillation of at least three quarters of a swing in {t[-1]:.1f} s; (8.20) needs one"
+        )
+    starts = []
+    for w in (peak, 0.7 * peak, 1.4 * peak):
+        for l3 in (0.01 * w, 0.2 * w):
+            for l2 in (0.3 * w, w):
+                l3_signed = -l3 if limits[1][-2] < 0 else l3
+                starts.append([l2, l3_signed, w] if reduced else [2.5 * w, l2, l3_signed, w])
+    every = max(1, len(t) // THINNED)
+    few = stated(np.linalg.inv(np.einsum("nji,njk->nik", weight.matrices, weight.matrices))[::every], t[::every])
+    found = [_search(t[::every], values[::every], few, np.array(s), limits, reduced, 1e-8) for s in starts]
+    costs = np.array([f.cost for f in found])
+    best = found[int(np.argmin(costs))]
+    # at the noise's floor of an exact record the costs differ by rounding only
+    floor = SAME_OPTIMUM * best.cost + 1e-9 * float((few(values[::every]) ** 2).sum())
+    reached = int((costs <= best.cost + floor).sum())
+    return _search(t, values, weight, best.x, limits, reduced).x, reached, len(starts)
+
+
+def _peak_rad_s(t: Array, values: Array) -> float:
+    """Frequency of the strongest line of both channels (Lomb-Scargle by least squares on sin, cos, 1, t)."""
+    trial = np.linspace(1.5 * np.pi / t[-1], min(60 * np.pi / t[-1], np.pi * len(t) / t[-1] / 3), 160)
+    scaled = values / np.maximum(np.ptp(values, axis=0), 1e-300)
+    window = np.column_stack([np.ones_like(t), t / t[-1]])
+    best, at = np.inf, np.nan
+    for w in trial:
+        basis = np.column_stack([window, np.cos(w * t), np.sin(w * t)])
+        q, _ = np.linalg.qr(basis)
+        rest = float(((scaled - q @ (q.T @ scaled)) ** 2).sum())
+        if rest < best:
+            best, at = rest, float(w)
+    return at
+
+
+def _result(
+    t: Array,
+    t_0: float,
+    values: Array,
+    weight: Whitener,
+    p: Array,
+    limits: tuple[Array, Array],
+    reduced: bool,
+    starts: int,
+    reached: int,
+) -> DecayFit:
+    model, amplitudes, residual, _ = _model(t, p, values, weight, reduced)
+    basis, slopes = _basis(t, p, reduced)
+    count, k = len(p), basis.shape[1]
+    full = np.zeros((len(t), 2, count + 2 * k))
+    for channel in range(2):
+        full[:, channel, :count] = (slopes @ amplitudes[channel]).T
+        full[:, channel, count + channel * k : count + (channel + 1) * k] = basis
+    white = weight(full).reshape(-1, count + 2 * k)
+    scale = np.linalg.norm(white, axis=0)
+    inverse = np.linalg.pinv((white / scale).T @ (white / scale), rcond=1e-14, hermitian=True) / scale[:, None] / scale
+    per_dof = float(residual @ residual) / max(len(residual) - white.shape[1], 1)
+    own = inverse * max(per_dof, 1e-300)
+    # into the fourteen of DecayFit: l1 = (l1 - l2) + l2
+    take = np.zeros((14, count + 2 * k))
+    rates = [1, 2, 3] if reduced else [0, 1, 2, 3]
+    for column, row in enumerate(rates):
+        take[row, column] = 1.0
+    if not reduced:
+        take[0, 1] = 1.0
+    places = [0, 2, 3, 4] if reduced else [0, 1, 2, 3, 4]
+    for channel in range(2):
+        for column, place in enumerate(places):
+            take[4 + 5 * channel + place, count + channel * k + column] = 1.0
+    theta = take @ np.concatenate([p, amplitudes.ravel()])
+    if reduced:
+        theta[0] = np.nan
+    names = ["l2", "l3", "w"] if reduced else ["l1 - l2", "l2", "l3", "w"]
+    notes = []
+    for name, value, low, high in zip(names, p, *limits, strict=True):
+        room = AT_BOUND * min(high - low, max(abs(value), 1e-6))
+        if value - low < room or high - value < room:
+            notes.append(f"{name} = {value:.4g} stands at the edge of {low:.4g} .. {high:.4g}; the record does not hold it")
+    if reached < 2:
+        notes.append(f"only one of {starts} starts ended here: look at the residuals before using it")
+    return DecayFit(theta, take @ own @ take.T, reduced, values - model, starts, reached, tuple(notes), t_0)

@@ -1,0 +1,109 @@
+"""Pictures of the camera check."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .draw import BLACK, BLUE, GREY, VERMILION, label, legend, new_figure, svg_image, time_limits
+from .html import Html, figure, join
+from .series import Array
+
+if TYPE_CHECKING:
+    from ..checking import Checked
+    from ..record.check_file import CheckFile
+
+ARROW_PX = 60.0
+"""The longest residual is drawn about as long as this."""
+
+
+def _residuals(found: Checked, run: int) -> tuple[Array, dict[str, Array]]:
+    """Marker distances and taut line of a run over time, minus stated, mm."""
+    from ..geometry.motion import invariant_series
+
+    return invariant_series(found.runs[run], found.tracks[run], found.datum)
+
+
+def invariants_figure(found: Checked) -> Html:
+    """Invariants over time, a picture per run."""
+    parts = []
+    for index, run in enumerate(found.runs):
+        t_s, series = _residuals(found, index)
+        drawing, axes = new_figure(1.7 * len(series) + 0.5, tuple([1.0] * len(series)))
+        for ax, (name, values) in zip(axes, series.items(), strict=True):
+            ax.plot(t_s, 1e3 * values, color=BLUE, linewidth=0.6, rasterized=True)
+            ax.axhline(0.0, color=BLACK, linewidth=0.8)
+            low, high = np.nanpercentile(1e3 * values, [0.3, 99.7])
+            margin = 0.25 * max(high - low, 0.2)
+            ax.set_ylim(min(low - margin, -margin), max(high + margin, margin))
+            label(ax, y="mm")
+            what = "taut line" if name == "taut line" else "marker distance"
+            ax.text(0.01, 0.94, what, transform=ax.transAxes, fontsize=9, va="top", color=GREY)
+        for scored in found.check.named[:1]:
+            extra = scored.fault.extra
+            if extra is not None and extra.kind != "point" and extra.index == index:
+                begin, end = extra.span_s
+                for ax in axes:
+                    if np.isfinite(end):
+                        ax.axvspan(begin, end, color=VERMILION, alpha=0.18)
+                    else:
+                        ax.axvline(begin, color=VERMILION, linewidth=1.5)
+        label(axes[-1], x="t (s)")
+        time_limits(axes, t_s)
+        words = f"{run.name}: {', '.join(series)}: measured minus stated. They should lie on 0 whatever the hull does."
+        parts.append(figure(svg_image(drawing, f"invariants of {run.name} over time"), words))
+    return join(parts)
+
+
+def map_figure(file: CheckFile) -> Html:
+    """Common error over the working area."""
+    grid = file.uncertainty
+    drawing, axes = new_figure(3.0, columns=2)
+    for ax, values, name in zip(axes, (grid.x_mm, grid.y_mm), ("x", "y"), strict=True):
+        lines = ax.contourf(grid.y_m, grid.x_m, np.array(values).T, levels=8, cmap="cividis")
+        bar = drawing.colorbar(lines, ax=ax)
+        bar.ax.tick_params(labelsize=8)
+        bar.set_label(f"standard deviation of {name}, mm", fontsize=8)
+        label(ax, x="y (m)", y="x (m)")
+    words = (
+        "What camera, datum picks and heights leave open about a place, common to the whole run: it does not average away. "
+        "Datum picks nearer to the working area, or finer ones, make it smaller."
+    )
+    return figure(svg_image(drawing, "map of the common error of places"), words)
+
+
+def picture_figure(found: Checked) -> Html | None:
+    """Datum residuals and the marks' paths, coloured by what the distance is off by, in the picture's own coordinates."""
+    run = found.runs[0]
+    points = run.file.datum
+    pixel = np.array([p.pixel_px for p in points])
+    residual = found.datum.residual_px
+    drawing, (ax,) = new_figure(4.0)
+    drawn = None
+    for index, film in enumerate(found.check.bundle.films):
+        left = found.check.null.normal.left[index]
+        off = np.sqrt((left**2).sum(axis=1))
+        for mark in range(film.pixel_px.shape[1]):
+            drawn = ax.scatter(
+                *film.pixel_px[:, mark].T, c=off, s=4, cmap="cividis", vmin=0, vmax=max(3.0, np.nanmax(off))
+            )
+    if drawn is not None:
+        bar = drawing.colorbar(drawn, ax=ax)
+        bar.set_label("misfit of the frame, in sigma", fontsize=8)
+    longest = np.hypot(*residual.T).max()
+    times = 10.0 ** np.floor(np.log10(ARROW_PX / max(longest, 1e-3)))
+    times = times * max(n for n in (1, 2, 5) if n * times * longest <= ARROW_PX)
+    ax.quiver(*pixel.T, *(times * residual).T, angles="xy", scale_units="xy", scale=1, color=VERMILION, width=0.004)
+    ax.plot(*pixel.T, "s", color=BLUE, markersize=5, label="datum points")
+    for k, (u, v) in enumerate(pixel):
+        ax.annotate(str(k + 1), (u, v), textcoords="offset points", xytext=(5, 4), fontsize=8)
+    ax.set_aspect("equal")
+    ax.invert_yaxis()
+    label(ax, x="u (px)", y="v (px)")
+    legend(ax, place="best")
+    names = ", ".join(f"{k + 1} {p.name}" for k, p in enumerate(points))
+    words = (
+        f"Arrows: picked minus projected, {times:g} times enlarged; dots: marks, by how badly their frame fits. {names}"
+    )
+    return figure(svg_image(drawing, "datum residuals and marks in the picture"), words)

@@ -1,0 +1,272 @@
+"""Datum points found by what they are: a printed tag's corner, a chessboard's inner corner, a dot or cross near the rough pick.
+
+Several frames are averaged while the camera stands still. The sigma of a point is that of its fit over the root of the number of
+frames, or, where the frames scatter by more than the fit says, their scatter's. In video compressed with loss the pixels that stand
+still repeat their first error in every frame: there averaging is not believed, and the fit's sigma is taken ``STILL_FACTOR`` times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from ..geometry.camera import Lens
+from ..geometry.lens.boards import Board, find_board
+from ..record.errors import InputError
+from ..record.schema import DatumPoint
+from .fiducial import FiducialFollower
+from .scatter import STILL_FACTOR
+from .symmetry import centre_of_symmetry
+from .tag_fit import Tag
+from .tag_squares import tag_cells
+from .tag_view import homography
+
+Array = NDArray[Any]
+
+SEARCH_PX = 12.0
+"""A mark is looked for this far from its rough pick."""
+NEARER_PX = 5.0
+"""Of several spots the clear ones win, and the near ones: response times exp(-(distance/this)^2)."""
+SURROUNDINGS_PX = 30.0
+SCALES_PX = (1.2, 1.7, 2.4, 3.4, 4.8, 6.8, 9.6)
+"""A disc of radius r stands out most at r / sqrt(2)."""
+LEAST_RESPONSE_DN, MOST_BLOBS = 6.0, 6
+MARK_SCALES = 2.6
+"""Radius of a mark's window over its scale: 1.8 radii of a disc."""
+MARK_RADIUS_PX = (4.0, 30.0)
+CORNER_SHARE = 0.45
+"""Radius of a chessboard corner's window over the distance of its nearest neighbour."""
+CORNER_RADIUS_PX = (3.0, 10.0)
+MOVED_PX = 0.1
+"""Points that go together by more than this: the camera moved."""
+BY_CHANCE = 0.01
+LEAST_SIGMA_PX = 1e-3
+NOT_FOUND, SEVERAL_SHAPES = "not found", "no symmetric mark near pixel_px"
+
+
+@dataclass(frozen=True)
+class FoundPoint:
+    """A datum point, found.
+
+    Attributes
+    ----------
+    name, look : of run.toml
+    pixel_px : (2,), NaN where it was not found
+    sigma_px : standard deviation along u and along v (root mean square of the two)
+    frames : how many it was found in and averaged over
+    reason : "" = found; else why not
+    """
+
+    name: str
+    look: str
+    pixel_px: Array
+    sigma_px: float
+    frames: int
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class FoundDatum:
+    """All of them.
+
+    Attributes
+    ----------
+    points : one per datum point, None where run.toml gives it no look
+    moved : the camera did not stand still; the first frame alone was used
+    """
+
+    points: tuple[FoundPoint | None, ...]
+    moved: bool
+
+
+def find_datum(
+    points: Sequence[DatumPoint],
+    frames: Sequence[NDArray[np.uint8]],
+    lens: Lens | None = None,
+    white_dn: float = 255.0,
+    lossy: bool = False,
+) -> FoundDatum:
+    """Find the datum points that have a ``look``.
+
+    Parameters
+    ----------
+    points : of run.toml; ``pixel_px`` is the rough pick
+    frames : luma (h, w), the first ones that are analysed
+    lens : of the camera
+    lossy : the video was compressed with loss
+
+    Raises
+    ------
+    InputError : a look that no picture can answer (a chessboard corner outside its board, a tag in no family)
+    """
+    wanted = {k: point.look for k, point in enumerate(points) if point.look is not None}
+    place = np.full((len(frames), len(points), 2), np.nan)
+    sigma = np.full((len(frames), len(points), 2), np.nan)
+    reason = dict.fromkeys(wanted, NOT_FOUND)
+    marks = [k for k, look in wanted.items() if look == "mark"]
+    tags = [k for k, look in wanted.items() if look.startswith(("aruco", "apriltag"))]
+    boards = [k for k, look in wanted.items() if look.startswith("checker")]
+    tag_places = _Tags([wanted[k] for k in tags], white_dn, lens) if tags else None
+    for number, luma in enumerate(frames):
+        for k in marks:
+            place[number, k], sigma[number, k] = _mark(luma, np.array(points[k].pixel_px, dtype=float))
+            reason[k] = SEVERAL_SHAPES
+        if tag_places is not None:
+            place[number, tags], sigma[number, tags] = tag_places.look(number, luma)
+        for size in dict.fromkeys(wanted[k].split(":")[1] for k in boards):
+            these = [k for k in boards if wanted[k].split(":")[1] == size]
+            place[number, these], sigma[number, these] = _board(luma, size, [points[k] for k in these])
+    moved = _camera_moved(place)
+    if moved:
+        place, sigma = place[:1], sigma[:1]
+    found: list[FoundPoint | None] = [None] * len(points)
+    for k, look in wanted.items():
+        name = points[k].name or f"point {k + 1}"
+        found[k] = _averaged(FoundPoint(name, look, np.full(2, np.nan), np.nan, 0), place[:, k], sigma[:, k], lossy)
+        if not found[k].frames:  # pyright: ignore[reportOptionalMemberAccess]
+            found[k] = FoundPoint(name, look, np.full(2, np.nan), np.nan, 0, reason[k])
+    return FoundDatum(tuple(found), moved)
+
+
+def _averaged(point: FoundPoint, place: Array, sigma: Array, lossy: bool) -> FoundPoint:
+    good = np.isfinite(place).all(axis=1)
+    count = int(good.sum())
+    if not count:
+        return point
+    place, fitted = place[good], float((sigma[good] ** 2).mean())
+    middle = place.mean(axis=0)
+    if lossy:
+        variance = STILL_FACTOR**2 * fitted
+    else:
+        freedom = 2 * (count - 1)
+        scatter = float(((place - middle) ** 2).sum() / freedom) if freedom else 0.0
+        beyond = freedom > 0 and scatter * freedom > fitted * chdtri(freedom, BY_CHANCE)
+        variance = (scatter if beyond else fitted) / count
+    return replace(point, pixel_px=middle, sigma_px=max(float(np.sqrt(variance)), LEAST_SIGMA_PX), frames=count)
+
+
+def _camera_moved(place: Array) -> bool:
+    """The points go together, by the median of those seen in a frame and in the first."""
+    if len(place) < 2:
+        return False
+    with np.errstate(invalid="ignore"):
+        gap = place[1:] - place[:1]
+    seen: Array = np.asarray(np.isfinite(gap).all(axis=2))
+    return any(np.hypot(*np.median(gap[n][seen[n]], axis=0)) > MOVED_PX for n in range(len(gap)) if seen[n].sum() >= 2)
+
+
+# marks --------------------------------------------------------------------------------------------------------------
+
+
+def _mark(luma: NDArray[np.uint8], near_px: Array) -> tuple[Array, Array]:
+    """The bright or dark mark near a rough pick: place and sigma (2,), NaN where there is none."""
+    for start, radius in _blobs(luma, near_px):
+        found = centre_of_symmetry(luma, start, radius)
+        if found is not None and np.hypot(*(found.centre_px - near_px)) < SEARCH_PX:
+            return found.centre_px, found.sigma_px
+    return np.full(2, np.nan), np.full(2, np.nan)
+
+
+def _blobs(luma: NDArray[np.uint8], near_px: Array) -> list[tuple[Array, float]]:
+    """Places and window radii of what could be a mark, the likeliest first: extremes over place and scale of s^2 times the
+    Laplacian of the picture smoothed by s. A mark that a string passes through is one too; an outline would take in the string."""
+    from scipy.ndimage import gaussian_laplace, maximum_filter
+
+    reach = int(SEARCH_PX + SURROUNDINGS_PX)
+    low = np.maximum(np.rint(near_px).astype(int) - reach, 0)
+    part = luma[low[1] : low[1] + 2 * reach + 1, low[0] : low[0] + 2 * reach + 1].astype(float)
+    if min(part.shape, default=0) < 2 * MARK_RADIUS_PX[0]:
+        return []
+    found = []
+    bright = np.stack([-(s**2) * np.asarray(gaussian_laplace(part, s)) for s in SCALES_PX])
+    for response in (bright, -bright):
+        peak = (response == maximum_filter(response, (3, 3, 3))) & (response > LEAST_RESPONSE_DN)
+        for scale, row, column in np.argwhere(peak):
+            place = np.array([column, row]) + low
+            away = float(np.hypot(*(place - near_px)))
+            if away < SEARCH_PX:
+                score = response[scale, row, column] * np.exp(-((away / NEARER_PX) ** 2))
+                radius = float(np.clip(MARK_SCALES * SCALES_PX[scale], *MARK_RADIUS_PX))
+                found.append((float(score), place.astype(float), radius))
+    found.sort(key=lambda blob: -blob[0])
+    return [(place, radius) for _, place, radius in found[:MOST_BLOBS]]
+
+
+# tags ---------------------------------------------------------------------------------------------------------------
+
+
+class _Tags:
+    """The corners of printed tags, given as looks such as "aruco:7:2"."""
+
+    def __init__(self, looks: Sequence[str], white_dn: float, lens: Lens | None) -> None:
+        self.corner = [int(look.rsplit(":", 1)[1]) for look in looks]
+        self.tag = [look.rsplit(":", 1)[0] for look in looks]
+        self._names = list(dict.fromkeys(self.tag))
+        try:
+            self._follower = FiducialFollower(self._names, white_dn, lens)
+        except ValueError as error:
+            raise InputError("run.toml", "datum.look", str(error)) from None
+        self._make = lambda cells: Tag(cells, white_dn, lens)
+        self._fits: dict[str, Tag] = {}
+
+    def look(self, number: int, luma: NDArray[np.uint8]) -> tuple[Array, Array]:
+        """Places and sigmas (n, 2) of the corners in the next frame."""
+        seen = dict(zip(self._names, self._follower.step(number, float(number), luma), strict=True))
+        place, sigma = np.full((len(self.tag), 2), np.nan), np.full((len(self.tag), 2), np.nan)
+        for name, tag in seen.items():
+            if tag.reason:
+                continue
+            fit = self._tag(name).fit(luma, homography(tag.corners_px))
+            if fit is None or not fit.whole:
+                continue
+            for k in (k for k, other in enumerate(self.tag) if other == name):
+                place[k], sigma[k] = fit.corners_px[self.corner[k]], fit.corner_sigma_px[self.corner[k]]
+        return place, sigma
+
+    def _tag(self, name: str) -> Tag:
+        if name not in self._fits:
+            kind, _, number = name.partition(":")
+            family = self._follower.families[kind]
+            assert family is not None
+            self._fits[name] = self._make(tag_cells(family, [int(number)])[0])
+        return self._fits[name]
+
+
+# chessboards --------------------------------------------------------------------------------------------------------
+
+
+def _board(luma: NDArray[np.uint8], size: str, points: Sequence[DatumPoint]) -> tuple[Array, Array]:
+    """Places and sigmas (n, 2) of inner corners; which end of the board is which, the rough picks say."""
+    columns, rows = (int(part) for part in size.split("x"))
+    index = np.array([[int(c) for c in str(p.look).rsplit(":", 1)[1].split(",")] for p in points])
+    if (index >= [columns, rows]).any():
+        i, j = index[(index >= [columns, rows]).any(axis=1)][0]
+        raise InputError(
+            "run.toml", "datum.look", f"checker:{size}:{i},{j} names a corner that the board does not have"
+        )
+    place, sigma = np.full((len(points), 2), np.nan), np.full((len(points), 2), np.nan)
+    view = find_board(luma, Board(columns, rows, 1.0))
+    if view is None:
+        return place, sigma
+    grid = view.pixel_px.reshape(rows, columns, 2)
+    rough = np.array([p.pixel_px for p in points], dtype=float)
+    turns = [grid, grid[::-1, ::-1]]
+    if columns == rows:
+        turns += [np.rot90(grid), np.rot90(grid, 3)]
+    grid = min(turns, key=lambda g: float(((g[index[:, 1], index[:, 0]] - rough) ** 2).sum()))
+    for k, (i, j) in enumerate(index):
+        near = [
+            grid[b, a]
+            for a, b in ((i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1))
+            if 0 <= a < columns and 0 <= b < rows
+        ]
+        apart = min(float(np.hypot(*(other - grid[j, i]))) for other in near)
+        found = centre_of_symmetry(luma, grid[j, i], float(np.clip(CORNER_SHARE * apart, *CORNER_RADIUS_PX)))
+        if found is not None:
+            place[k], sigma[k] = found.centre_px, found.sigma_px
+    return place, sigma

@@ -8,6 +8,6 @@ from types import ModuleType
 
 def modules() -> tuple[ModuleType, ...]:
     """The commands' modules, in the order of ``towline --help``."""
-    from . import check, datum, lens, rectify
+    from . import check, compare, datum, lens, plan, rectify
 
-    return (check, datum, lens, rectify)
+    return (check, compare, datum, lens, plan, rectify)

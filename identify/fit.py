@@ -4,36 +4,36 @@ Shared: the six derivatives. Per run: start (4), datum biases y_b and beta_b, an
 Shared by all runs where priors let them move: errors of T, L and U. Shared among runs of one camera: its common modes, each
 with a unit prior. Weights: each channel's residual scatter and
 colour (an autoregression), re-estimated until they stand; the covariance is then widened by what autocorrelation is left.
+
+Order of work: weak form, linear form on block means, then the wanted form on every sample.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..record.errors import EstimationError
-from ..record.priors import DERIVATIVE_NAMES
 from ..simulate.model import Array
 from .data import RunData
+from .joint.begin import knows_full_only, rough_optimum
+from .joint.parameters import RUN_PARAMETERS
+from .joint.problem import OWN, Answer, Problem
+from .joint.solve import Optimum, minimise
 from .noise import Whitener, autocorrelation, measured, stated
-from .response import RUN_PARAMETERS, TENSION, TOW_POINT, full_response, linear_response, side_from_y
-from .start import start_state, weak_form_start
 
 FORMS = ("linear", "full")
-OWN = ("side", "beta", "v", "r", "y_b", "beta_b", "tension", "tow_point")
-"""Parameters of each run, in the order of the parameter vector."""
-MAX_STEPS = 60
-CONVERGED = 1e-8
-"""Steps end when no parameter moves by more than this share of its standard deviation squared (in chi-square)."""
 REWEIGHTINGS = 4
+SETTLED = 0.01
+"""Reweighting ends when no scatter changes by more than this share."""
+NEAR = 1e-7
+"""Damping where the fit starts near its optimum."""
 LAG_SHARE = 0.1
 LAG_S = 3.0
 """Left-over autocorrelation is looked for up to this lag: longer ones cannot be told from the fit's own freedom."""
-FIXED_SD = 1e-9
-"""Prior of a parameter that stands as stated, relative to its size."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Fit:
     filtered_covariance : (6, 6), had the whitened residuals been white
     speed_m_s : reference speed
     own : (runs, 8), ``OWN``; sides: y m (linear) or alpha rad (full)
-    own_sd : (runs, 8)
+    own_sd : (runs, 8); 0 where a value stands as stated
     common : errors of tension, line_length, speed common to all runs, in their prior's sd: {name: (value, sd)}
     modes : common modes' sizes by camera key, in their standard deviations
     response : per run (n, 2), fitted y_m and beta_rad with biases and common modes
@@ -58,6 +58,7 @@ class Fit:
     chi2_per_dof : over all runs, by the stated sigmas
     steps : iterations
     converged : bool
+    theta : the whole parameter vector
     """
 
     form: str
@@ -77,6 +78,7 @@ class Fit:
     chi2_per_dof: float
     steps: int
     converged: bool
+    theta: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def fit_runs(
@@ -84,6 +86,9 @@ def fit_runs(
     form: str = "full",
     speed_m_s: float | None = None,
     progress: Callable[[str], None] | None = None,
+    start: Array | None = None,
+    extra: tuple[tuple[int, float, float], ...] = (),
+    hold: tuple[int, ...] = (),
 ) -> Fit:
     """Fit the derivatives to ``runs`` jointly.
 
@@ -92,46 +97,58 @@ def fit_runs(
     runs : one or more; runs of one hull share the prime derivatives
     form : "full" (full sine and kinematics) or "linear" (exact matrix exponential); the full fit starts from the linear
     speed_m_s : at which the derivatives are quoted; default: the runs' mean
+    start : (6,) derivatives to start from; default: the weak form's, no guess is needed
+    extra : knowledge of derivatives beside the priors: (index, value, sd), at ``speed_m_s``
+    hold : indices of derivatives that keep the value of ``start``
 
     Raises
     ------
     EstimationError : no runs, or the fit has no optimum with positive m' and I'
     """
+    speed = check_runs(runs, form, speed_m_s)
+    theta, steps = rough_optimum(runs, speed, form, progress, start, extra, hold)
+    weights = [stated(d.covariance, d.t_s) for d in runs]
+    paths = None
+    if any(len(d.common) for d in runs):
+        # the common modes must be known along a smooth path before they may move
+        plain = Problem([replace(d, common=d.common[:0]) for d in runs], form, speed, hold, extra)
+        optimum = minimise(plain, theta, weights, progress, damping=NEAR)
+        theta, steps = optimum.theta, steps + optimum.steps
+        paths = [a.response.T for a in optimum.answers]
+    first_chi2 = np.nan
+    problem, answers = Problem(runs, form, speed, hold, extra), None
+    for turn in range(REWEIGHTINGS):
+        if paths is not None:
+            problem = Problem([_modes_along(d, p) for d, p in zip(runs, paths, strict=True)], form, speed, hold, extra)
+            answers = None
+        theta = np.concatenate([theta, np.zeros(problem.size - len(theta))])  # the modes stand last
+        optimum = minimise(problem, theta, weights, progress, answers, NEAR)
+        theta, answers, steps = optimum.theta, optimum.answers, steps + optimum.steps
+        if paths is not None:
+            paths = [a.response.T for a in answers]
+        if turn == 0:
+            first_chi2 = _chi2_per_dof(answers, weights, int(problem.free.sum()))
+        # colour belongs to the right equations: the linear form's own misfit of a large tow must not pass for noise
+        before = np.array([w.scale * w.innovation for w in weights])
+        weights = [measured(a.residual.T, w) for a, w in zip(answers, weights, strict=True)]
+        after = np.array([w.scale * w.innovation for w in weights])
+        if turn > 0 and np.abs(after / before - 1).max() < SETTLED:
+            break
+    return _report(problem, optimum, weights, first_chi2, steps)
+
+
+def check_runs(runs: list[RunData], form: str, speed_m_s: float | None) -> float:
+    """The reference speed; EstimationError where the runs or the form cannot be fitted."""
     if not runs:
         raise EstimationError("no run to fit")
     if form not in FORMS:
         raise EstimationError(f"form {form!r}; expected {', '.join(FORMS)}")
-    speed = float(np.mean([d.tow.speed_m_s for d in runs])) if speed_m_s is None else speed_m_s
-    needs_full = [d.name for d in runs if d.tow.post_amplitude_m or d.tension is not None or d.speed is not None]
+    needs_full = [d.name for d in runs if knows_full_only(d)]
     if needs_full and form == "linear":
         raise EstimationError(
             f"run {needs_full[0]!r}: a moving post and histories of tension or speed are known to the full form only"
         )
-    # a rough fit without the common modes: they must be known along a smooth path before they may move
-    rough = _Problem([replace(d, common=d.common[:0]) for d in runs], "full" if needs_full else "linear", speed)
-    weights = [stated(d.covariance, d.t_s) for d in runs]
-    theta, steps, converged = _minimise(rough, rough.start(), weights, progress)
-    found = rough.evaluate(theta)
-    if rough.form != form:
-        theta = rough.to_full(theta)
-    first_chi2 = np.nan
-    problem = rough
-    for turn in range(REWEIGHTINGS):
-        problem = _Problem([_modes_along(d, p) for d, p in zip(runs, found[0], strict=True)], form, speed)
-        theta = np.concatenate([theta, np.zeros(problem.size - len(theta))])  # the modes stand last
-        theta, count, converged = _minimise(problem, theta, weights, progress)
-        steps += count
-        found = problem.evaluate(theta)
-        residual = found[1]
-        if turn == 0:
-            first_chi2 = _chi2_per_dof(residual, weights, len(theta))
-        # colour belongs to the right equations: the linear form's own misfit of a large tow must not pass for noise
-        before = np.array([w.scale * w.innovation for w in weights])
-        weights = [measured(r, w) for r, w in zip(residual, weights, strict=True)]
-        after = np.array([w.scale * w.innovation for w in weights])
-        if turn > 0 and np.abs(after / before - 1).max() < 0.01:
-            break
-    return _report(problem, theta, found, weights, first_chi2, steps, converged)
+    return float(np.mean([d.tow.speed_m_s for d in runs])) if speed_m_s is None else speed_m_s
 
 
 def _modes_along(data: RunData, path: Array) -> RunData:
@@ -154,259 +171,75 @@ def _cubic(xy: Array) -> Array:
     return np.column_stack([xy[:, 0] ** i * xy[:, 1] ** j for i in range(4) for j in range(4 - i)])
 
 
-class _Problem:
-    """Parameter vector, residuals and sensitivities: [six, own of each run, common errors, modes of each camera]."""
-
-    def __init__(self, runs: list[RunData], form: str, speed: float) -> None:
-        self.runs, self.form, self.speed = runs, form, speed
-        self.keys = list(dict.fromkeys(d.common_key for d in runs if len(d.common)))
-        self.mode_count = {key: next(len(d.common) for d in runs if d.common_key == key) for key in self.keys}
-        self.own_end = 6 + len(OWN) * len(runs)
-        self.common_sd = _common_sds(runs)
-        self.common_at = {name: self.own_end + i for i, name in enumerate(self.common_sd)}
-        offset = self.own_end + len(self.common_sd)
-        self.size = offset + sum(self.mode_count.values())
-        self.mode_at: dict[str, slice] = {}
-        for key in self.keys:
-            self.mode_at[key] = slice(offset, offset + self.mode_count[key])
-            offset += self.mode_count[key]
-
-    def own_at(self, run: int) -> slice:
-        return slice(6 + len(OWN) * run, 6 + len(OWN) * (run + 1))
-
-    def start(self) -> Array:
-        theta = np.zeros(self.size)
-        theta[:6] = weak_form_start(self.runs, self.speed)
-        for index, data in enumerate(self.runs):
-            y, beta, v, r = start_state(data)
-            side = side_from_y(self.form, data, y, beta)
-            theta[self.own_at(index)] = [side, beta, v, r, 0, 0, data.tow.tension_n, data.tow.tow_point_m]
-        return theta
-
-    def to_full(self, theta: Array) -> Array:
-        """Take the linear optimum over to the full form: only the sides are other coordinates."""
-        self.form = "full"
-        theta = theta.copy()
-        for index, data in enumerate(self.runs):
-            own = self.own_at(index)
-            theta[own.start] = side_from_y("full", data, float(theta[own.start]), float(theta[own.start + 1]))
-        return theta
-
-    def run_values(self, theta: Array) -> Array:
-        """(runs, 14), ``RUN_PARAMETERS``."""
-        own = theta[6 : self.own_end].reshape(len(self.runs), len(OWN))
-        stated = np.array([[d.tow.line_length_m, d.tow.speed_m_s] for d in self.runs])
-        values = np.column_stack([np.tile(theta[:6], (len(self.runs), 1)), own[:, :4], own[:, 6:], stated])
-        for name, at in self.common_at.items():
-            values[:, RUN_PARAMETERS.index(name)] += theta[at] * self.common_sd[name]
-        return values
-
-    def evaluate(self, theta: Array) -> tuple[list[Array], list[Array], list[Array]]:
-        """Response and residual (n, 2) and sensitivity (n, 2, size) of every run."""
-        values = self.run_values(theta)
-        if self.form == "full":
-            answers = full_response(self.runs, values, self.speed)
-        else:
-            answers = [linear_response(d, v, self.speed) for d, v in zip(self.runs, values, strict=True)]
-        responses, residuals, slopes = [], [], []
-        for index, (data, (response, sensitivity)) in enumerate(zip(self.runs, answers, strict=True)):
-            slope = np.zeros((len(data.t_s), 2, self.size))
-            slope[:, :, :6] = sensitivity[:, :, :6]
-            own = self.own_at(index)
-            slope[:, :, own.start : own.start + 4] = sensitivity[:, :, 6:10]
-            slope[:, 0, own.start + 4] = slope[:, 1, own.start + 5] = 1.0
-            slope[:, :, own.start + 6 : own.stop] = sensitivity[:, :, TENSION : TOW_POINT + 1]
-            for name, at in self.common_at.items():
-                slope[:, :, at] = sensitivity[:, :, RUN_PARAMETERS.index(name)] * self.common_sd[name][index]
-            total = response + theta[own.start + 4 : own.start + 6]
-            if len(data.common):
-                at = self.mode_at[data.common_key]
-                slope[:, :, at] = data.common.transpose(1, 2, 0)
-                total = total + slope[:, :, at] @ theta[at]
-            responses.append(total)
-            residuals.append(np.column_stack([data.y_m, data.beta_rad]) - total)
-            slopes.append(slope)
-        return responses, residuals, slopes
-
-    def prior(self, theta: Array) -> tuple[Array, Array]:
-        """Prior residuals (stated minus here, over sd) and their rows of sensitivity."""
-        gaps, rows = [], []
-
-        def add(index: int, stated: float, sd: float) -> None:
-            row = np.zeros(self.size)
-            row[index] = 1.0 / sd
-            gaps.append((stated - theta[index]) / sd)
-            rows.append(row)
-
-        for index, data in enumerate(self.runs):
-            own, priors = self.own_at(index).start, data.priors
-            assert data.tow.tension_n is not None
-            add(own + 6, data.tow.tension_n, max(priors.tension_sd_rel, FIXED_SD) * data.tow.tension_n)
-            point_sd = max(priors.tow_point_sd_m, FIXED_SD * max(abs(data.tow.tow_point_m), 1e-3))
-            add(own + 7, data.tow.tow_point_m, point_sd)
-            for offset, sd in ((4, priors.y_bias_sd_m), (5, priors.beta_bias_sd_rad)):
-                if sd is not None:
-                    add(own + offset, 0.0, max(sd, FIXED_SD))
-        for index, (value, sd) in self._derivative_priors().items():
-            add(index, value, sd)
-        for at in self.common_at.values():
-            add(at, 0.0, 1.0)
-        for at in self.mode_at.values():
-            for index in range(at.start, at.stop):
-                add(index, 0.0, 1.0)
-        return np.array(gaps), np.array(rows).reshape(len(gaps), self.size)
-
-    def _derivative_priors(self) -> dict[int, tuple[float, float]]:
-        found: dict[int, tuple[float, float]] = {}
-        for data in self.runs:
-            for index, name in enumerate(DERIVATIVE_NAMES):
-                prior = getattr(data.priors.derivatives, name)
-                if prior is not None:
-                    ratio = 1.0 if index < 2 else self.speed / data.tow.speed_m_s
-                    found[index] = (prior.value * ratio, prior.std * ratio)
-        return found
+def _chi2_per_dof(answers: list[Answer], weights: list[Whitener], size: int) -> float:
+    total = sum(float((w.along(a.residual) ** 2).sum()) for w, a in zip(weights, answers, strict=True))
+    return total / max(sum(a.residual.size for a in answers) - size, 1)
 
 
-def _common_sds(runs: list[RunData]) -> dict[str, Array]:
-    """Standard deviation (runs,) of each common error that the first run's priors let move, in the parameter's unit."""
-    priors = runs[0].priors
-    found = {}
-    if priors.tension_common_sd_rel:
-        found["tension"] = priors.tension_common_sd_rel * np.array([d.tow.tension_n for d in runs], dtype=float)
-    if priors.line_length_sd_m:
-        found["line_length"] = np.full(len(runs), priors.line_length_sd_m)
-    if priors.speed_sd_rel:
-        found["speed"] = priors.speed_sd_rel * np.array([d.tow.speed_m_s for d in runs])
-    return found
-
-
-def _chi2_per_dof(residual: list[Array], weights: list[Whitener], size: int) -> float:
-    total = sum(float((w(r) ** 2).sum()) for w, r in zip(weights, residual, strict=True))
-    return total / max(sum(r.size for r in residual) - size, 1)
-
-
-def _normal(problem: _Problem, theta: Array, weights: list[Whitener]) -> tuple[Array, Array, float]:
-    """Normal matrix, gradient and chi-square with priors."""
-    _, residual, slope = problem.evaluate(theta)
-    gap, rows = problem.prior(theta)
-    matrix, gradient, cost = rows.T @ rows, rows.T @ gap, float(gap @ gap)
-    for w, r, s in zip(weights, residual, slope, strict=True):
-        e = w(r).ravel()
-        j = w(s).reshape(len(e), -1)
-        matrix += j.T @ j
-        gradient += j.T @ e
-        cost += float(e @ e)
-    return matrix, gradient, cost
-
-
-def _usable(theta: Array) -> bool:
-    return bool(theta[0] > 0 and theta[1] > 0 and np.isfinite(theta).all())
-
-
-def _minimise(
-    problem: _Problem, theta: Array, weights: list[Whitener], progress: Callable[[str], None] | None
-) -> tuple[Array, int, bool]:
-    """Levenberg-Marquardt with Marquardt's scaling and Nielsen's damping."""
-    matrix, gradient, cost = _normal(problem, theta, weights)
-    if not np.isfinite(cost):
-        raise EstimationError(
-            "the motion simulated from the weak-form start grows beyond bounds; is the tow stable (X_T > X_v)?"
-        )
-    damping, growth = 1e-3, 2.0
-    for step_number in range(1, MAX_STEPS + 1):
-        scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-        scaled = matrix / scale[:, None] / scale[None, :]
-        step = np.linalg.solve(scaled + damping * np.eye(len(theta)), gradient / scale) / scale
-        expected = float(step @ (2 * gradient - matrix @ step))
-        trial = theta + step
-        new_cost, answer = np.inf, None
-        if _usable(trial):
-            with np.errstate(all="ignore"):
-                answer = _normal(problem, trial, weights)
-            new_cost = answer[2]
-        if answer is not None and np.isfinite(new_cost) and new_cost <= cost:
-            gain = (cost - new_cost) / max(expected, 1e-300)
-            theta, (matrix, gradient, cost) = trial, answer
-            damping *= max(1 / 3, 1 - (2 * gain - 1) ** 3)
-            damping, growth = max(damping, 1e-12), 2.0
-            if progress is not None:
-                progress(f"{problem.form}: step {step_number}, chi-square {cost:.6g}")
-            if expected < CONVERGED * max(cost, 1.0):
-                return theta, step_number, True
-        else:
-            if expected < CONVERGED * max(cost, 1.0):
-                return theta, step_number, True
-            damping, growth = damping * growth, growth * 2
-            if damping > 1e12:
-                return theta, step_number, False
-    return theta, MAX_STEPS, False
-
-
-def _coloured_meat(slope: Array, correlations: tuple[Array, Array], matrix: Array) -> None:
-    """Add to ``matrix`` the information's variance beyond white noise: sum of rho_k (J_t' J_t+k + transposed)."""
-    for channel, rho in enumerate(correlations):
-        rows = slope[:, channel]
+def _coloured_meat(slope: Array, correlations: tuple[Array, Array]) -> Array:
+    """The information's variance beyond white noise: sum of rho_k (J_t' J_t+k + transposed); slope (2, k, n)."""
+    matrix = np.zeros((slope.shape[1], slope.shape[1]))
+    for rows, rho in zip(slope, correlations, strict=True):
         for lag in range(1, len(rho)):
             if rho[lag] <= 0:  # the initial positive sequence; beyond it the estimates are noise
                 break
-            cross = rows[:-lag].T @ rows[lag:] * rho[lag]
+            cross = rows[:, :-lag] @ rows[:, lag:].T * rho[lag]
             matrix += cross + cross.T
+    return matrix
+
+
+def inverse_information(information: Array, free: NDArray[np.bool_]) -> Array:
+    """Covariance over the whole parameter vector; zero where a parameter is not free."""
+    at = np.flatnonzero(free)
+    inner = information[np.ix_(at, at)]
+    scaling = np.sqrt(np.diag(inner))
+    scaling = np.where(scaling > 0, scaling, 1.0)
+    inverse = np.linalg.pinv(inner / scaling[:, None] / scaling[None, :], rcond=1e-15, hermitian=True)
+    found = np.zeros_like(information)
+    found[np.ix_(at, at)] = inverse / scaling[:, None] / scaling[None, :]
+    return found
 
 
 def _report(
-    problem: _Problem,
-    theta: Array,
-    found: tuple[list[Array], list[Array], list[Array]],
-    weights: list[Whitener],
-    chi2_first: float,
-    steps: int,
-    converged: bool,
+    problem: Problem, optimum: Optimum, weights: list[Whitener], chi2_first: float, steps: int
 ) -> Fit:
-    """Put the optimum ``theta``, where ``problem.evaluate`` gave ``found``, into a Fit."""
-    response, residual, slope = found
-    _, rows = problem.prior(theta)
-    information = rows.T @ rows
-    meat = rows.T @ rows
+    """Put the optimum into a Fit."""
+    theta = optimum.theta
+    information = np.zeros((problem.size, problem.size))
+    np.add.at(information, (problem.pull.index, problem.pull.index), 1 / problem.pull.sd**2)
+    more = np.zeros_like(information)
     innovations = []
-    for data, w, r, s in zip(problem.runs, weights, residual, slope, strict=True):
-        e, j = w(r), w(s)
-        innovations.append(e)
-        flat = j.reshape(-1, problem.size)
-        information += flat.T @ flat
-        meat += flat.T @ flat
+    for data, w, answer in zip(problem.runs, weights, optimum.answers, strict=True):
+        e, j = w.along(answer.residual), w.along(answer.slope)
+        innovations.append(e.T)
+        place = np.ix_(answer.columns, answer.columns)
+        information[place] += j[0] @ j[0].T + j[1] @ j[1].T
         step = float(np.median(np.diff(data.t_s)))
-        lags = int(max(1, min(LAG_SHARE * len(e), LAG_S / step)))
-        rho = (autocorrelation(e[:, 0], lags), autocorrelation(e[:, 1], lags))
-        _coloured_meat(j, rho, meat)
-    scaling = np.sqrt(np.diag(information))
-    scaling = np.where(scaling > 0, scaling, 1.0)
-    inverse = np.linalg.pinv(information / scaling[:, None] / scaling[None, :], rcond=1e-15, hermitian=True)
-    inverse = inverse / scaling[:, None] / scaling[None, :]
-    covariance = inverse @ meat @ inverse
+        lags = int(max(1, min(LAG_SHARE * e.shape[1], LAG_S / step)))
+        more[place] += _coloured_meat(j, (autocorrelation(e[0], lags), autocorrelation(e[1], lags)))
+    inverse = inverse_information(information, problem.free)
+    covariance = inverse @ (information + more) @ inverse
+    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     count = len(problem.runs)
-    own = theta[6 : problem.own_end].reshape(count, len(OWN))
-    own_sd = np.sqrt(np.maximum(np.diag(covariance), 0))[6 : problem.own_end].reshape(count, len(OWN))
     return Fit(
         form=problem.form,
         six=theta[:6],
         covariance=covariance[:6, :6],
         filtered_covariance=inverse[:6, :6],
         speed_m_s=problem.speed,
-        own=own,
-        own_sd=own_sd,
-        common={
-            name: (float(theta[at]), float(np.sqrt(max(covariance[at, at], 0.0))))
-            for name, at in problem.common_at.items()
-        },
+        own=theta[6 : problem.own_end].reshape(count, len(OWN)),
+        own_sd=sd[6 : problem.own_end].reshape(count, len(OWN)),
+        common={name: (float(theta[at]), float(sd[at])) for name, at in problem.common_at.items()},
         modes={key: theta[at] for key, at in problem.mode_at.items()},
-        response=response,
-        residual=residual,
+        response=[a.response.T for a in optimum.answers],
+        residual=[a.residual.T for a in optimum.answers],
         scale=np.array([w.scale for w in weights]),
         innovation=innovations,
         orders=np.array([[len(a) for a in w.regression] for w in weights]),
         chi2_per_dof=chi2_first,
         steps=steps,
-        converged=converged,
+        converged=optimum.converged,
+        theta=theta,
     )
 
 

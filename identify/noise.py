@@ -56,10 +56,39 @@ class Whitener:
             white[:, channel] = np.where(whole[:, None], filtered / self.innovation[channel], here)
         return white.reshape(values.shape)
 
+    def along(self, values: Array) -> Array:
+        """The same with time last: ``(2, n)`` or ``(2, k, n)``."""
+        samples = values.shape[-1]
+        flat = values.reshape(2, -1, samples)
+        root = self.matrices
+        scaled = np.empty_like(flat)
+        np.multiply(flat[0], root[:, 0, 0] / self.scale[0], out=scaled[0])
+        np.multiply(flat[1], root[:, 1, 1] / self.scale[1], out=scaled[1])
+        if root[:, 1, 0].any():
+            scaled[1] += flat[0] * (root[:, 1, 0] / self.scale[1])
+        for channel, coefficients in enumerate(self.regression):
+            if not len(coefficients):
+                scaled[channel] /= self.innovation[channel]
+                continue
+            here = scaled[channel].copy()
+            filtered = scaled[channel]
+            for lag, a in enumerate(coefficients, start=1):
+                filtered[:, lag:] -= a * here[:, :-lag]
+            filtered /= self.innovation[channel]
+            first = np.flatnonzero(np.arange(samples) - self.begins < len(coefficients))
+            filtered[:, first] = here[:, first]
+        return scaled.reshape(values.shape)
+
 
 def stated(covariance: Array, t_s: Array) -> Whitener:
     """The whitener of the stated sigmas alone: white, scatter 1."""
-    matrices = np.linalg.inv(np.linalg.cholesky(covariance))
+    # inverse Cholesky factor of a 2 x 2 matrix, lower triangular
+    matrices = np.zeros((len(covariance), 2, 2))
+    first = np.sqrt(covariance[:, 0, 0])
+    along = covariance[:, 0, 1] / first
+    second = np.sqrt(covariance[:, 1, 1] - along**2)
+    matrices[:, 0, 0], matrices[:, 1, 1] = 1 / first, 1 / second
+    matrices[:, 1, 0] = -along / (first * second)
     gaps = np.diff(t_s) > GAP_STEPS * np.median(np.diff(t_s))
     begins = np.maximum.accumulate(np.where(np.concatenate([[True], gaps]), np.arange(len(t_s)), 0))
     return Whitener(matrices, (np.zeros(0), np.zeros(0)), np.ones(2), np.ones(2), begins)

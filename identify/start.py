@@ -22,8 +22,6 @@ def weak_form_start(runs: list[RunData], reference_speed_m_s: float) -> Array:
     sway_rows, sway_right, yaw_rows, yaw_right = [], [], [], []
     for index, data in enumerate(runs):
         ratio = data.tow.speed_m_s / reference_speed_m_s
-        constant = np.zeros(len(runs))
-        constant[index] = 1.0
         speed = data.tow.speed_m_s
         alpha = alpha_from_y(data.y_m, data.beta_rad, data.tow)
         linear = (data.y_m + data.tow.tow_point_m * data.beta_rad) / data.tow.line_length_m
@@ -33,18 +31,19 @@ def weak_form_start(runs: list[RunData], reference_speed_m_s: float) -> Array:
             v_dot = curve @ data.y_m + speed * (slope @ data.beta_rad)
             v = -(slope @ data.y_m) - speed * (phi @ data.beta_rad)
             r_dot, r = curve @ data.beta_rad, -(slope @ data.beta_rad)
-            one = phi.sum()
+            constant = np.zeros((len(phi), len(runs)))
+            constant[:, index] = -phi.sum(axis=1)
             pull = data.tow.tension_n * (phi @ s)
-            sway_rows.append([v_dot, -v * ratio, -r * ratio, *(-one * constant)])
+            sway_rows.append(np.column_stack([v_dot, -v * ratio, -r * ratio, constant]))
             sway_right.append(-pull)
-            yaw_rows.append([r_dot, -v * ratio, -r * ratio, *(-one * constant)])
+            yaw_rows.append(np.column_stack([r_dot, -v * ratio, -r * ratio, constant]))
             yaw_right.append(-pull * data.tow.tow_point_m)
-    if len(sway_rows) < 6 + 2 * len(runs):
+    if sum(len(rows) for rows in sway_rows) < 6 + 2 * len(runs):
         raise EstimationError(
             "the records are too short or too often interrupted: no stretch holds a few seconds of motion"
         )
-    sway = _least_squares(np.array(sway_rows), np.array(sway_right))
-    yaw = _least_squares(np.array(yaw_rows), np.array(yaw_right))
+    sway = _least_squares(np.concatenate(sway_rows), np.concatenate(sway_right))
+    yaw = _least_squares(np.concatenate(yaw_rows), np.concatenate(yaw_right))
     length = 1.4 * max(d.tow.tow_point_m for d in runs)
     # a mass of the order that the line can swing at the observed rate, if the record gave nonsense
     mass = sway[0] if sway[0] > 0 else 10.0
@@ -67,7 +66,7 @@ def start_state(data: RunData) -> tuple[float, float, float, float]:
 
 
 def _test_functions(t_s: Array, length_m: float, speed_m_s: float):
-    """(phi, phi', phi'') as weights over the samples (quadrature included): (1 - x^2)^4 bumps, overlapping.
+    """(phi, phi', phi'') as weights over the samples (m, n), quadrature included: (1 - x^2)^4 bumps, overlapping.
 
     No bump lies over a gap in the record: quadrature over it would be worth nothing.
     """
@@ -77,17 +76,16 @@ def _test_functions(t_s: Array, length_m: float, speed_m_s: float):
     for share in WIDTHS:
         half = min(share * length_m / speed_m_s / 2, (t_s[-1] - t_s[0]) / 4)
         centres = np.arange(t_s[0] + half, t_s[-1] - half + 1e-9, half / 3)
-        for centre in centres:
-            if any(t_s[h + 1] > centre - half and t_s[h] < centre + half for h in holes):
-                continue
-            x = (t_s - centre) / half
-            inside = np.abs(x) < 1
-            bump = np.where(inside, 1 - x**2, 0.0)
-            yield (
-                weight * bump**4,
-                weight * (-8 * x * bump**3) / half,
-                weight * np.where(inside, -8 * bump**3 + 48 * x**2 * bump**2, 0.0) / half**2,
-            )
+        for hole in holes:
+            centres = centres[(t_s[hole + 1] <= centres - half) | (t_s[hole] >= centres + half)]
+        x = (t_s - centres[:, None]) / half
+        bump = np.maximum(1 - x**2, 0.0)
+        cube = bump**3
+        yield (
+            weight * (bump * cube),
+            weight * (-8 * x * cube) / half,
+            weight * (-8 * cube + 48 * x**2 * bump**2) / half**2,
+        )
 
 
 def _least_squares(rows: Array, right: Array) -> Array:

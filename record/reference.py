@@ -11,6 +11,7 @@ from pydantic_core import PydanticUndefined
 
 from .check_file import CheckFile
 from .lens_file import LensFile
+from .plan_file import PlanFile, PlanRequest
 from .priors import Priors
 from .results import CameraFile, DerivativesFile, SteadyFile, TruthFile
 from .scenario import ScenarioFile
@@ -25,6 +26,8 @@ _PAGES: tuple[tuple[str, type[BaseModel], str], ...] = (
     ("out/steady.json", SteadyFile, "Written by `towline steady`."),
     ("out/check.json", CheckFile, "Written by `towline check`."),
     ("lens.json", LensFile, "Written by `towline lens`."),
+    ("plan.toml", PlanRequest, "What `towline plan` is asked."),
+    ("plan.json", PlanFile, "Written by `towline plan`."),
     ("truth/derivatives.json", TruthFile, "Written by `towline render`."),
 )
 

@@ -149,7 +149,7 @@ def sway_yaw_acceleration(hull: Hull, v, r, side_force, moment):
     """
     sway = hull.y_v * v + hull.y_r_minus_mu * r + side_force
     yaw = hull.n_v * v + hull.n_r * r + moment
-    if hull.y_rdot == 0.0 and hull.n_vdot == 0.0:
+    if not np.any(hull.y_rdot) and not np.any(hull.n_vdot):
         return sway / hull.m_minus_y_vdot, yaw / hull.i_minus_n_rdot
     determinant = hull.m_minus_y_vdot * hull.i_minus_n_rdot - hull.y_rdot * hull.n_vdot
     return (

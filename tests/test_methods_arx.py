@@ -131,6 +131,15 @@ def test_usual_noise_is_too_much_for_arx() -> None:
     assert 13 <= refused < 40
 
 
+def test_a_prepared_run_is_a_record() -> None:
+    from towline.identify.methods.open_loop_fit import _run_data
+
+    one = record(1.751, np.random.default_rng(8), 1.0)
+    again = Record.of(_run_data(one))
+    assert again.step_s == pytest.approx(STEP_S)
+    np.testing.assert_array_equal(again.beta_rad, one.beta_rad)
+
+
 def test_decimation_and_refusals() -> None:
     assert suggested_decimation(0.1, 1.1) == 20
     with pytest.raises(EstimationError, match="no continuous motion"):
@@ -163,12 +172,7 @@ def test_four_stage_iv_on_the_example_with_ar_noise() -> None:
     np.testing.assert_allclose(np.mean([s.noise[:3] for s in stages], axis=0), NOISE_AR, atol=0.02)
     truth = np.array([*A[1:], *B])
     for name in ("iv", "iv4"):
-        z = np.array(
-            [
-                (np.concatenate([p.a[1:], p.b]) - truth) / p.sd
-                for p in (getattr(s, name) for s in stages)
-            ]
-        )
+        z = np.array([(np.concatenate([p.a[1:], p.b]) - truth) / p.sd for p in (getattr(s, name) for s in stages)])
         assert (np.abs(z.std(axis=0) - 1) < 4 / np.sqrt(200)).all(), (name, z.std(axis=0))
 
 

@@ -40,7 +40,10 @@ def test_intervals_are_true_over_many_seeds(rate_sd: float) -> None:
         found = calibrate_rate(T[keep], beta[keep], rate[keep], position_sd=sd, rate_sd=rate_sd)
         assert not found.notes
         z.append(
-            [(found.scale_error.value - SCALE) / found.scale_error.std, (found.rate_bias.value - BIAS) / found.rate_bias.std]
+            [
+                (found.scale_error.value - SCALE) / found.scale_error.std,
+                (found.rate_bias.value - BIAS) / found.rate_bias.std,
+            ]
         )
     assert (np.abs(np.std(z, axis=0) - 1) < 4 / np.sqrt(200) + 0.05).all(), np.std(z, axis=0)
     assert (np.abs(np.mean(z, axis=0)) < 4 / np.sqrt(100) + 0.1).all(), np.mean(z, axis=0)

@@ -66,9 +66,9 @@ def test_sds_of_roots() -> None:
     found, sd = roots_from_coefficients(coefficients, covariance)
     np.testing.assert_allclose(np.sort_complex(found), np.sort_complex(roots(X1)), rtol=1e-9)
     rng = np.random.default_rng(7)
-    draws = np.array([
-        roots_from_coefficients(c, covariance)[0] for c in rng.multivariate_normal(coefficients, covariance, 4000)
-    ])
+    draws = np.array(
+        [roots_from_coefficients(c, covariance)[0] for c in rng.multivariate_normal(coefficients, covariance, 4000)]
+    )
     ordered = np.take_along_axis(draws, np.argsort(-draws.imag, axis=1), axis=1)[:, 0]
     at = int(np.argmax(found.imag))
     assert ordered.real.std() == pytest.approx(sd[at, 0], rel=0.05)
@@ -94,12 +94,12 @@ def test_appendix_one_is_exact_without_noise_and_says_what_noise_does() -> None:
     assert (sd[0], sd[3]) == pytest.approx((0.0816, 0.0832), abs=5e-4)
     assert found.derivatives.sd[0] / SIX[0] == pytest.approx(0.514, abs=5e-3)
     rng = np.random.default_rng(8)
-    draws = np.array([
-        np.concatenate([a.x[:1], a.y[:1]])
-        for a in (
-            appendix_one(z + e[:3], w + e[3:], tows, SIX[1]) for e in rng.normal(0, 1e-5, (400, 6))
-        )
-    ])
+    draws = np.array(
+        [
+            np.concatenate([a.x[:1], a.y[:1]])
+            for a in (appendix_one(z + e[:3], w + e[3:], tows, SIX[1]) for e in rng.normal(0, 1e-5, (400, 6)))
+        ]
+    )
     np.testing.assert_allclose(draws.std(axis=0) / (sd[[0, 3]] / 10), 1.0, atol=4 / np.sqrt(800) + 0.02)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from towline.identify.methods.characteristic import derivatives_from_coefficients
 from towline.identify.methods.decay import fit_decay
 from towline.identify.methods.forced import modal_derivatives
 from towline.identify.methods.phase import phase_from_amplitudes
@@ -22,7 +23,7 @@ def tow(x_t: float) -> Tow:
 
 def record(x_t: float, t: np.ndarray, rng: np.random.Generator | None = None, y_0: float = 0.2):
     motion = simulate_linear(HULL, tow(x_t), Start(y_cg_m=y_0, beta_rad=0.03), t)
-    values = motion[["y_cg_m", "beta_rad"]].to_numpy() + [0.013, -0.021]
+    values = motion[["y_cg_m", "beta_rad"]].to_numpy() + np.array([0.013, -0.021])
     return values if rng is None else values + SIGMA * rng.normal(size=values.shape)
 
 
@@ -60,25 +61,27 @@ def test_gaps_do_no_harm() -> None:
     keep[200:270] = False
     values = record(1.751, t)[keep]
     fit = fit_decay(t[keep], values[:, 0], values[:, 1])
-    np.testing.assert_allclose(np.sort_complex(fit.roots), np.sort_complex(stability(HULL, tow(1.751)).roots), atol=1e-6)
+    np.testing.assert_allclose(
+        np.sort_complex(fit.roots), np.sort_complex(stability(HULL, tow(1.751)).roots), atol=1e-6
+    )
 
 
 def test_intervals_of_damping_and_frequency_are_true_over_many_seeds() -> None:
-    """40 records of 60 s: z of l3, w and the biases with std 1 within 4 standard errors and the noise model's 10 %."""
+    """30 records of 60 s: z of l3, w and the biases with std 1 within 4 standard errors and the noise model's 10 %."""
     rng = np.random.default_rng(2)
     t = np.arange(0, 60, 0.1)
     truth = stability(HULL, tow(1.751)).roots[0]
     wanted = np.array([-truth.real, abs(truth.imag), 0.013, -0.021])
     scores, spread = [], []
-    for _ in range(40):
+    for _ in range(30):
         values = record(1.751, t, rng)
         fit = fit_decay(t, values[:, 0], values[:, 1])
         at = [2, 3, 4, 9]
         scores.append((fit.theta[at] - wanted) / np.sqrt(np.diag(fit.covariance)[at]))
         spread.append(fit.theta[at])
     z = np.array(scores)
-    assert (np.abs(z.std(axis=0) - 1) < 4 / np.sqrt(80) + 0.1).all(), z.std(axis=0)
-    assert (np.abs(z.mean(axis=0)) < 4 / np.sqrt(40)).all(), z.mean(axis=0)
+    assert (np.abs(z.std(axis=0) - 1) < 4 / np.sqrt(60) + 0.1).all(), z.std(axis=0)
+    assert (np.abs(z.mean(axis=0)) < 4 / np.sqrt(30)).all(), z.mean(axis=0)
     # what such a record is worth: w to 0.1 %, l3 to 3e-4 per second
     assert np.std(spread, axis=0)[1] < 1e-3 * wanted[1]
     assert np.std(spread, axis=0)[0] < 4e-4
@@ -105,6 +108,9 @@ def test_the_fitted_pair_feeds_the_phase_analysis_and_two_give_all_six() -> None
         fits[x_t] = fit_decay(t, values[:, 0], values[:, 1])
     found = modal_derivatives([fit.swing(tow(x)) for x, fit in fits.items()])
     np.testing.assert_allclose(found.six, SIX, rtol=1e-4)
+    first, second = fits.values()
+    roots = derivatives_from_coefficients(first.coefficients()[0], second.coefficients()[0], (tow(1.446), tow(2.0)))
+    np.testing.assert_allclose(roots.six, SIX, rtol=1e-3)
     phase = phase_from_amplitudes(fits[1.446].amplitudes(), tow(1.446), SIX[1] / SIX[0])
     rates, vectors = np.linalg.eig(linear_system(HULL, tow(1.446))[0])
     at = int(np.argmax(rates.imag))

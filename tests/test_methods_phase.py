@@ -116,7 +116,10 @@ def test_forced_response_solves_the_two_by_two_system() -> None:
     w, x, length, t, u = 0.8, 1.6, 0.91, 3.96, 1.28
     matrix = np.array(
         [
-            [t - m * length * w**2 - 1j * w * length * y_v, t + u * y_v + m * x * w**2 + 1j * w * (x * y_v - y_r - m * u)],
+            [
+                t - m * length * w**2 - 1j * w * length * y_v,
+                t + u * y_v + m * x * w**2 + 1j * w * (x * y_v - y_r - m * u),
+            ],
             [t * x - 1j * w * length * n_v, t * x + u * n_v - i * w**2 + 1j * w * (x * n_v - n_r)],
         ]
     )

@@ -45,7 +45,7 @@ def test_exact_records_give_the_derivatives() -> None:
 
 
 def test_the_warning_is_true() -> None:
-    """1 mm and 0.1 degree at 20 Hz, one tow, three windows: the worst derivative is wrong by 85 to 120 %, and the stated errors miss it.
+    """1 mm and 0.1 degree at 20 Hz, one tow, three windows: one derivative is wrong by 85 to 120 %; the stated errors miss it.
 
     No window helps: a short one lets the noise in, a long one bends the motion.
     """

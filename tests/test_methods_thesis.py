@@ -46,7 +46,9 @@ def test_table_3_1(table, page: str) -> None:
     np.testing.assert_allclose(prime / unit, printed / unit, atol=1.01)
     assert f"{prime[2]:.5f}" == "-0.01467"
     assert prime[1] == pytest.approx(0.0005897, abs=5e-8)
-    assert float(rows.loc["m", "dimensional"]) / prime_factors(1027, 3.15, 1.30)[0] == pytest.approx(0.0086397, abs=1e-6)
+    assert float(rows.loc["m", "dimensional"]) / prime_factors(1027, 3.15, 1.30)[0] == pytest.approx(
+        0.0086397, abs=1e-6
+    )
     quoted(page, "-0.01467", "0.0005897")
 
 
@@ -79,7 +81,10 @@ def test_table_4_3(table, page: str) -> None:
     }
     pairs = ((6, 4), (6, 3), (4, 3))
     found = np.array(
-        [two_tow_x_v(tows[a].force()[0], tows[a].tow_point_m, tows[b].force()[0], tows[b].tow_point_m) for a, b in pairs]
+        [
+            two_tow_x_v(tows[a].force()[0], tows[a].tow_point_m, tows[b].force()[0], tows[b].tow_point_m)
+            for a, b in pairs
+        ]
     )
     np.testing.assert_allclose(found, [20.32, 21.84, 23.59], atol=0.005)
     more = np.array([22.88, 24.36, 26.06]) - found
@@ -113,7 +118,9 @@ def test_table_8_1_n_r_follows_and_the_rest_does_not(table, page: str) -> None:
     means = rows[SIX].mean()
     assert means["m_minus_y_vdot"] == pytest.approx(151.72, abs=0.005)  # printed 151.59
     assert means["y_r_minus_mu"] == pytest.approx(-66.08, abs=0.005)  # printed -66.03
-    np.testing.assert_allclose(means[["i_minus_n_rdot", "y_v", "n_v", "n_r"]], [62.33, -51.60, -46.29, -57.14], atol=0.0051)
+    np.testing.assert_allclose(
+        means[["i_minus_n_rdot", "y_v", "n_v", "n_r"]], [62.33, -51.60, -46.29, -57.14], atol=0.0051
+    )
     quoted(page, "-69.68", "151.72", "-66.08", "2.874")
 
 

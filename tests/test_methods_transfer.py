@@ -29,14 +29,14 @@ SIX = np.array([149.19, 62.11, -52.87, -66.33, -48.51, -57.60])
 HULL = Hull(*SIX, speed_m_s=1.28, y_delta=-14.0, n_delta=17.0)
 TOW = Tow(1.28, 0.91, 1.649, 3.96)
 EXACT = 1e-10
-M, I, YV, YR, NV, NR = SIX
+M, IZ, YV, YR, NV, NR = SIX
 X, L, T, U, YD, ND = 1.649, 0.91, 3.96, 1.28, -14.0, 17.0
 
 
 def test_rudder_to_y_and_beta_2_37() -> None:
     found = rudder_transfer(HULL, TOW)
     np.testing.assert_allclose(found["y"].denominator, characteristic_coefficients(HULL, TOW), rtol=EXACT)
-    y = [I * YD, (YR + M * U) * ND - NR * YD, U * (NV * YD - YV * ND) + T * (1 + X / L) * (X * YD - ND)]
+    y = [IZ * YD, (YR + M * U) * ND - NR * YD, U * (NV * YD - YV * ND) + T * (1 + X / L) * (X * YD - ND)]
     beta = [M * ND, NV * YD - YV * ND, T / L * (ND - X * YD)]
     np.testing.assert_allclose(found["y"].numerator, y, rtol=EXACT)
     np.testing.assert_allclose(found["beta"].numerator, beta, rtol=EXACT)
@@ -44,19 +44,17 @@ def test_rudder_to_y_and_beta_2_37() -> None:
 
 def test_line_force_to_all_5_22() -> None:
     found = line_force_transfer(HULL, TOW)
-    np.testing.assert_allclose(
-        found["y"].numerator, [I, (YR + M * U) * X - NR, U * (NV - X * YV)], rtol=EXACT
-    )
+    np.testing.assert_allclose(found["y"].numerator, [IZ, (YR + M * U) * X - NR, U * (NV - X * YV)], rtol=EXACT)
     np.testing.assert_allclose(found["beta"].numerator, [M * X, NV - X * YV, 0.0], rtol=EXACT, atol=1e-9)
-    np.testing.assert_allclose(found["v"].numerator, [I, X * YR - NR, 0.0, 0.0], rtol=EXACT, atol=1e-9)
+    np.testing.assert_allclose(found["v"].numerator, [IZ, X * YR - NR, 0.0, 0.0], rtol=EXACT, atol=1e-9)
     np.testing.assert_allclose(found["r"].numerator, [M * X, NV - X * YV, 0.0, 0.0], rtol=EXACT, atol=1e-9)
 
 
 def test_free_ship_5_14_and_open_loop_8_27() -> None:
-    p0 = [M * I, -(I * YV + M * NR), YV * NR - NV * YR]
+    p0 = [M * IZ, -(IZ * YV + M * NR), YV * NR - NV * YR]
     free = free_ship_transfer(HULL)
     np.testing.assert_allclose(free["v"].denominator, p0, rtol=EXACT)
-    np.testing.assert_allclose(free["v"].numerator, [YD * I, -YD * NR + ND * YR], rtol=EXACT)
+    np.testing.assert_allclose(free["v"].numerator, [YD * IZ, -YD * NR + ND * YR], rtol=EXACT)
     np.testing.assert_allclose(free["r"].numerator, [ND * M, -ND * YV + YD * NV], rtol=EXACT)
     loop = open_loop_transfer(HULL, TOW)
     np.testing.assert_allclose(loop["y"].denominator, [*p0, 0.0, 0.0], rtol=EXACT, atol=1e-9)
@@ -71,8 +69,8 @@ def test_free_ship_5_14_and_open_loop_8_27() -> None:
 def test_speeds_other_than_the_hulls_own() -> None:
     """At half the speed Y_v halves and Y_delta quarters."""
     slow = free_ship_transfer(HULL, 0.64)
-    assert slow["v"].numerator[0] == pytest.approx(YD / 4 * I, rel=EXACT)
-    assert slow["v"].denominator[1] == pytest.approx(-(I * YV + M * NR) / 2, rel=EXACT)
+    assert slow["v"].numerator[0] == pytest.approx(YD / 4 * IZ, rel=EXACT)
+    assert slow["v"].denominator[1] == pytest.approx(-(IZ * YV + M * NR) / 2, rel=EXACT)
 
 
 def test_bode_data() -> None:
@@ -85,7 +83,7 @@ def test_bode_data() -> None:
     pair = function.poles[np.argmax(function.poles.imag)]
     assert omega[np.argmax(data.gain_db)] == pytest.approx(pair.imag, rel=0.05)
     # far above all roots: s^-2 m' X / (m' I') -> 40 dB a decade, 180 degrees behind
-    assert data.gain_db[-1] == pytest.approx(20 * np.log10(X / I / 100), abs=0.1)
+    assert data.gain_db[-1] == pytest.approx(20 * np.log10(X / IZ / 100), abs=0.1)
     assert 0.0 in np.round(function.zeros, 12)
 
 

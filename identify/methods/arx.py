@@ -23,7 +23,8 @@ from .least_squares import least_squares_svd
 ORDER = 4
 IV_ROUNDS = 6
 BEST_STEP_PER_ROOT = 2.2
-"""Step times the fastest root that ``suggested_decimation`` aims at: below 0.5 the z roots crowd at 1, above 4 the fast one is gone in the noise."""
+"""Step times the fastest root that ``suggested_decimation`` aims at: below 0.5 the z roots crowd at 1,
+above 4 the fast one is gone in the noise."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,8 @@ def continuous_coefficients(a: Array, step_s: float) -> Array:
     bad = (np.abs(z.imag) < 1e-12) & (z.real <= 0)
     if bad.any() or len(z) < len(a):
         raise EstimationError(
-            f"the discrete model has a root z = {z[bad][0].real if bad.any() else 0:.3g}: no continuous motion sampled every {step_s:g} s has one; "
-            "use another decimation, or method='iv'"
+            f"the discrete model has a root z = {z[bad][0].real if bad.any() else 0:.3g}: no continuous motion sampled every "
+            f"{step_s:g} s has one; use another decimation, or method='iv'"
         )
     s = np.log(z.astype(complex)) / step_s
     return np.real(np.poly(s))[1:]
@@ -160,10 +161,10 @@ def _simulated(values: Array, u: Array | None, theta: Array, decimation: int) ->
     """The model's noise-free response: driven by u, or the free modes with the amplitudes that fit the record best."""
     if u is None:
         z = np.roots(np.concatenate([[1.0], -theta[:ORDER]])).astype(complex)
-        z = np.where(np.abs(z.imag) + np.maximum(z.real, 0) == 0, 1e-6, z)
+        z = np.where((np.imag(z) == 0) & (np.real(z) <= 0), 1e-6, z)
         power = np.exp(np.log(z)[None, :] / decimation * np.arange(len(values))[:, None])
         size = np.maximum(np.abs(power).max(axis=0), 1e-300)
-        basis = np.column_stack([np.ones(len(values)), (power / size).real, (power / size).imag])
+        basis = np.column_stack([np.ones(len(values)), np.real(power / size), np.imag(power / size)])
         return basis @ np.linalg.lstsq(basis, values, rcond=1e-12)[0]
     own = theta[ORDER:].reshape(values.shape[1], -1)
     clean = np.zeros_like(values)
@@ -196,7 +197,7 @@ def _covariance(rows: Array, instruments: Array, residual: Array, channels: int,
 
 
 def discrete_tow(hull: Hull, tow: Tow, step_s: float) -> tuple[Array, Array]:
-    """a1..a4 and b1..b4 of (y, beta), (2, 4), of a tow under a lateral force at X_T held between samples (zero-order hold of 5.22)."""
+    """a1..a4 and b1..b4 of (y, beta), (2, 4), of a tow under a lateral force at X_T held over each step: (5.22)."""
     from scipy.linalg import expm
 
     here = hull.at_speed(tow.speed_m_s)

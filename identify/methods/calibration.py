@@ -2,8 +2,8 @@
 
     y_m = y + y_b,  dy_m = (1 + l) y' + d_b   ->   y_m(t) = y_m(0) + k Int(dy_m) - k d_b t,   k = 1/(1 + l)
 
-A linear regression on [1, Int(dy_m), t]; the same for beta and a yaw rate gyro. y_b itself cannot be seen here, and of the two scales only
-their ratio: a position sensor that reads 1 % long looks like a rate sensor that reads 1 % short.
+A linear regression on [1, Int(dy_m), t]; the same for beta and a yaw rate gyro. y_b itself cannot be seen here, and of the two
+scales only their ratio: a position sensor that reads 1 % long looks like a rate sensor that reads 1 % short.
 """
 
 from __future__ import annotations
@@ -102,7 +102,10 @@ def calibrate_rate(
     )
     notes = []
     if position_sd is not None and per_dof > 1 + 4 * np.sqrt(2 / (n - 3)):
-        notes.append(f"chi-square per degree {per_dof:.2f}: position and rate do not belong together to within their noise (clock, other axis?)")
+        notes.append(
+            f"chi-square per degree {per_dof:.2f}: position and rate do not belong together to within "
+            "their noise (clock, other axis?)"
+        )
     return RateCalibration(scale_error, bias, first, spread, residual, per_dof, tuple(notes))
 
 

@@ -102,12 +102,16 @@ def derivatives_from_coefficients(
     found, spread = propagate(six, values, np.zeros((8, 8)) if covariance is None else covariance)
     notes = []
     if not np.isfinite(found).all() or found[0] <= 0 or found[1] <= 0:
-        notes.append(f"m' = {found[0]:.4g}, I' = {found[1]:.4g}: both must be above 0; the coefficients are not good enough")
+        notes.append(
+            f"m' = {found[0]:.4g}, I' = {found[1]:.4g}: both must be above 0; the coefficients are not good enough"
+        )
     if abs(first[0] - second[0]) > 1e-3 * abs(first[0]) and covariance is None:
         notes.append(f"B/A is {first[0]:.4g} and {second[0]:.4g}, but must not depend on the tow point")
     share = np.sqrt(np.maximum(np.diag(spread), 0)) / np.abs(found)
     if (share > USELESS_SHARE).any():
-        notes.append(f"standard deviations reach {100 * share.max():.0f} % of the values: these roots do not hold the derivatives")
+        notes.append(
+            f"standard deviations reach {100 * share.max():.0f} % of the values: these roots do not hold the derivatives"
+        )
     return SixEstimate(found, spread, tuple(notes))
 
 

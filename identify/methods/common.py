@@ -11,6 +11,7 @@ from ...record.errors import EstimationError
 from ...record.results import Measured
 from ...simulate.model import DERIVATIVE_UNITS, Array, Tow, linear_system, sway_yaw_acceleration
 from ...simulate.model import Hull as _Hull
+from ..data import RunData
 
 DIFFERENCE_SHARE = 1e-5
 """Step of the central differences relative to the value, or to its standard deviation where that is larger."""
@@ -31,6 +32,11 @@ class Record:
     y_m: Array
     beta_rad: Array
     tow: Tow
+
+    @classmethod
+    def of(cls, data: RunData) -> Record:
+        """The record of a run prepared by ``identify.run_data``; of histories of T and U only the means, in the tow."""
+        return cls(data.t_s, data.y_m, data.beta_rad, data.tow)
 
     @property
     def step_s(self) -> float:

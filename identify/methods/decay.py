@@ -9,30 +9,22 @@ The amplitudes are linear: only l1, l2, l3, w are searched (Kaufman's Jacobian),
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ...record.errors import EstimationError
 from ...record.results import Measured
 from ...simulate.model import Array, Tow
 from ..data import ASSUMED_SIGMA_BETA_RAD, ASSUMED_SIGMA_Y_M
 from ..noise import Whitener, measured, stated
+from .common import propagate
+from .decay_search import Sign, basis_of, best_model, from_all_starts, limits_of, search
 from .forced import Swing
 from .phase import Amplitudes
 
-Sign = Literal["stable", "unstable", "free"]
-SLOWEST_SHARE = 0.2
-"""l2 is not looked for below this share of one over the record's length: it could not be told from the bias."""
-FASTEST_SHARE = 0.5
-"""l1 is not looked for above this share of the sampling rate: the exponential would live in one sample."""
-SAME_OPTIMUM = 1e-4
-"""Starts whose cost ends within this share of the best have reached the optimum."""
 REWEIGHTINGS = 2
 AT_BOUND = 1e-3
-THINNED = 200
-"""Samples that the starts are tried on; the best goes on with all (the thesis thinned 64 Hz to 8 Hz for the same reason)."""
+"""A parameter this near to a bound, relative to its size, stands at it."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +91,22 @@ class DecayFit:
         real = [-l2] if self.reduced else [-l1, -l2]
         return np.array([*real, complex(-l3, w), complex(-l3, -w)])
 
+    def coefficients(self) -> tuple[Array, Array]:
+        """(b, c, d, e) of s^4 + b s^3 + c s^2 + d s + e and their covariance, (4,) and (4, 4): for (9.3).
+
+        Raises
+        ------
+        EstimationError : the reduced form, which has three roots
+        """
+        if self.reduced:
+            raise EstimationError("the reduced form has three roots; (9.3) needs the fourth")
+
+        def four(rates: Array) -> Array:
+            l1, l2, l3, w = rates
+            return np.polymul(np.polymul([1.0, l1], [1.0, l2]), [1.0, 2 * l3, l3**2 + w**2])[1:]
+
+        return propagate(four, self.theta[:4], self.covariance[:4, :4])
+
     def sines(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """((C1, p1), (C3, p2)): amplitude and phase of C e^(-l3 t) sin(w t + p), -pi < p <= pi."""
         y, b = self.theta[7:9], self.theta[12:14]
@@ -157,128 +165,13 @@ def fit_decay(
         raise EstimationError(f"{len(t)} samples; the decay fit needs at least 30")
     variance = np.broadcast_to(np.diag(np.square(sigma)), (len(t), 2, 2))
     weight = stated(variance, t)
-    limits = _limits(t, reduced, sign)
-    best, reached, starts = _from_all_starts(t, values, weight, limits, reduced)
+    limits = limits_of(t, reduced, sign)
+    best, reached, starts = from_all_starts(t, values, weight, limits, reduced)
     for _ in range(REWEIGHTINGS):
-        rest = values - _model(t, best, values, weight, reduced)[0]
+        rest = values - best_model(t, best, values, weight, reduced)[0]
         weight = measured(rest, weight)
-        best = _search(t, values, weight, best, limits, reduced).x
+        best = search(t, values, weight, best, limits, reduced).x
     return _result(t, float(t_s[0]), values, weight, best, limits, reduced, starts, reached)
-
-
-def _limits(t: Array, reduced: bool, sign: Sign) -> tuple[Array, Array]:
-    """Lower and upper of (l2, l3, w) or (l1 - l2, l2, l3, w)."""
-    span, rate = t[-1], (len(t) - 1) / t[-1]
-    slow, fast = SLOWEST_SHARE / span, FASTEST_SHARE * rate
-    tiny = 1e-9 / span
-    damping = {"stable": (tiny, fast), "unstable": (-3.0 / span * 10, -tiny), "free": (-30.0 / span, fast)}[sign]
-    low, high = [slow, damping[0], 1.5 * np.pi / span], [fast, damping[1], np.pi * rate / 2]
-    if not reduced:
-        low, high = [slow, *low], [fast, *high]
-    return np.array(low), np.array(high)
-
-
-def _basis(t: Array, p: Array, reduced: bool) -> tuple[Array, Array]:
-    """Columns 1, e1, e2, cos, sin, (n, k), and their slopes by p, (len(p), n, k)."""
-    l2, l3, w = p[-3:]
-    swing, e2 = np.exp(-l3 * t), np.exp(-l2 * t)
-    cos, sin = swing * np.cos(w * t), swing * np.sin(w * t)
-    columns = [np.ones_like(t), e2, cos, sin]
-    zero = np.zeros_like(t)
-    slopes = [[zero, -t * e2, zero, zero], [zero, zero, -t * cos, -t * sin], [zero, zero, -t * sin, t * cos]]
-    if not reduced:
-        e1 = np.exp(-(p[0] + l2) * t)
-        columns.insert(1, e1)
-        for row, value in zip(slopes, (-t * e1, zero, zero), strict=True):
-            row.insert(1, value)
-        slopes.insert(0, [zero, -t * e1, zero, zero, zero])
-    return np.column_stack(columns), np.array(slopes).transpose(0, 2, 1)
-
-
-def _model(t: Array, p: Array, values: Array, weight: Whitener, reduced: bool):
-    """Best model (n, 2), its amplitudes (2, k), whitened residual (2n,) and Kaufman Jacobian (2n, len(p))."""
-    basis, slopes = _basis(t, p, reduced)
-    white = weight(np.repeat(basis[:, None, :], 2, axis=1))
-    target = weight(values)
-    residual, jacobian, amplitudes = [], [], []
-    for channel in range(2):
-        q, r = np.linalg.qr(white[:, channel])
-        projected = q.T @ target[:, channel]
-        amplitude = np.linalg.lstsq(r, projected, rcond=1e-13)[0]
-        residual.append(target[:, channel] - q @ projected)
-        moved = weight(np.repeat((slopes @ amplitude).T[:, None, :], 2, axis=1))[:, channel]
-        jacobian.append(-(moved - q @ (q.T @ moved)))
-        amplitudes.append(amplitude)
-    found = np.array(amplitudes)
-    return basis @ found.T, found, np.concatenate(residual), np.concatenate(jacobian)
-
-
-def _search(
-    t: Array,
-    values: Array,
-    weight: Whitener,
-    start: Array,
-    limits: tuple[Array, Array],
-    reduced: bool,
-    tolerance: float = 1e-12,
-):
-    inside = np.clip(start, limits[0] * (1 + 1e-6) + 1e-12, limits[1] - 1e-6 * np.abs(limits[1]) - 1e-12)
-    last: list[tuple[Array, Array, Array]] = []
-
-    def both(p: Array) -> tuple[Array, Array, Array]:
-        if not last or not np.array_equal(last[0][0], p):
-            last[:] = [(p.copy(), *_model(t, p, values, weight, reduced)[2:])]
-        return last[0]
-
-    return least_squares(
-        lambda p: both(p)[1],
-        inside,
-        jac=lambda p: both(p)[2],  # pyright: ignore[reportArgumentType]
-        bounds=limits,
-        x_scale=np.maximum(np.abs(inside), 0.05),
-        ftol=tolerance,
-        xtol=tolerance,
-        gtol=1e-12,
-        max_nfev=100,
-    )
-
-
-def _from_all_starts(t: Array, values: Array, weight: Whitener, limits: tuple[Array, Array], reduced: bool):
-    peak = _peak_rad_s(t, values)
-    if not np.isfinite(peak):
-        raise EstimationError(
-            f"no oscillation of at least three quarters of a swing in {t[-1]:.1f} s; (8.20) needs one"
-        )
-    starts = []
-    for w in (peak, 0.7 * peak, 1.4 * peak):
-        for l3 in (0.01 * w, 0.2 * w):
-            for l2 in (0.3 * w, w):
-                l3_signed = -l3 if limits[1][-2] < 0 else l3
-                starts.append([l2, l3_signed, w] if reduced else [2.5 * w, l2, l3_signed, w])
-    every = max(1, len(t) // THINNED)
-    few = stated(np.linalg.inv(np.einsum("nji,njk->nik", weight.matrices, weight.matrices))[::every], t[::every])
-    found = [_search(t[::every], values[::every], few, np.array(s), limits, reduced, 1e-8) for s in starts]
-    costs = np.array([f.cost for f in found])
-    best = found[int(np.argmin(costs))]
-    # at the noise's floor of an exact record the costs differ by rounding only
-    floor = SAME_OPTIMUM * best.cost + 1e-9 * float((few(values[::every]) ** 2).sum())
-    reached = int((costs <= best.cost + floor).sum())
-    return _search(t, values, weight, best.x, limits, reduced).x, reached, len(starts)
-
-
-def _peak_rad_s(t: Array, values: Array) -> float:
-    """Frequency of the strongest line of both channels (Lomb-Scargle by least squares on sin, cos, 1, t)."""
-    trial = np.linspace(1.5 * np.pi / t[-1], min(60 * np.pi / t[-1], np.pi * len(t) / t[-1] / 3), 160)
-    scaled = values / np.maximum(np.ptp(values, axis=0), 1e-300)
-    window = np.column_stack([np.ones_like(t), t / t[-1]])
-    best, at = np.inf, np.nan
-    for w in trial:
-        basis = np.column_stack([window, np.cos(w * t), np.sin(w * t)])
-        q, _ = np.linalg.qr(basis)
-        rest = float(((scaled - q @ (q.T @ scaled)) ** 2).sum())
-        if rest < best:
-            best, at = rest, float(w)
-    return at
 
 
 def _result(
@@ -292,8 +185,8 @@ def _result(
     starts: int,
     reached: int,
 ) -> DecayFit:
-    model, amplitudes, residual, _ = _model(t, p, values, weight, reduced)
-    basis, slopes = _basis(t, p, reduced)
+    model, amplitudes, residual, _ = best_model(t, p, values, weight, reduced)
+    basis, slopes = basis_of(t, p, reduced)
     count, k = len(p), basis.shape[1]
     full = np.zeros((len(t), 2, count + 2 * k))
     for channel in range(2):
@@ -323,7 +216,9 @@ def _result(
     for name, value, low, high in zip(names, p, *limits, strict=True):
         room = AT_BOUND * min(high - low, max(abs(value), 1e-6))
         if value - low < room or high - value < room:
-            notes.append(f"{name} = {value:.4g} stands at the edge of {low:.4g} .. {high:.4g}; the record does not hold it")
+            notes.append(
+                f"{name} = {value:.4g} stands at the edge of {low:.4g} .. {high:.4g}; the record does not hold it"
+            )
     if reached < 2:
         notes.append(f"only one of {starts} starts ended here: look at the residuals before using it")
     return DecayFit(theta, take @ own @ take.T, reduced, values - model, starts, reached, tuple(notes), t_0)

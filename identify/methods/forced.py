@@ -1,4 +1,4 @@
-"""Derivatives from complex amplitudes at two or more tow points: forced oscillation of the post (5.23-5.28, 9.2), and the free pair.
+"""Derivatives from complex amplitudes at two or more tow points: forced oscillation (5.23-5.28, 9.2), and the free pair.
 
 Each amplitude pair (y, beta) at a complex rate s is two complex equations of motion, linear in the six derivatives.
 With the post at rest and s = -l3 + i w the same equations take the pair of a decaying record: then no damping is neglected.
@@ -121,7 +121,7 @@ def _whitener(swing: Swing, six: Array) -> Array:
     """Inverse Cholesky factor of the equation errors' covariance at the derivatives ``six``."""
     assert swing.covariance is not None
     parts = np.array([swing.y_m, swing.beta_rad, swing.rate])
-    values = np.column_stack([parts.real, parts.imag]).ravel()[: len(swing.covariance)]
+    values = np.column_stack([np.real(parts), np.imag(parts)]).ravel()[: len(swing.covariance)]
 
     def error(v: Array) -> Array:
         rows, right = swing_equations(swing, v)
@@ -138,7 +138,8 @@ def _solve(equations: list[tuple[Array, Array]], whiten: list[Array]) -> tuple[A
     u, singular, vh = np.linalg.svd(rows / scale, full_matrices=False)
     if singular[-1] * WORST_CONDITION < singular[0]:
         raise EstimationError(
-            f"the tows do not tell the six derivatives apart (condition {singular[0] / max(singular[-1], 1e-300):.1e}); choose tow points farther apart"
+            f"the tows do not tell the six derivatives apart (condition {singular[0] / max(singular[-1], 1e-300):.1e}); "
+            "choose tow points farther apart"
         )
     six = vh.T @ ((u.T @ right) / singular) / scale
     inverse = (vh.T / singular**2) @ vh / scale[:, None] / scale[None, :]

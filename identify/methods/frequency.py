@@ -148,7 +148,10 @@ def fit_frequency_response(
     degrees = len(target) - 6
     notes = (f"chi-square {chi2:.1f} of {degrees}",)
     if chi2 > degrees + 4 * np.sqrt(2 * degrees):
-        notes += ("the responses differ from the linear model by more than their errors: amplitudes too large, or frequency-dependent derivatives",)
+        notes += (
+            "the responses differ from the linear model by more than their errors: amplitudes too large, or derivatives that "
+            "depend on frequency",
+        )
         covariance = covariance * chi2 / degrees
     return SixEstimate(six, covariance, notes)
 
@@ -163,7 +166,7 @@ def _swings(response: FrequencyResponse) -> list[Swing]:
 
 def _real(values: Array) -> Array:
     """(n, 2) complex as a real vector: Re y, Im y, Re beta, Im beta of each frequency."""
-    return np.stack([values[:, 0].real, values[:, 0].imag, values[:, 1].real, values[:, 1].imag], axis=1).ravel()
+    return np.stack([np.real(values), np.imag(values)], axis=2).ravel()
 
 
 def _real_sd(response: FrequencyResponse) -> Array:

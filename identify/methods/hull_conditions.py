@@ -1,4 +1,4 @@
-"""Hull conditions of Table 3.2 (3.6), the prime system with its errors, and the straight-line stability verdict with its probability."""
+"""Hull conditions of Table 3.2 (3.6), the prime system with errors, the straight-line stability verdict with its probability."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def straight_line_stability(six: Array, covariance: Array) -> StraightLine:
 def probability_by_sampling(six: Array, covariance: Array, rng: np.random.Generator, draws: int = 20_000) -> Measured:
     """Share of normal draws of the derivatives whose criterion is above 0, with its binomial standard deviation."""
     drawn = rng.multivariate_normal(six, covariance, draws)
-    share = float((_criterion(drawn.T) > 0).mean())
+    share = float(np.mean(_criterion(drawn.T) > 0))
     return Measured(value=share, std=float(np.sqrt(max(share * (1 - share), 1 / draws) / draws)))
 
 

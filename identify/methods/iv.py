@@ -83,7 +83,7 @@ def four_stage_iv(y: Array, u: Array, na: int, nb: int, delay: int = 1) -> FourS
     rho = np.correlate(coloured, coloured, "full")[len(coloured) - 1 :]
     iv = _polynomials(theta, _covariance(instruments, rows, error, rho[: len(error) // 5] / rho[0]), na)
     x = _simulated(iv, u, delay, notes, "stage 2")
-    y_f, u_f, x_f = (lfilter(noise, [1.0], s) for s in (y, u, x))
+    y_f, u_f, x_f = (np.asarray(lfilter(noise, [1.0], s)) for s in (y, u, x))
     start = first + len(noise) - 1
     rows, target = _regression(y_f, u_f, na, nb, delay, start)
     instruments, _ = _regression(x_f, u_f, na, nb, delay, start)
@@ -113,7 +113,7 @@ def _simulated(model: Polynomials, u: Array, delay: int, notes: list[str], stage
         roots = np.where(outside, 0.999 / np.conj(roots), roots)
         a = np.real(np.poly(roots))
         notes.append(f"{stage} gave an unstable model; its instruments come from the mirrored one")
-    return lfilter(np.concatenate([np.zeros(delay), model.b]), a, u)
+    return np.asarray(lfilter(np.concatenate([np.zeros(delay), model.b]), a, u))
 
 
 def _autoregression(error: Array, order: int) -> Array:

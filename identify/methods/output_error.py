@@ -1,4 +1,4 @@
-"""Output-error least squares for the methods with an outside input: predicted against measured (y, beta), noise measured and whitened.
+"""Output-error least squares for methods with an outside input: predicted against measured (y, beta), noise whitened.
 
 The joint fit of tows has its own (``identify.fit``), with camera modes and priors of T and X_T; this is the plain one.
 """
@@ -24,6 +24,8 @@ SIGMA = (ASSUMED_SIGMA_Y_M, float(ASSUMED_SIGMA_BETA_RAD))
 REWEIGHTINGS = 2
 TOLERANCE = 1e-9
 MAX_STEPS = 60
+FAR = 1e12
+"""A whitened residual counts as no more than this, so that a trial gone astray is refused and not an overflow."""
 
 
 @dataclass(frozen=True)
@@ -86,15 +88,16 @@ def output_error(
         response = answer(x)[0]
         parts = [w(s - p).ravel() for w, s, p in zip(weight, seen, response, strict=True)]
         whole = np.concatenate([*parts, -held @ x])
-        return np.where(np.isfinite(whole), whole, 1e12)
+        return np.clip(np.nan_to_num(whole, nan=FAR, posinf=FAR, neginf=-FAR), -FAR, FAR)
 
     def slope(x: Array) -> Array:
         rows = [-w(s).reshape(-1, len(x)) for w, s in zip(weight, answer(x)[1], strict=True)]
         whole = np.concatenate([*rows, -held])
-        return np.where(np.isfinite(whole), whole, 0.0)
+        return np.nan_to_num(whole, nan=0.0, posinf=0.0, neginf=0.0)
 
     if not all(np.isfinite(r).all() for r in answer(theta)[0]):
         raise EstimationError("the motion of the start values grows beyond bounds; give others")
+    rest: list[Array] = []
     turns = REWEIGHTINGS + 1 if whiten is None else 1
     for turn in range(turns):
         found = least_squares(

@@ -12,7 +12,7 @@ from ..analytic import phase_analysis
 from .common import SixEstimate, constant_tension, covariance_of, propagate
 
 LARGEST_DAMPING_SHARE = 0.02
-"""Beyond this |Re/Im| single derivatives are off by 4 % (N_r) to 10 % (N_v) on the ITTC hull: as much as the thesis's runs scatter."""
+"""Beyond this |Re/Im| derivatives are off by 4 % (N_r) to 10 % (N_v) on the ITTC hull: as much as the thesis's runs scatter."""
 
 
 @dataclass(frozen=True)
@@ -104,12 +104,12 @@ def phase_derivatives(
         raise EstimationError(f"w y0/b0 = {omega_rad_s * ratio_m:.4g} m/s equals U; (8.4) has no value there")
 
     def six(values: Array) -> Array:
-        return phase_analysis(values[0], values[1], values[2], tow.tow_point_m, tow.line_length_m, tow.speed_m_s, values[3])
+        return phase_analysis(
+            values[0], values[1], values[2], tow.tow_point_m, tow.line_length_m, tow.speed_m_s, values[3]
+        )
 
     values = np.array([omega_rad_s, ratio_m, tension, k2_m2])
-    found, covariance = propagate(
-        six, values, covariance_of((omega_sd_rad_s, ratio_sd_m, tension_sd_n, k2_sd_m2))
-    )
+    found, covariance = propagate(six, values, covariance_of((omega_sd_rad_s, ratio_sd_m, tension_sd_n, k2_sd_m2)))
     return PhaseEstimate(found, covariance, (), ratio_m, ratio_sd_m)
 
 
@@ -145,7 +145,7 @@ def phase_from_amplitudes(
     notes = ()
     if share > LARGEST_DAMPING_SHARE:
         notes = (
-            f"|Re/Im| of y/beta is {share:.2f}, above {LARGEST_DAMPING_SHARE:g}: this swing is not in quadrature, the neglected damping biases "
-            "the derivatives; use modal_derivatives with a second tow point, or the joint fit",
+            f"|Re/Im| of y/beta is {share:.2f}, above {LARGEST_DAMPING_SHARE:g}: this swing is not in quadrature, the neglected "
+            "damping biases the derivatives; use modal_derivatives with a second tow point, or the joint fit",
         )
     return PhaseEstimate(plain.six, plain.covariance, notes, float(ratio), ratio_sd, share)

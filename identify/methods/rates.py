@@ -14,8 +14,8 @@ from .common import Record, SixEstimate, balance, constant_tension, sway_velocit
 from .least_squares import least_squares_svd
 
 WARNING = (
-    "regression on differentiated records: its standard deviations leave out the bias that noise in the regressors makes; Y_R, N_v and masses "
-    "come out wrong by 30-110 % at 1 mm and 0.1 degree, m' and I' near 0; use it on records of a rate gyro and accelerometer"
+    "regression on differentiated records: its standard deviations leave out the bias that noise in the regressors makes; "
+    "Y_R, N_v and masses come out wrong by 30-110 % at 1 mm and 0.1 degree; use it on records of a rate gyro and accelerometer"
 )
 POLYNOMIAL = 4
 
@@ -58,11 +58,12 @@ def smooth_rates(record: Record, window_s: float) -> Rates:
     width = 2 * round(window_s / step / 2) + 1
     if width < POLYNOMIAL + 3 or width > len(record.t_s) // 2:
         raise EstimationError(
-            f"a window of {window_s:g} s holds {width} of {len(record.t_s)} samples; {POLYNOMIAL + 3} .. {len(record.t_s) // 2} are usable"
+            f"a window of {window_s:g} s holds {width} of {len(record.t_s)} samples; "
+            f"{POLYNOMIAL + 3} .. {len(record.t_s) // 2} are usable"
         )
 
     def derivative(values: Array, order: int) -> Array:
-        return savgol_filter(values, width, POLYNOMIAL, deriv=order, delta=step)
+        return np.asarray(savgol_filter(values, width, POLYNOMIAL, deriv=order, delta=step))
 
     inside = slice(width // 2, len(record.t_s) - width // 2)
     y, y1, y2 = (derivative(record.y_m, k)[inside] for k in range(3))

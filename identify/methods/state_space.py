@@ -1,4 +1,4 @@
-"""The state-space models A (8.25), B (8.26) and the open loop (8.27), all made from the one linear form, and the transformation between them."""
+"""State-space models A (8.25), B (8.26) and the open loop (8.27), made from the one linear form, and the change between them."""
 
 from __future__ import annotations
 

@@ -2,8 +2,9 @@
 
     Y_v v + Y_delta delta = F ,   N_v v + N_delta delta = F X_T ,   v = -U sin(beta), F = T sin(alpha+beta)
 
-``identify.steady`` finds X_v from the line X_T over 1/F and needs X_delta for the rest; here two or more tows at one rudder angle give all
-four, because v changes with the tow point. Without a measured T the equations hold for F/R: X_v and X_delta follow, the forces in units of R.
+``identify.steady`` finds X_v from the line X_T over 1/F and needs X_delta for the rest; here two or more tows at one rudder angle
+give all four, because v changes with the tow point. Without a measured T the equations hold for F/R: X_v and X_delta follow, the
+forces in units of R.
 """
 
 from __future__ import annotations
@@ -87,7 +88,9 @@ def fit_steady_hull(
         raise EstimationError("some tows have a tension and others have none; give it to all or to none")
     speeds = np.array([t.speed_m_s for t in tows])
     if np.ptp(speeds) > 0.02 * speeds.mean():
-        raise EstimationError(f"the tows' speeds are {speeds.min():g} .. {speeds.max():g} m/s; one rudder force needs one speed")
+        raise EstimationError(
+            f"the tows' speeds are {speeds.min():g} .. {speeds.max():g} m/s; one rudder force needs one speed"
+        )
     v = -speeds * np.sin([t.beta_rad for t in tows])
     if np.ptp(v) < 1e-6 * speeds.mean():
         raise EstimationError("all tows lie at one heading: Y_v and the rudder force cannot be told apart")
@@ -114,8 +117,9 @@ def fit_steady_hull(
         if chi2.sf(square, degrees) < 0.01:
             inverse = inverse * per_dof
             notes.append(
-                f"the tows do not close to within their errors (chi-square {square:.1f} of {degrees}): intervals widened {np.sqrt(per_dof):.1f} "
-                "times; rudder, speed or resistance changed between them, or the hull is not linear at these angles"
+                f"the tows do not close to within their errors (chi-square {square:.1f} of {degrees}): intervals "
+                f"widened {np.sqrt(per_dof):.1f} times; rudder, speed or resistance changed between them, or the hull is not "
+                "linear at these angles"
             )
     else:
         notes.append("two tows fix the four numbers without a check; a third tow point would test them")
@@ -127,7 +131,9 @@ def fit_steady_hull(
         inverse = inverse + np.outer(theta, theta) * relative**2
         in_r = False
     elif in_r:
-        notes.append("no tension was measured: forces are in units of the resistance R, X_v and X_delta are not affected")
+        notes.append(
+            "no tension was measured: forces are in units of the resistance R, X_v and X_delta are not affected"
+        )
     return _result(theta, inverse, rudder_rad, rudder_sd_rad, in_r, per_dof, float(speeds.mean()), notes)
 
 

@@ -47,8 +47,8 @@ def fit_open_loop(
     ----------
     records : evenly sampled, at two or more tow points or with a lively transient; their line length and T give the start only
     force_n : per record (n,), N
-    force_sd_n : white noise of each force sample; it moves the model that is compared, so errors wander: whitened by their full covariance
-        (dense, some 3 s for 2000 samples)
+    force_sd_n : white noise of each force sample; it moves the model that is compared, so errors wander: whitened by their
+        full covariance (dense: time grows with the cube of the samples)
     start : (6,); default: the weak form of the towed equations
 
     Raises
@@ -86,7 +86,9 @@ def fit_open_loop(
         sigma = [np.std(np.diff(s, n=4, axis=0), axis=0) / np.sqrt(70.0) for s in seen]
         fit = OutputError(begin, np.zeros((size, size)), [], False)
         for _ in range(2):
-            whiten = [_wander(r, fit.theta[:6] * unit, speed, s, force_sd_n) for r, s in zip(records, sigma, strict=True)]
+            whiten = [
+                _wander(r, fit.theta[:6] * unit, speed, s, force_sd_n) for r, s in zip(records, sigma, strict=True)
+            ]
             fit = output_error(predict, seen, clocks, fit.theta, whiten=whiten)
     else:
         fit = output_error(predict, seen, clocks, begin)
@@ -95,7 +97,7 @@ def fit_open_loop(
 
 
 def _wander(record: Record, six: Array, speed: float, sigma: Array, force_sd_n: float) -> Weight:
-    """Whitener of white noise of (y, beta), sd ``sigma (2,)``, plus what white noise of the force makes of the free hull's motion."""
+    """Whitener of white noise of (y, beta), sd ``sigma (2,)``, plus what the force's noise makes of the free hull's motion."""
     n = len(record.t_s)
     pulse = np.zeros(n)
     pulse[1] = force_sd_n  # as a sample of the linear interpolation, a hat

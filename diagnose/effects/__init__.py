@@ -1,0 +1,45 @@
+"""The library of effects (formats.md): what reality has and the linear tow with constant tension does not know."""
+
+from __future__ import annotations
+
+from .base import STAGES, Effect, Parameter, Seen, Situation, installed_effects, load_effects
+from .camera import DECK, DELAY, DRIFT, LENS, POST, RATE, ROLL, SCALE, SHIFT, SHUTTER
+from .hull import ASYMMETRY, BANK, COUPLING, CROSSFLOW, CUBIC, CURRENT, MEMORY
+from .line import ELASTIC, FRICTION, OFFSET, TENSION, slack
+
+LIBRARY: tuple[Effect, ...] = (
+    CROSSFLOW,
+    CUBIC,
+    ASYMMETRY,
+    COUPLING,
+    *MEMORY,
+    BANK,
+    CURRENT,
+    DRIFT,
+    TENSION,
+    ELASTIC,
+    OFFSET,
+    FRICTION,
+    LENS,
+    DECK,
+    SHIFT,
+    SCALE,
+    POST,
+    ROLL,
+    RATE,
+    DELAY,
+    SHUTTER,
+)
+"""All but ``slack_line``, whose window is found in the runs (``slack``)."""
+
+__all__ = [
+    "LIBRARY",
+    "STAGES",
+    "Effect",
+    "Parameter",
+    "Seen",
+    "Situation",
+    "installed_effects",
+    "load_effects",
+    "slack",
+]

@@ -1,0 +1,179 @@
+"""What an effect is: a name, where it acts, its numbers with priors, one sentence of physics and one of cure.
+
+An effect says with plain functions what it changes; each function gets the effect's numbers last, as arrays that broadcast. A user
+writes one in a few lines of their own Python (``--effects mine.py``) or installs it by the entry point ``towline.effects``.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from ...record.errors import InputError
+from ...simulate.model import Array
+
+STAGES = ("camera", "clock", "line", "sway", "yaw")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of an effect.
+
+    Attributes
+    ----------
+    name, unit : as in gap.json
+    sd : prior standard deviation about ``none``: how large the effect usually is where it exists
+    none : value at which the effect is absent
+    """
+
+    name: str
+    unit: str
+    sd: float
+    none: float = 0.0
+
+
+@dataclass(frozen=True)
+class Situation:
+    """The tow at one time, arrays that broadcast to (runs, columns).
+
+    Attributes
+    ----------
+    t_s, y_m, beta_rad, v_m_s, r_rad_s, alpha_rad : state; t_s from the run's start
+    speed_m_s, line_length_m, tow_point_m, tension_n : of the tow, tension without the effect
+    alpha_rate : rad/s
+    length_pp_m, density_kg_m3, half_width_m : of model, water and tank (NaN: not given)
+    v_lag, r_lag : v and r behind by the effect's lag (``Effect.lag_s``); else v and r themselves
+    duration_s : of the run
+    y_v, n_v, n_r : linear damping at this speed
+    history : time -> tension over its mean, (runs, columns); 1 where it is constant
+    """
+
+    t_s: Any
+    y_m: Array
+    beta_rad: Array
+    v_m_s: Array
+    r_rad_s: Array
+    alpha_rad: Array
+    speed_m_s: Any
+    line_length_m: Any
+    tow_point_m: Any
+    tension_n: Any
+    alpha_rate: Array
+    length_pp_m: Any
+    density_kg_m3: Any
+    half_width_m: Any
+    v_lag: Array
+    r_lag: Array
+    duration_s: Any
+    y_v: Any
+    n_v: Any
+    n_r: Any
+    history: Callable[[Any], Any]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the camera would see of a simulated run, arrays (samples, runs, columns).
+
+    Attributes
+    ----------
+    t_s : (samples, runs, 1)
+    pose : x, y, beta
+    rate : their rates per second
+    side : line force over tension, sin(alpha + beta)
+    alpha_rad : tow line angle
+    tension_n : (runs, columns)
+    shutter : (samples, runs, 4, 3): change of x, y, beta and marker distance by 1 s of readout over the picture's height, per rate
+    """
+
+    t_s: Array
+    pose: tuple[Array, Array, Array]
+    rate: tuple[Array, Array, Array]
+    side: Array
+    alpha_rad: Array
+    tension_n: Array
+    shutter: Array
+
+
+@dataclass(frozen=True)
+class Effect:
+    """Something reality has and the simulator does not know.
+
+    Attributes
+    ----------
+    name : as in gap.json
+    stage : one of STAGES; hull effects are told "sway" or "yaw" by where their force works
+    parameters : its numbers
+    physics, source, cure : a sentence, where it stands, what to do about it
+    force : (situation, *numbers) -> (Y N, N N m)
+    tension : (situation, *numbers) -> change of T, N
+    coupling : (*numbers) -> (Y_rdot, N_vdot), kg m
+    speed : (situation, *numbers) -> change of U, m/s
+    stretch : (seen, *numbers) -> how much longer the line is, m
+    clock : (t_s, *numbers) -> change of time, s
+    observe : (seen, *numbers) -> change of measured x, y, beta, marker distance
+    correct : (run, datum fit, *numbers) -> (run, mapping) as they would be without the fault
+    lag_s : time constant of ``v_lag``, ``r_lag``
+    variant : tells effects of one name apart
+    needs : (run) -> why it cannot be judged with this run, or ""
+    """
+
+    name: str
+    stage: str
+    parameters: tuple[Parameter, ...]
+    physics: str
+    cure: str
+    source: str = ""
+    force: Callable[..., tuple[Any, Any]] | None = None
+    tension: Callable[..., Any] | None = None
+    coupling: Callable[..., tuple[Any, Any]] | None = None
+    speed: Callable[..., Any] | None = None
+    stretch: Callable[..., Any] | None = None
+    clock: Callable[..., Any] | None = None
+    observe: Callable[..., tuple[Any, Any, Any, Any]] | None = None
+    correct: Callable[..., tuple[Any, Any]] | None = None
+    lag_s: float = 0.0
+    variant: str = ""
+    needs: Callable[[Any], str] = field(default=lambda _: "")
+
+    @property
+    def label(self) -> str:
+        """Name and variant: effects with a number that is searched on a grid come as several."""
+        return f"{self.name}/{self.variant}" if self.variant else self.name
+
+
+def load_effects(path: str | Path) -> tuple[Effect, ...]:
+    """Effects of a user's own Python file: every ``Effect`` it defines at its top level.
+
+    Raises
+    ------
+    InputError : the file cannot be run, or defines none
+    """
+    path = Path(path)
+    spec = importlib.util.spec_from_file_location(f"towline_effects_{path.stem}", path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise InputError(path, "", "no such Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise InputError(path, "", f"{type(error).__name__}: {error}") from None
+    found = tuple(value for value in vars(module).values() if isinstance(value, Effect))
+    if not found:
+        raise InputError(path, "", "defines no Effect at its top level")
+    return found
+
+
+def installed_effects() -> tuple[Effect, ...]:
+    """Effects that other packages bring by the entry point ``towline.effects``."""
+    return tuple(effect for entry in entry_points(group="towline.effects") for effect in _several(entry.load()))
+
+
+def _several(found: Any) -> Sequence[Effect]:
+    return (found,) if isinstance(found, Effect) else tuple(found)

@@ -1,0 +1,191 @@
+"""What is wrong with camera and clock rather than with the model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from .base import Effect, Parameter, Seen, Situation
+
+DATUM_EFFECTS = ("lens_distortion", "deck_height", "camera_shift", "datum_scale")
+
+
+def _changed(run, **tables):
+    return replace(run, file=run.file.model_copy(update=tables))
+
+
+@lru_cache(maxsize=256)
+def _datum(camera, points, depths):
+    from ...geometry import fit_datum
+
+    return fit_datum(points, camera, depths).mapping
+
+
+def _fitted(run, fit):
+    """Runs of one camera share the fit of their datum."""
+    return run, _datum(run.file.camera, run.file.datum, tuple(m.depth_m for m in run.file.marker))
+
+
+def _lens(run, fit, k1):
+    camera = run.file.camera
+    bent = (camera.distortion[0] + float(k1), *camera.distortion[1:])
+    return _fitted(_changed(run, camera=camera.model_copy(update={"distortion": bent})), fit)
+
+
+def _deck(run, fit, depth):
+    marks = tuple(m.model_copy(update={"depth_m": m.depth_m + float(depth)}) for m in run.file.marker)
+    return _changed(run, marker=marks), fit.mapping
+
+
+def _scale(run, fit, scale):
+    points = tuple(
+        p.model_copy(
+            update={"tank_m": (p.tank_m[0] * (1 + float(scale)), p.tank_m[1] * (1 + float(scale)), p.tank_m[2])}
+        )
+        for p in run.file.datum
+    )
+    return _fitted(_changed(run, datum=points), fit)
+
+
+def _post(run, fit, ahead, aside):
+    post = run.file.tow.post_m
+    tow = run.file.tow.model_copy(update={"post_m": (post[0] + float(ahead), post[1] + float(aside))})
+    return _changed(run, tow=tow), fit.mapping
+
+
+def _turned(run, fit, right, down, roll):
+    """The marks were seen by a camera turned since the datum was picked."""
+    mapping = fit.mapping
+    turn = Rotation.from_rotvec([float(right), float(down), float(roll)]).as_matrix()
+    return run, replace(mapping, matrix=turn @ mapping.matrix)
+
+
+def _roll(seen: Seen, lean, swing):
+    """The model leans with the line's side pull (and later by its own swing); its marks stand above the roll axis."""
+    nothing = 0.0 * seen.side
+    return nothing, lean * seen.side + swing * seen.rate[2], nothing, nothing
+
+
+def _shutter(seen: Seen, readout):
+    """A mark lower in the picture is seen later: it has moved on by its own speed."""
+    rates = np.stack(np.broadcast_arrays(*seen.rate), axis=-1)
+    change = np.einsum("srij,srkj->srki", seen.shutter, rates)
+    return tuple(readout * change[..., i] for i in range(4))
+
+
+def _delayed(s: Situation, delay):
+    return s.tension_n * (s.history(s.t_s - delay) / s.history(s.t_s) - 1)
+
+
+def _no_lens(run) -> str:
+    return "" if run.file.camera is not None and run.file.source.motion is None else "no [camera] table and pixels"
+
+
+def _no_pixels(run) -> str:
+    return "" if run.file.source.motion is None else "a motion holds no pixels"
+
+
+def _no_history(run) -> str:
+    tow = run.file.tow
+    return "" if tow is not None and tow.tension is not None else "no tension history"
+
+
+LENS = Effect(
+    "lens_distortion",
+    "camera",
+    (Parameter("k1", "", 0.03),),
+    "The lens bends straight lines otherwise than [camera] says.",
+    "Calibrate the lens (towline lens).",
+    "theory.md 4",
+    correct=_lens,
+    needs=_no_lens,
+)
+DECK = Effect(
+    "deck_height",
+    "camera",
+    (Parameter("depth_m", "m", 0.015),),
+    "The marks lie on another plane than depth_m says, so that they are projected to the wrong place.",
+    "Measure the marks' height against the datum plane.",
+    "thesis (4.2)",
+    correct=_deck,
+    needs=_no_pixels,
+)
+SHIFT = Effect(
+    "camera_shift",
+    "camera",
+    (Parameter("right_rad", "rad", 0.003), Parameter("down_rad", "rad", 0.003), Parameter("roll_rad", "rad", 0.003)),
+    "The camera was turned after the datum was picked.",
+    "Pick the datum again in this recording, or let its points be tracked.",
+    "theory.md 4",
+    correct=_turned,
+    needs=_no_lens,
+)
+SCALE = Effect(
+    "datum_scale",
+    "camera",
+    (Parameter("scale", "", 0.01),),
+    "The datum points stand elsewhere than tank_m says, all by one factor.",
+    "Measure the datum's length and width again.",
+    "thesis 4.6",
+    correct=_scale,
+    needs=_no_pixels,
+)
+POST = Effect(
+    "datum_bias",
+    "camera",
+    (Parameter("ahead_m", "m", 0.006), Parameter("aside_m", "m", 0.006)),
+    "The tow post stands off the place that post_m says.",
+    "Measure the post against the datum.",
+    "theory.md 4",
+    correct=_post,
+)
+ROLL = Effect(
+    "marker_roll",
+    "camera",
+    (Parameter("lean_m", "m", 0.01), Parameter("swing_m_s", "m s", 0.02)),
+    "The model rolls under the line's side pull, and marks above its roll axis move sideways with it.",
+    "Set the marks lower, or measure the roll.",
+    "rigid body",
+    observe=_roll,
+)
+SHUTTER = Effect(
+    "rolling_shutter",
+    "clock",
+    (Parameter("readout_s", "s", 0.02),),
+    "The sensor's rows are exposed one after another, so that marks in different rows are seen at different times.",
+    "Use a camera with a global shutter, or give the readout time.",
+    "CMOS sensors",
+    observe=_shutter,
+    needs=_no_pixels,
+)
+RATE = Effect(
+    "frame_rate",
+    "clock",
+    (Parameter("rate", "", 0.01),),
+    "Frames come at another rate than stated, so that every time is stretched.",
+    "Film a clock; give source.frame_rate_hz.",
+    "theory.md 2",
+    clock=lambda t_s, rate: rate * t_s,
+)
+DRIFT = Effect(
+    "speed_drift",
+    "sway",
+    (Parameter("share", "", 0.02),),
+    "The carriage runs faster or slower towards the end of the run.",
+    "Record the carriage's speed (tow.speed).",
+    "theory.md 2",
+    speed=lambda s, share: share * s.speed_m_s * (s.t_s / s.duration_s - 0.5),
+)
+DELAY = Effect(
+    "sync_delay",
+    "clock",
+    (Parameter("delay_s", "s", 0.2),),
+    "Load cell and video run on different clocks, so that the tension comes too early or too late.",
+    "Give tow.tension_delay_s from a tap that both record.",
+    "formats.md",
+    tension=_delayed,
+    needs=_no_history,
+)

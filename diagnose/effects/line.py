@@ -1,0 +1,96 @@
+"""What a tow line does beside pulling with a constant force."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .base import Effect, Parameter, Seen, Situation
+
+RUB_RATE = 0.004
+"""rad/s at which dry friction has turned over (it is smoothed there)."""
+
+
+def _off_centre(s: Situation, offset):
+    return 0.0 * s.alpha_rad, -s.tension_n * offset * np.cos(s.alpha_rad + s.beta_rad)
+
+
+def _friction(s: Situation, moment):
+    """The swivel rubs against the line's turning about the tow point."""
+    return 0.0 * s.alpha_rad, -moment * np.tanh((s.alpha_rate + s.r_rad_s) / RUB_RATE)
+
+
+def _varies(s: Situation, power):
+    return s.tension_n * (np.maximum(np.cos(s.alpha_rad), 0.1) ** -power - 1)
+
+
+def _stretch(seen: Seen, compliance):
+    """T/k beyond the length at rest, where T follows R/cos(alpha)."""
+    return compliance * seen.tension_n / np.maximum(np.cos(seen.alpha_rad), 0.1)
+
+
+TENSION = Effect(
+    "tension_variation",
+    "line",
+    (Parameter("power", "", 1.0),),
+    "The line must overcome the hull's resistance along the tank, so that T grows as R/cos(alpha) (power 1).",
+    "Measure T over time, or let the simulator use T = R/cos(alpha).",
+    "thesis (4.7)",
+    tension=_varies,
+)
+ELASTIC = Effect(
+    "elastic_line",
+    "line",
+    (Parameter("compliance_m_n", "m/N", 0.003),),
+    "The line is a spring: it is longer the harder it pulls, and the model surges on it.",
+    "Use a stiffer line (thin steel), or measure its length under load.",
+    "theory.md 4",
+    tension=lambda s, _: 0.0 * s.alpha_rad,
+    stretch=_stretch,
+)
+OFFSET = Effect(
+    "tow_point_offset",
+    "line",
+    (Parameter("offset_m", "m", 0.005),),
+    "The line pulls beside the centre line and turns the model.",
+    "Measure the tow point's offset and give tow_point_offset_m.",
+    "theory.md 2",
+    force=_off_centre,
+)
+FRICTION = Effect(
+    "swivel_friction",
+    "line",
+    (Parameter("moment_n_m", "N m", 0.05),),
+    "The swivel at the tow point rubs with a moment of constant size against the line's turning.",
+    "Use a ball bearing swivel, or add the dry friction moment.",
+    "Coulomb friction",
+    force=_friction,
+)
+
+
+def slack(begin_s: float, end_s: float, run: int, runs: int) -> Effect:
+    """A slack line in one run's window; the engine finds the window in the taut-line residual."""
+
+    def bump(t_s):
+        share = (t_s - begin_s) / (end_s - begin_s)
+        return np.where((share > 0) & (share < 1), np.sin(np.pi * np.clip(share, 0, 1)), 0.0)
+
+    only = np.zeros(runs)
+    only[run] = 1.0
+
+    def tension(s: Situation, loss, _):
+        return -np.clip(loss, 0, 1) * s.tension_n * bump(s.t_s) * only[:, None]
+
+    def stretch(seen: Seen, _, nearer):
+        return -nearer * bump(seen.t_s) * only[None, :, None]
+
+    return Effect(
+        "slack_line",
+        "line",
+        (Parameter("loss", "", 0.7), Parameter("nearer_m", "m", 0.02)),
+        "The carriage slows or the model surges ahead: the line goes slack and pulls no more for a while.",
+        "Tow faster or add drag astern so that the line stays taut; cut those seconds out.",
+        "theory.md 4",
+        tension=tension,
+        stretch=stretch,
+        variant=f"run {run + 1}, {begin_s:.1f}-{end_s:.1f} s",
+    )

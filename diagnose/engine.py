@@ -1,0 +1,358 @@
+"""The diagnosis: which effect explains the gap, how sure, and what cannot be told apart (gap.md).
+
+Base fit, screening of every effect by its score, full fits of the best, pairs on top of the best, free forms for what is in no
+library; probabilities from evidence with half of the prior on no gap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..identify import fit_runs
+from ..record.errors import EstimationError
+from ..simulate.model import Array
+from .effects import Effect, slack
+from .inference import Fitted, Inference, Linear, with_effects
+from .noise import Forces, Noise
+from .tow_data import TowRun
+from .tow_model import Hypothesis, TowModel
+from .unknown import free_forms
+
+P_NO_GAP, P_SINGLE, P_PAIR, P_UNKNOWN = 0.5, 0.36, 0.07, 0.07
+"""Prior shares."""
+TRIED_SINGLE, TRIED_PAIR = 6, 3
+BASE_STEPS, REFIT_STEPS, GROSS_STEPS = 4, 3, 5
+WORTH_PAIRS = 3.0
+"""Log evidence a second effect must promise by its score."""
+WORTH_PAIRS_BELOW = 30.0
+"""Pairs are tried on the second best effect only if it comes this near to the best."""
+TWINS = 3.0
+"""Effects within this log evidence of the best are not told from it."""
+CLEAR = 3.0
+"""The headline must beat no gap by this."""
+FIRMER = (1.0, 1.3, 2.0)
+SLACK_Z = 8.0
+SLACK_LENGTHS_S = (1.0, 2.0, 3.0, 4.5, 7.0)
+SAMPLES_FOR_START = 500
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One or two effects, fitted.
+
+    Attributes
+    ----------
+    effects : of the library (or a free form)
+    fitted : the optimum
+    log_evidence : over the base's
+    log_prior : share of the prior
+    """
+
+    effects: tuple[Effect, ...]
+    fitted: Fitted
+    log_evidence: float
+    log_prior: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Effect names, without variants."""
+        return tuple(e.name for e in self.effects)
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """All hypotheses with probabilities.
+
+    Attributes
+    ----------
+    base : no effect
+    candidates : best first, one per set of names
+    probabilities : of the candidates
+    p_no_gap, p_unknown : of the rest
+    free : the best free form, or None
+    excluded : effect -> why it could not be judged
+    """
+
+    base: Fitted
+    candidates: tuple[Candidate, ...]
+    probabilities: Array
+    p_no_gap: float
+    p_unknown: float
+    free: Candidate | None
+    excluded: dict[str, str]
+
+    @property
+    def set95(self) -> list[tuple[str, ...]]:
+        """The fewest hypotheses that hold 95 % of the probability; () is no gap, ("unknown",) unknown."""
+        every = [((), self.p_no_gap), (("unknown",), self.p_unknown)]
+        every += [(c.names, float(p)) for c, p in zip(self.candidates, self.probabilities, strict=True)]
+        every.sort(key=lambda pair: -pair[1])
+        total, kept = 0.0, []
+        for names, p in every:
+            kept.append(names)
+            total += p
+            if total >= 0.95:
+                break
+        return kept
+
+
+def base_hypothesis(runs: Sequence[TowRun], speed_m_s: float) -> Hypothesis:
+    """The linear fit of all runs, as a start."""
+    few = []
+    for run in runs:
+        data = run.data
+        thin = slice(None, None, max(1, len(data.t_s) // SAMPLES_FOR_START))
+        few.append(
+            replace(
+                data,
+                t_s=data.t_s[thin],
+                y_m=data.y_m[thin],
+                beta_rad=data.beta_rad[thin],
+                covariance=data.covariance[thin],
+                common=data.common[:0, thin],
+                tension=None,
+                speed=None,
+            )
+        )
+    fit = fit_runs(few, "linear", speed_m_s)
+    own = []
+    for state, run in zip(fit.own, runs, strict=True):
+        tow = run.data.tow
+        reach = (state[0] + tow.tow_point_m * np.sin(state[1])) / tow.line_length_m
+        alpha = np.arcsin(np.clip(reach, -0.95, 0.95))
+        own.append([alpha, *state[1:4], 0.0, 0.0, tow.tension_n, tow.tow_point_m, tow.line_length_m, tow.speed_m_s])
+    return Hypothesis(fit.six, np.array(own, dtype=float))
+
+
+def ranked(
+    runs: Sequence[TowRun], library: Sequence[Effect], progress: Progress | None = None
+) -> tuple[Inference, Ranking]:
+    """Rank every effect and pair.
+
+    Parameters
+    ----------
+    runs : with one block length
+    library : effects to try
+
+    Raises
+    ------
+    EstimationError : the base cannot be fitted
+    """
+    say = progress or (lambda _: None)
+    speed = float(np.mean([r.data.tow.speed_m_s for r in runs]))
+    say("the simulator as it is")
+    start = base_hypothesis(runs, speed)
+    inference = Inference(TowModel(runs, speed))
+    base = _first_fit(inference, start, runs, speed)
+    inference.noise = Noise(runs, base.hypothesis, speed)
+    base = inference.fit([base.hypothesis], [base.forces], 1, (0,))[0]
+    usable, excluded = _usable(runs, library)
+    usable = [*usable, *_slack_effects(inference, base)]
+    say(f"{len(usable)} effects by their scores")
+    names = {e.name for e in usable}
+    free = list(free_forms())
+    scores = screened(inference, base, [*usable, *free])
+    singles = _best_variants(scores, usable, TRIED_SINGLE)
+    best_free = _best_variants(scores, free, 2)
+    say("fitting " + ", ".join(e.name for e in singles))
+    gross = max(scores.values(), default=0.0) > 200.0
+    fitted = _fit_all(inference, base, [(e,) for e in (*singles, *best_free)], gross)
+    single_prior = np.log(P_SINGLE / max(len(names), 1))
+    candidates = [
+        Candidate(effects, f, f.log_evidence - base.log_evidence, single_prior)
+        for effects, f in fitted
+        if effects[0] not in free
+    ]
+    free_found = [
+        Candidate(effects, f, f.log_evidence - base.log_evidence, np.log(P_UNKNOWN))
+        for effects, f in fitted
+        if effects[0] in free
+    ]
+    candidates.sort(key=lambda c: -c.log_evidence)
+    candidates = _settled(inference, candidates, base)
+    candidates += _pairs(inference, candidates, base, usable, len(names), say, gross)
+    return inference, _ranking(base, candidates, max(free_found, key=lambda c: c.log_evidence, default=None), excluded)
+
+
+def _first_fit(inference: Inference, start: Hypothesis, runs: Sequence[TowRun], speed: float) -> Fitted:
+    """From the linear fit; where its motion grows beyond bounds, from firmer derivatives: more damping, until it stands."""
+    for firmer in FIRMER:
+        six = start.six * np.where(np.arange(6) < 2, 1.0, firmer)
+        try:
+            return inference.fit([replace(start, six=six)], [Forces()], BASE_STEPS, (1,))[0]
+        except EstimationError:
+            continue
+    raise EstimationError(
+        "the simulator without effects cannot follow these runs at all: its motion grows beyond bounds; is the tow stable "
+        "(X_T > X_v), and are tow_point_m and tension_n right?"
+    )
+
+
+def _settled(inference: Inference, candidates: list[Candidate], base: Fitted) -> list[Candidate]:
+    """The best few taken on until they stand: what is compared with a pair must have come as far as the pair will."""
+    few = [c for c in candidates[:3] if c.log_evidence > max(CLEAR, candidates[0].log_evidence - WORTH_PAIRS_BELOW)]
+    if not few:
+        return candidates
+    again = inference.fit([c.fitted.hypothesis for c in few], [c.fitted.forces for c in few], REFIT_STEPS, ())
+    better = [
+        replace(c, fitted=f, log_evidence=f.log_evidence - base.log_evidence) for c, f in zip(few, again, strict=True)
+    ]
+    better = [b if b.log_evidence > c.log_evidence else c for b, c in zip(better, few, strict=True)]
+    rest = [c for c in candidates if c not in few]
+    return sorted((*better, *rest), key=lambda c: -c.log_evidence)
+
+
+def screened(
+    inference: Inference, base: Fitted, effects: Sequence[Effect], shares: Sequence[float] = (1.0, 0.2)
+) -> dict[str, float]:
+    """Log evidence of every effect by one step from ``base``, the best over these shares of its random forces; by label.
+
+    The base's random forces have taken up part of what an effect does: seen with smaller ones it stands out.
+    """
+    here = base.hypothesis
+    linear = inference.linear([with_effects(here, list(effects))])[0]
+    noise = inference.noise or Noise(inference.model.runs, here, inference.model.speed_m_s)
+    fixed = 6 + inference.mode_count + here.size
+    answers: dict[str, float] = {}
+    for share in shares:
+        forces = replace(base.forces, side_n=share * base.forces.side_n, moment_n_m=share * base.forces.moment_n_m)
+        part = inference.reduced(linear, noise, forces)
+        precision, gap, _ = inference.priors(linear.hypothesis)
+        matrix, right = part.matrix + np.diag(np.where(np.arange(len(precision)) < fixed, precision, 0)), part.right
+        right = right + np.where(np.arange(len(precision)) < fixed, precision * gap, 0)
+        inner = matrix[:fixed, :fixed]
+        scale = 1 / np.sqrt(np.diag(inner))
+        inverse = np.linalg.pinv(inner * np.outer(scale, scale), rcond=1e-13, hermitian=True) * np.outer(scale, scale)
+        at = fixed
+        for effect in effects:
+            own = slice(at, at + len(effect.parameters))
+            at = own.stop
+            cross = matrix[own, :fixed] @ inverse
+            left = matrix[own, own] - cross @ matrix[:fixed, own]
+            pull = right[own] - cross @ right[:fixed]
+            sd = np.array([p.sd for p in effect.parameters])
+            scaled = np.eye(len(sd)) + sd[:, None] * left * sd[None, :]
+            gain = float((sd * pull) @ np.linalg.solve(scaled, sd * pull))
+            value = 0.5 * gain - 0.5 * np.linalg.slogdet(scaled)[1]
+            answers[effect.label] = max(answers.get(effect.label, -np.inf), float(value))
+    return answers
+
+
+def _usable(runs: Sequence[TowRun], library: Sequence[Effect]) -> tuple[list[Effect], dict[str, str]]:
+    usable, excluded = [], {}
+    for effect in library:
+        if any(run.marks is None for run in runs) and effect.correct is not None and effect.name != "datum_bias":
+            excluded[effect.name] = "a motion holds no pixels"
+            continue
+        why = next((w for run in runs if run.marks is not None and (w := effect.needs(run.marks.run))), "")
+        if why:
+            excluded[effect.name] = why
+        else:
+            usable.append(effect)
+    return usable, excluded
+
+
+def _best_variants(scores: dict[str, float], effects: Sequence[Effect], count: int) -> list[Effect]:
+    """The best variant of each name, the best ``count`` names."""
+    best: dict[str, Effect] = {}
+    for effect in effects:
+        old = best.get(effect.name)
+        if old is None or scores[effect.label] > scores[old.label]:
+            best[effect.name] = effect
+    return sorted(best.values(), key=lambda e: -scores[e.label])[:count]
+
+
+def _slack_effects(inference: Inference, base: Fitted) -> list[Effect]:
+    """The most likely slack window of every run, from the taut line's residual alone."""
+    found = []
+    for index, run in enumerate(inference.model.runs):
+        radius = base.linear.rows[index][0][:, 2]
+        good = np.isfinite(radius)
+        if good.sum() < 10:
+            continue
+        sd = np.sqrt(np.median(np.diag(run.covariance[2])))
+        rest = np.where(good, radius - np.nanmedian(radius), 0.0) / sd
+        best = (0.0, 0.0, 0.0)
+        for length in SLACK_LENGTHS_S:
+            for begin in np.arange(run.centre_s[0], run.centre_s[-1] - length, length / 5):
+                share = (run.centre_s - begin) / length
+                shape = np.where((share > 0) & (share < 1), np.sin(np.pi * np.clip(share, 0, 1)), 0.0)
+                size = np.linalg.norm(shape)
+                if size > 0:
+                    z = -float(shape @ rest) / size
+                    best = max(best, (z, float(begin), float(begin + length)))
+        if best[0] > SLACK_Z:
+            found.append(slack(best[1], best[2], index, len(inference.model.runs)))
+    return found
+
+
+def _fit_all(
+    inference: Inference, base: Fitted, sets: Sequence[tuple[Effect, ...]], gross: bool
+) -> list[tuple[tuple[Effect, ...], Fitted]]:
+    hypotheses = [with_effects(base.hypothesis, list(effects)) for effects in sets]
+    steps = GROSS_STEPS if gross else REFIT_STEPS
+    found = inference.fit(hypotheses, [base.forces] * len(sets), steps, (1,))
+    return list(zip(sets, found, strict=True))
+
+
+def _pairs(
+    inference: Inference,
+    singles: Sequence[Candidate],
+    base: Fitted,
+    usable: Sequence[Effect],
+    names: int,
+    say: Progress,
+    gross: bool,
+) -> list[Candidate]:
+    """A second effect on top of the best single ones, where its score promises something."""
+    found: list[Candidate] = []
+    prior = np.log(P_PAIR / max(names * (names - 1) / 2, 1))
+    done: set[frozenset[str]] = set()
+    for first in singles[:2]:
+        if first.log_evidence < max(CLEAR, singles[0].log_evidence - WORTH_PAIRS_BELOW):
+            continue
+        rest = [e for e in usable if e.name not in first.names]
+        scores = screened(inference, first.fitted, rest, (1.0,))
+        second = [e for e in _best_variants(scores, rest, TRIED_PAIR) if scores[e.label] > WORTH_PAIRS]
+        second = [e for e in second if frozenset((*first.names, e.name)) not in done]
+        if not second:
+            continue
+        done |= {frozenset((*first.names, e.name)) for e in second}
+        say(f"{first.names[0]} with " + ", ".join(e.name for e in second))
+        for (effect,), fitted in _fit_all(inference, first.fitted, [(e,) for e in second], gross):
+            pair = (*first.effects, effect)
+            found.append(Candidate(pair, fitted, fitted.log_evidence - base.log_evidence, prior))
+    return found
+
+
+def _ranking(
+    base: Fitted, candidates: Sequence[Candidate], free: Candidate | None, excluded: dict[str, str]
+) -> Ranking:
+    best: dict[frozenset[str], Candidate] = {}
+    for c in candidates:
+        key = frozenset(c.names)
+        if key not in best or c.log_evidence > best[key].log_evidence:
+            best[key] = c
+    kept = sorted(best.values(), key=lambda c: -(c.log_evidence + c.log_prior))
+    logs = [np.log(P_NO_GAP), np.log(P_UNKNOWN) + (free.log_evidence if free is not None else -np.inf)]
+    logs += [c.log_evidence + c.log_prior for c in kept]
+    logs = np.array(logs)
+    shares = np.exp(logs - logs.max())
+    shares /= shares.sum()
+    order = np.argsort(-shares[2:], kind="stable")
+    return Ranking(
+        base,
+        tuple(kept[i] for i in order),
+        shares[2:][order],
+        float(shares[0]),
+        float(shares[1]),
+        free,
+        excluded,
+    )
+
+
+__all__ = ["Candidate", "Linear", "Ranking", "base_hypothesis", "ranked", "screened"]

@@ -1,0 +1,100 @@
+"""How far the gap shrinks: each run kept aside in turn, the others fitted, only the run's own numbers fitted again to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..simulate.model import Array
+from .inference import Fitted, Inference
+from .noise import Forces, Noise
+
+FITTED = 6
+"""Numbers of a run that its own start takes: alpha, beta, v, r and what little the biases are free."""
+BLOCKS_TOGETHER = 12
+DRAWS = 400
+LOW, HIGH = 5.0, 95.0
+
+
+@dataclass(frozen=True)
+class Shrink:
+    """Gap before and after, on runs kept aside.
+
+    Attributes
+    ----------
+    before, after : root mean square of whitened residuals of y and beta; 1 = noise
+    shrink, interval : 1 - excess ratio, and its 90 % interval
+    residuals : run -> before and after (2n,), whitened
+    """
+
+    before: float
+    after: float
+    shrink: float
+    interval: tuple[float, float]
+    residuals: dict[int, tuple[Array, Array]]
+
+
+def aside(inference: Inference, fitted: Fitted, forces: Forces, noise: Noise, run: int, others: Sequence[int]) -> Array:
+    """Whitened residual of y and beta (2n,) of a run that took no part in the fit."""
+    part = inference.reduced(fitted.linear, noise, forces, others)
+    precision, gap, _ = inference.priors(fitted.linear.hypothesis)
+    matrix, right = part.matrix + np.diag(precision), part.right + precision * gap
+    scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    step = scale * (np.linalg.pinv(matrix * np.outer(scale, scale), rcond=1e-13, hermitian=True) @ (scale * right))
+    residual, shared, own, inverse, cross, to_own = inference.reduced(fitted.linear, noise, forces, [run]).kept[run]
+    left = residual - shared @ step - own @ (inverse @ (to_own - cross @ step))
+    return left[: 2 * len(inference.model.runs[run].centre_s)]
+
+
+def shrink(
+    inference: Inference, base: Fitted, best: Fitted, held: Sequence[int] | None, rng: np.random.Generator
+) -> Shrink:
+    """Gap before and after.
+
+    Parameters
+    ----------
+    held : runs kept aside (all at once); None: each in turn
+    """
+    count = len(inference.model.runs)
+    noise = inference.noise
+    assert noise is not None
+    forces = best.forces
+    turns = [(i, [j for j in range(count) if j != i]) for i in range(count)]
+    if held:
+        turns = [(i, [j for j in range(count) if j not in held]) for i in held]
+    residuals: dict[int, tuple[Array, Array]] = {}
+    for run, others in turns:
+        residuals[run] = tuple(aside(inference, f, forces, noise, run, others) for f in (base, best))  # pyright: ignore
+    before, after = (_gap([r[k] for r in residuals.values()]) for k in (0, 1))
+    draws = [_drawn(list(residuals.values()), rng) for _ in range(DRAWS)]
+    values = np.array([_share(b, a) for b, a in draws])
+    interval = (float(np.percentile(values, LOW)), float(np.percentile(values, HIGH)))
+    return Shrink(before, after, _share(before, after), interval, residuals)
+
+
+def _gap(parts: Sequence[Array]) -> float:
+    total = sum(float(p @ p) for p in parts)
+    return float(np.sqrt(total / max(sum(len(p) for p in parts) - FITTED * len(parts), 1)))
+
+
+def _share(before: float, after: float) -> float:
+    excess = max(before**2 - 1, 0.0)
+    return float(np.clip(1 - max(after**2 - 1, 0.0) / excess, 0.0, 1.0)) if excess > 0 else 0.0
+
+
+def _drawn(parts: Sequence[tuple[Array, Array]], rng: np.random.Generator) -> tuple[float, float]:
+    """A bootstrap draw over runs, and stretches of time within them."""
+    chosen = rng.integers(len(parts), size=len(parts))
+    before, after = [], []
+    for index in chosen:
+        b, a = parts[index]
+        n = len(b) // 2
+        starts = rng.integers(0, max(n - BLOCKS_TOGETHER, 1), size=max(n // BLOCKS_TOGETHER, 1))
+        rows = np.concatenate([np.arange(s, min(s + BLOCKS_TOGETHER, n)) for s in starts])
+        rows = np.concatenate([rows, rows + n])
+        before.append(b[rows] * np.sqrt(2 * n / len(rows)))
+        after.append(a[rows] * np.sqrt(2 * n / len(rows)))
+    total = sum(2 * len(parts[i][0]) // 2 for i in chosen) - FITTED * len(chosen)
+    return tuple(float(np.sqrt(sum(float(p @ p) for p in side) / max(total, 1))) for side in (before, after))  # pyright: ignore

@@ -1,0 +1,135 @@
+"""The run that would tell the best two hypotheses apart: a few designs, simulated under both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..simulate.model import alpha_from_y
+from .inference import Fitted, Inference
+from .noise import Noise
+from .tow_data import TowRun
+from .tow_model import OWN, Hypothesis, TowModel
+
+LINES = (0.55, 1.0, 1.6)
+SPEEDS = (0.7, 1.0, 1.4)
+RELEASES = ((0.15, 0.0), (0.30, 0.0), (0.15, 0.35))
+"""y m and heading rad at release; 20 degrees swings far enough to bring out what grows faster than linearly."""
+POINT_SHIFTS_M = (-0.1, 0.1)
+TURNED_OVER = 1.2
+"""A design whose alpha + beta passes this many radians is no tow any more."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """A run to make, and how far it would set the two hypotheses apart.
+
+    Attributes
+    ----------
+    tow_point_m, line_length_m, speed_m_s, y_m, beta_rad : settings
+    distance : expected D
+    differs : what is unlike the runs made: words
+    """
+
+    tow_point_m: float
+    line_length_m: float
+    speed_m_s: float
+    y_m: float
+    beta_rad: float
+    distance: float
+    differs: str
+
+
+def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | None:
+    """The design with the largest expected distance, what the runs made already tell taken into account."""
+    model = inference.model
+    pattern = max(model.runs, key=lambda r: len(r.centre_s))
+    runs, settings = _designs(model.runs, pattern)
+    trial = TowModel(runs, model.speed_m_s)
+    one, two = (_taken_over(f.hypothesis, settings) for f in (first, second))
+    try:
+        linear = trial.linear([_without_camera(one), _without_camera(two)])
+    except (FloatingPointError, np.linalg.LinAlgError):
+        return None
+    best: Design | None = None
+    noise = Noise(runs, one, model.speed_m_s)
+    trial_inference = Inference(trial)
+    for index, (x_t, line, speed, y, beta) in enumerate(settings):
+        residual, slope = linear[0][index]
+        other = linear[1][index][0]
+        if not np.isfinite(residual).all() or np.abs(residual[:, 1]).max() > TURNED_OVER:
+            continue
+        apart = other - residual
+        (white, j), _ = noise.whitened(index, first.forces, (apart, slope))
+        n = 2 * len(pattern.centre_s)
+        white, own, shared = white[:n], j[:n, 6:16], j[:n, :6]
+        # the new run's own numbers are fitted to it, the derivatives as far as they are not known
+        spread = first.solved.covariance[:6, :6]
+        known = np.linalg.cholesky(spread + 1e-12 * np.diag(np.diag(spread)))
+        columns = np.concatenate([own * trial_inference.own_sd[index], shared @ known], axis=1)
+        inner = np.eye(columns.shape[1]) + columns.T @ columns
+        pull = columns.T @ white
+        distance = float(white @ white - pull @ np.linalg.solve(inner, pull))
+        if best is None or distance > best.distance:
+            best = Design(x_t, line, speed, y, beta, distance, _differs(model.runs, settings[index]))
+    return best
+
+
+def _designs(made: Sequence[TowRun], pattern: TowRun) -> tuple[list[TowRun], list[tuple[float, ...]]]:
+    tow = pattern.data.tow
+    points = [r.data.tow.tow_point_m for r in made]
+    usual = float(np.median(points))
+    choices = [(usual, f, 1.0, y, b) for f in LINES for y, b in RELEASES]
+    choices += [(usual, 1.0, s, y, b) for s in SPEEDS if s != 1.0 for y, b in RELEASES]
+    choices += [
+        (x + shift, 1.0, 1.0, *RELEASES[1]) for x, shift in zip((min(points), max(points)), POINT_SHIFTS_M, strict=True)
+    ]
+    runs, settings = [], []
+    for x_t, f, s, y, beta in choices:
+        here = replace(
+            tow,
+            tow_point_m=x_t,
+            line_length_m=f * tow.line_length_m,
+            speed_m_s=s * tow.speed_m_s,
+            tension_n=s**2 * float(tow.tension_n or 1.0),
+        )
+        if not np.isfinite(alpha_from_y(y, beta, here)):
+            continue
+        values = np.zeros((len(pattern.centre_s), 4))
+        data = replace(pattern.data, tow=here, tension=None, speed=None)
+        runs.append(replace(pattern, name=f"design {len(runs)}", data=data, values=values, marks=None))
+        settings.append((x_t, here.line_length_m, here.speed_m_s, y, beta))
+    return runs, settings
+
+
+def _taken_over(h: Hypothesis, settings: Sequence[tuple[float, ...]]) -> Hypothesis:
+    """The hypothesis with the designs' own numbers."""
+    own = np.zeros((len(settings), len(OWN)))
+    ratio = h.own[:, OWN.index("tension")] / np.maximum(h.own[:, OWN.index("speed")], 1e-6) ** 2
+    pull = float(np.median(ratio))
+    for i, (x_t, line, speed, y, beta) in enumerate(settings):
+        alpha = float(np.arcsin(np.clip((y + x_t * np.sin(beta)) / line, -0.99, 0.99)))
+        own[i] = [alpha, beta, 0, 0, 0, 0, pull * speed**2, x_t, line, speed]
+    return replace(h, own=own)
+
+
+def _without_camera(h: Hypothesis) -> Hypothesis:
+    """Camera faults and slack windows belong to the runs made."""
+    kept = [(e, n) for e, n in zip(h.effects, h.numbers, strict=True) if e.correct is None and e.name != "slack_line"]
+    return replace(h, effects=tuple(e for e, _ in kept), numbers=tuple(n for _, n in kept))
+
+
+def _differs(made: Sequence[TowRun], setting: tuple[float, ...]) -> str:
+    x_t, line, speed, y, beta = setting
+    tows = [r.data.tow for r in made]
+    words = []
+    if abs(line / np.median([t.line_length_m for t in tows]) - 1) > 0.05:
+        words.append(f"a line of {line:.2f} m")
+    if abs(speed / np.median([t.speed_m_s for t in tows]) - 1) > 0.05:
+        words.append(f"{speed:.2f} m/s")
+    if not min(t.tow_point_m for t in tows) - 1e-6 <= x_t <= max(t.tow_point_m for t in tows) + 1e-6:
+        words.append(f"a tow point at {x_t:.2f} m")
+    words.append(f"released at y {y:.2f} m" + (f" and {np.degrees(beta):.0f} degrees heading" if beta else ""))
+    return ", ".join(words)

@@ -1,0 +1,299 @@
+"""A run as the diagnosis sees it: few, evenly spaced means of y, beta, taut-line radius and marker distance, with their noise.
+
+The last two carry no hydrodynamics (theory.md 4): faults of camera, clock and line show there. Means over a third of a second keep
+all that a tow does and make the noise's covariance small enough to be held whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..geometry import DatumFit
+from ..geometry.motion import poses_from_tracks
+from ..identify.data import RunData, run_data
+from ..record.run import Run
+from ..simulate.model import Array
+
+CHANNELS = ("y", "beta", "line", "distance")
+MOST_BLOCKS = 130
+SHORTEST_S = 0.3
+SLOW_PX = 0.015
+"""Slow error of a mark's place that no record shows (codec, texture, the pixels' grid)."""
+SLOW_S = 4.0
+LINE_SD_M = 2e-4
+"""A taut line's length is not steadier than this."""
+SMALLEST_COLOUR = 0.12
+
+
+@dataclass(frozen=True)
+class Marks:
+    """What camera faults need to be tried again on the same pixels.
+
+    Attributes
+    ----------
+    run, tracks, fit : run, its tracks, its datum
+    few : about one frame of each block
+    """
+
+    run: Run
+    tracks: pd.DataFrame
+    fit: DatumFit
+    few: pd.DataFrame
+
+
+@dataclass(frozen=True)
+class TowRun:
+    """One run, in blocks.
+
+    Attributes
+    ----------
+    name : of the run
+    data : for the estimators (stated tow, priors)
+    marks : None where the run came as motion
+    start_s, step_s : of the blocks
+    centre_s : (n,), mean time of the frames in each block, from start_s
+    values : (n, 4), CHANNELS; NaN where not measured
+    covariance : (4, n, n), measurement noise of each channel
+    modes : (k, n, 4), change with each common mode of the camera (unit variance)
+    shutter : (n, 4, 3), change of x, y, beta and distance by 1 s of readout, per rate of x, y, beta
+    length_pp_m, density_kg_m3, half_width_m : of model, water and tank (NaN: not given)
+    """
+
+    name: str
+    data: RunData
+    marks: Marks | None
+    start_s: float
+    step_s: float
+    centre_s: Array
+    values: Array
+    covariance: Array
+    modes: Array
+    shutter: Array
+    length_pp_m: float
+    density_kg_m3: float
+    half_width_m: float
+
+
+@dataclass(frozen=True)
+class _Series:
+    """Channels of a run or of its static record, frame by frame."""
+
+    t_s: Array
+    values: Array
+    variance: Array
+    modes: Array
+    shutter: Array
+
+
+def tow_run(
+    run: Run,
+    motion: pd.DataFrame,
+    common: Array | None,
+    tracks: pd.DataFrame | None,
+    fit: DatumFit | None,
+    static: pd.DataFrame | None,
+    step_s: float,
+) -> TowRun:
+    """Prepare a run.
+
+    Parameters
+    ----------
+    motion, common : as ``identify.run_data`` takes
+    tracks, fit : pixels and datum, where there are
+    static : tracks of the model held still, or None
+    step_s : of the blocks, the same for all runs
+    """
+    data = run_data(run, motion, common)
+    marks = Marks(run, tracks, fit, _few(tracks, step_s)) if tracks is not None and fit is not None else None
+    series = _from_pixels(marks) if marks is not None else _from_motion(run, data, motion)
+    start = float(series.t_s[0])
+    centre, values, count = _blocks(series.t_s - start, series.values, step_s)
+    variance = _mean(series.t_s - start, series.variance, step_s)[: len(centre)] / np.maximum(count, 1)[:, None]
+    still = _from_pixels(replace(marks, tracks=static)) if marks is not None and static is not None else None
+    water = run.file.water
+    width = water.tank_width_m if water is not None else None
+    modes = series.modes
+    return TowRun(
+        run.name,
+        data,
+        marks,
+        start,
+        step_s,
+        centre,
+        values,
+        _covariances(centre, variance, series, still, step_s),
+        np.array([_mean(series.t_s - start, m, step_s)[: len(centre)] for m in modes]).reshape(
+            len(modes), len(centre), 4
+        ),
+        _mean(series.t_s - start, series.shutter.reshape(len(series.t_s), -1), step_s)[: len(centre)].reshape(-1, 4, 3),
+        run.model.length_pp_m,
+        run.water.density_kg_m3,
+        0.5 * width if width else float("nan"),
+    )
+
+
+def block_step(durations_s: Sequence[float]) -> float:
+    """The blocks' length for runs of these durations."""
+    return max(SHORTEST_S, max(durations_s) / MOST_BLOCKS)
+
+
+def corrected(tow: TowRun, run: Run, mapping: Any) -> Array:
+    """Change of the run's values (n, 4) with another run.toml or mapping: a frame of each block stands for it."""
+    assert tow.marks is not None
+    marks = replace(tow.marks, tracks=tow.marks.few)
+    before = _from_pixels(marks)
+    after = _from_pixels(replace(marks, run=run, fit=replace(marks.fit, mapping=mapping)))
+    t_s = before.t_s - tow.start_s
+    change = after.values - before.values
+    good = np.isfinite(change).all(axis=1)
+    return np.column_stack([np.interp(tow.centre_s, t_s[good], c) for c in change[good].T])
+
+
+def _few(tracks: pd.DataFrame, step_s: float) -> pd.DataFrame:
+    """About one frame of each block, in which all marks were measured."""
+    whole = tracks.groupby("frame")["status"].transform(lambda s: (s == "measured").all())
+    rows = tracks[whole]
+    frames, first = np.unique(rows["frame"].to_numpy(), return_index=True)
+    block = np.floor((rows["t_s"].to_numpy()[first] - rows["t_s"].min()) / step_s + 0.5).astype(int)
+    chosen = frames[np.unique(block, return_index=True)[1]]
+    return rows[rows["frame"].isin(chosen)].reset_index(drop=True)
+
+
+def _from_pixels(marks: Marks) -> _Series:
+    run = marks.run
+    found = poses_from_tracks(run, marks.tracks, marks.fit.mapping, marks.fit)
+    tow = run.tow
+    pose = found.rigid.pose
+    first, second = found.place_m[:, 0], found.place_m[:, 1]
+    bow, stern = found.markers[0], found.markers[1]
+    apart = first - second
+    far = np.linalg.norm(apart, axis=1)
+    stated = float(np.hypot(*(np.array(bow.body_m) - np.array(stern.body_m))))
+    along = apart / far[:, None]
+    across, cosine, sine = pose, np.cos(pose[:, 2]), np.sin(pose[:, 2])
+    x_t, y_t = float(tow.tow_point_m or 0.0), tow.tow_point_offset_m
+    arm = np.column_stack([x_t * cosine - y_t * sine, x_t * sine + y_t * cosine])
+    off = across[:, :2] + arm - np.array(tow.post_m)
+    radius = np.linalg.norm(off, axis=1)
+    values = np.column_stack(
+        [pose[:, 1] - tow.post_m[1], pose[:, 2], radius - float(tow.line_length_m or 0.0), far - stated]
+    )
+    # line and distance by (x, y, beta) and by the marks
+    pull = off / radius[:, None]
+    turn = -pull[:, 0] * arm[:, 1] + pull[:, 1] * arm[:, 0]
+    by_pose = np.zeros((len(pose), 4, 3))
+    by_pose[:, 0, 1] = by_pose[:, 1, 2] = 1.0
+    by_pose[:, 2] = np.column_stack([pull, turn])
+    spread = np.einsum("nca,nab,ncb->nc", by_pose, found.rigid.covariance, by_pose)
+    both = found.covariance_m2[:, 0] + found.covariance_m2[:, 1]
+    spread[:, 3] = np.einsum("ni,nij,nj->n", along, both, along)
+    modes = np.einsum("nca,kna->knc", by_pose, found.pose_modes)
+    modes[..., 3] = np.einsum("ni,kni->kn", along, found.modes_m[:, :, 0] - found.modes_m[:, :, 1])
+    return _Series(found.t_s, values, spread, modes, _shutter(found, along, run))
+
+
+def _shutter(found, along: Array, run: Run) -> Array:
+    """(n, 4, 3): x, y, beta, distance by a readout of 1 s over the picture's height, per rate of x, y, beta."""
+    n, m = found.place_m.shape[:2]
+    height = (
+        run.file.camera.image_size_px[1] if run.file.camera is not None else float(np.nanmax(found.pixel_px[..., 1]))
+    )
+    late = found.pixel_px[..., 1] / height - 0.5
+    body = np.array([k.body_m for k in found.markers])
+    heading = found.rigid.pose[:, 2]
+    cosine, sine = np.cos(heading)[:, None], np.sin(heading)[:, None]
+    moved = np.zeros((n, m, 2, 3))
+    moved[:, :, 0, 0] = moved[:, :, 1, 1] = 1.0
+    moved[:, :, 0, 2] = -(sine * body[:, 0] + cosine * body[:, 1])
+    moved[:, :, 1, 2] = cosine * body[:, 0] - sine * body[:, 1]
+    moved = moved * late[:, :, None, None]
+    answer = np.zeros((n, 4, 3))
+    answer[:, :3] = np.einsum("namj,nmjk->nak", np.nan_to_num(found.rigid.gain), np.nan_to_num(moved))
+    answer[:, 3] = np.einsum("nj,njk->nk", np.nan_to_num(along), np.nan_to_num(moved[:, 0] - moved[:, 1]))
+    return answer
+
+
+def _from_motion(run: Run, data: RunData, motion: pd.DataFrame) -> _Series:
+    n = len(data.t_s)
+    values = np.full((n, 4), np.nan)
+    values[:, 0], values[:, 1] = data.y_m, data.beta_rad
+    variance = np.full((n, 4), np.nan)
+    variance[:, 0], variance[:, 1] = data.covariance[:, 0, 0], data.covariance[:, 1, 1]
+    modes = np.zeros((len(data.common), n, 4))
+    modes[..., :2] = data.common
+    return _Series(data.t_s, values, variance, modes, np.zeros((n, 4, 3)))
+
+
+def _blocks(t_s: Array, values: Array, step_s: float) -> tuple[Array, Array, Array]:
+    """Mean time, mean values and count of the frames in each block; the last, unfilled block is left out."""
+    good = np.isfinite(values[:, :2]).all(axis=1)
+    index = np.floor(t_s / step_s + 1e-9).astype(int)
+    size = int(index.max())
+    size = max(size, 1)
+    inside = good & (index < size)
+    count = np.bincount(index[inside], minlength=size)
+    centre = np.bincount(index[inside], t_s[inside], minlength=size) / np.maximum(count, 1)
+    centre = np.where(count > 0, centre, (np.arange(size) + 0.5) * step_s)
+    mean = np.stack([np.bincount(index[inside], v, minlength=size) for v in values[inside].T], axis=1)
+    mean = np.where(count[:, None] > 0, mean / np.maximum(count, 1)[:, None], np.nan)
+    return centre, mean, count
+
+
+def _mean(t_s: Array, values: Array, step_s: float) -> Array:
+    index = np.floor(t_s / step_s + 1e-9).astype(int)
+    size = int(index.max()) + 1
+    good = np.isfinite(values).all(axis=1)
+    count = np.maximum(np.bincount(index[good], minlength=size), 1)
+    return np.stack([np.bincount(index[good], v, minlength=size) for v in values[good].T], axis=1) / count[:, None]
+
+
+def _covariances(centre: Array, variance: Array, series: _Series, still: _Series | None, step_s: float) -> Array:
+    """(4, n, n): by the static record's own scatter and colour, or by the stated sigmas; and slow errors on top."""
+    n = len(centre)
+    lag = np.abs(centre[:, None] - centre[None, :])
+    answer = np.zeros((4, n, n))
+    for channel in range(4):
+        own = variance[:, channel]
+        if not np.isfinite(own).any():
+            answer[channel] = np.eye(n)
+            continue
+        own = np.where(np.isfinite(own) & (own > 0), own, np.nanmedian(own))
+        share, time = 1.0, 0.0
+        if still is not None:
+            size, share, time = _scatter(still, channel, step_s)
+            # the stated sigmas say how the noise changes over the picture, the static record how large it is there
+            there = float(np.nanmedian(_mean(still.t_s - still.t_s[0], still.variance, step_s)[:, channel]))
+            frames = len(still.t_s) / max(still.t_s[-1] - still.t_s[0], step_s) * step_s
+            own = own * size / (there / max(frames, 1.0))
+        colour = (1 - share) * np.exp(-lag / max(time, 1e-3)) + share * np.eye(n)
+        root = np.sqrt(own)
+        slow = SLOW_PX / 0.1 * np.sqrt(np.nanmedian(series.variance[:, channel]))
+        if channel == 2:
+            slow = np.hypot(slow, LINE_SD_M)
+        answer[channel] = root[:, None] * colour * root[None, :] + slow**2 * np.exp(-lag / SLOW_S)
+    return answer
+
+
+def _scatter(still: _Series, channel: int, step_s: float) -> tuple[float, float, float]:
+    """Variance of a block's mean, the white share of it, and the time constant of the rest."""
+    _, values, _ = _blocks(still.t_s - still.t_s[0], still.values, step_s)
+    x = values[:, channel]
+    x = x[np.isfinite(x)]
+    x = x - x.mean()
+    n = len(x)
+    variance = float(x @ x) / max(n - 1, 1)
+    if n < 12:
+        return variance, 1.0, 0.0
+    rho = [float(x[k:] @ x[:-k]) / float(x @ x) + 1.0 / n for k in (1, 2, 3)]
+    if rho[0] < SMALLEST_COLOUR + 1.0 / np.sqrt(n):
+        return variance, 1.0, 0.0
+    decay = np.clip(np.mean([rho[1] / rho[0], np.sqrt(max(rho[2], 0.0) / rho[0])]), 0.2, 0.95)
+    return variance, float(np.clip(1 - rho[0] / decay, 0.0, 1.0)), float(-step_s / np.log(decay))
+
+
+__all__ = ["CHANNELS", "Marks", "TowRun", "block_step", "corrected", "tow_run"]

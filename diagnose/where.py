@@ -1,0 +1,131 @@
+"""Where the gap lies: stage by probability; runs, time and frequencies by what the headline changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..simulate.model import Array
+from .effects import STAGES, Effect
+from .engine import Candidate, Ranking
+from .inference import Fitted, Inference
+
+MOST = 0.6
+"""Share of the drop that the stated time holds, and of the change that the stated band holds."""
+YAW_WORDS = ("n_", "moment", "yaw")
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where.
+
+    Attributes
+    ----------
+    stage, share : headline stage and the probability of each
+    runs : name -> share of the drop of chi-square
+    span_s, band_hz : time and band that hold MOST of it
+    drop : run name -> (n,) drop of squared whitened residual over time
+    """
+
+    stage: str
+    share: dict[str, float]
+    runs: dict[str, float]
+    span_s: tuple[float, float]
+    band_hz: tuple[float, float]
+    drop: dict[str, Array]
+
+
+def where(inference: Inference, ranking: Ranking, best: Candidate | None) -> Place:
+    """Put the probabilities and the drop of chi-square together."""
+    share = dict.fromkeys(STAGES, 0.0)
+    for candidate, probability in zip(ranking.candidates, ranking.probabilities, strict=True):
+        for effect in candidate.effects:
+            for stage, part in _stages(candidate, effect).items():
+                share[stage] += float(probability) * part / len(candidate.effects)
+    if ranking.free is not None and ranking.p_unknown > 0:
+        for stage, part in _stages(ranking.free, ranking.free.effects[0]).items():
+            share[stage] += ranking.p_unknown * part
+    total = sum(share.values())
+    stage = max(share, key=lambda k: share[k]) if total > 0.5 else ""
+    after = best or ranking.free
+    if after is None:
+        return Place(stage, share, {}, (0.0, 0.0), (0.0, 0.0), {})
+    drop = _drops(inference, ranking.base, after.fitted)
+    sums = {name: max(float(d.sum()), 0.0) for name, d in drop.items()}
+    whole = sum(sums.values()) or 1.0
+    step = inference.model.step_s
+    longest = max(len(d) for d in drop.values())
+    course = np.zeros(longest)
+    for d in drop.values():
+        course[: len(d)] += np.maximum(d, 0.0)
+    begin, end = _shortest(course, MOST)
+    return Place(
+        stage,
+        share,
+        {name: value / whole for name, value in sums.items()},
+        (begin * step, end * step),
+        _band(inference, ranking.base, after.fitted),
+        drop,
+    )
+
+
+def _stages(candidate: Candidate, effect: Effect) -> dict[str, float]:
+    """Hull effects are split between sway and yaw by how significant their numbers are."""
+    if effect.stage not in ("sway", "yaw"):
+        return {effect.stage: 1.0}
+    at = candidate.effects.index(effect)
+    numbers = candidate.fitted.hypothesis.numbers[at]
+    weight = {"sway": 0.0, "yaw": 0.0}
+    for number, parameter in zip(numbers, effect.parameters, strict=True):
+        stage = "yaw" if parameter.name.startswith(YAW_WORDS) or "yaw" in parameter.name else "sway"
+        weight[stage] += ((number - parameter.none) / parameter.sd) ** 2
+    total = weight["sway"] + weight["yaw"]
+    if total == 0 or len(effect.parameters) == 1:
+        return {effect.stage: 1.0}
+    return {stage: value / total for stage, value in weight.items()}
+
+
+def _drops(inference: Inference, base: Fitted, after: Fitted) -> dict[str, Array]:
+    """Squared whitened residuals before minus after, (n,) per run, all channels; at the after's noise."""
+    assert inference.noise is not None
+    one = inference.solve(base.linear, inference.noise, after.forces)
+    two = inference.solve(after.linear, inference.noise, after.forces)
+    answers = {}
+    for index, run in enumerate(inference.model.runs):
+        n = len(run.centre_s)
+        change = one.left[index] ** 2 - two.left[index] ** 2
+        answers[run.name] = change.reshape(-1, n).sum(axis=0)
+    return answers
+
+
+def _shortest(course: Array, share: float) -> tuple[int, int]:
+    """The shortest stretch that holds ``share`` of the sum."""
+    sums = np.concatenate([[0.0], np.cumsum(course)])
+    wanted = share * sums[-1]
+    best = (0, len(course))
+    if sums[-1] <= 0:
+        return best
+    for begin in range(len(course)):
+        end = int(np.searchsorted(sums, sums[begin] + wanted))
+        if end > len(course):
+            break
+        if end - begin < best[1] - best[0]:
+            best = (begin, end)
+    return best
+
+
+def _band(inference: Inference, base: Fitted, after: Fitted) -> tuple[float, float]:
+    """Frequencies of the difference between the two fits in y."""
+    step = inference.model.step_s
+    longest = max(len(r.centre_s) for r in inference.model.runs)
+    frequency = np.fft.rfftfreq(2 * longest, step)
+    power = np.zeros(len(frequency))
+    for (before, _), (later, _), run in zip(base.linear.rows, after.linear.rows, inference.model.runs, strict=True):
+        sd = np.sqrt(np.array([np.median(np.diag(c)) for c in run.covariance[:2]]))
+        change = np.nan_to_num((later - before)[:, :2]) / sd
+        change = change - change.mean(axis=0)
+        taper = np.hanning(len(change))[:, None]
+        power += (np.abs(np.fft.rfft(change * taper, 2 * longest, axis=0)) ** 2).sum(axis=1)
+    begin, end = _shortest(power, MOST)
+    return float(frequency[begin]), float(frequency[min(end, len(frequency) - 1)])

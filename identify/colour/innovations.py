@@ -1,0 +1,212 @@
+"""Prediction-error fit of tows that a coloured force pushes about: maximum likelihood of the Kalman filter's innovations.
+
+Beside the parameters of ``fit_runs`` it estimates the disturbance's spectrum (sd of force and moment, one time constant) and
+the measurement's scatter per channel. The full form takes its mean from the full equations and its filter from the linear
+ones. Samples are block means of about a tenth of a second: colour of the measurement shorter than that is not seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...record.errors import EstimationError
+from ...simulate.model import Array
+from ..data import RunData
+from ..joint.problem import Answer, Problem
+from ..joint.thin import thinned
+from .kalman import MOVING, NOISE_NAMES, Innovations, innovations
+
+NOISE = len(NOISE_NAMES)
+MAX_STEPS = 40
+CONVERGED = 1e-4
+"""Steps end when the next is expected to lower -2 log L by less than this (0.01 of a standard deviation squared)."""
+NEAR_SD = 5.0
+"""Weak knowledge of the noise's logarithms, about the start: keeps one that the record does not show from running away."""
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """The estimated disturbance.
+
+    Attributes
+    ----------
+    force_n, moment_n_m : standard deviations
+    time_s : correlation time
+    scale : (2,), measurement scatter over the stated sigmas, y and beta
+    log_sd : (5,), standard deviations of the logarithms of force, moment, time and the two scales
+    """
+
+    force_n: float
+    moment_n_m: float
+    time_s: float
+    scale: Array
+    log_sd: Array
+
+
+@dataclass(frozen=True)
+class LikelihoodFit:
+    """Result of ``maximise``.
+
+    Attributes
+    ----------
+    theta : parameter vector of ``problem``, whose runs are block means
+    noise : (5,), logarithms of ``NOISE_NAMES``
+    covariance : over theta and noise, from the innovations' Fisher information
+    deviance : -2 log L
+    runs : the innovations of each run
+    answers : mean responses
+    steps, converged : of the search
+    """
+
+    problem: Problem
+    theta: Array
+    noise: Array
+    covariance: Array
+    deviance: float
+    runs: list[Innovations]
+    answers: list[Answer]
+    steps: int
+    converged: bool
+
+    @property
+    def disturbance(self) -> Disturbance:
+        """The noise parameters with their units."""
+        force, moment, time_s, *scale = np.exp(self.noise)
+        sd = np.sqrt(np.maximum(np.diag(self.covariance)[-NOISE:], 0.0))
+        return Disturbance(float(force), float(moment), float(time_s), np.array(scale), sd)
+
+
+def noise_start(problem: Problem, theta: Array) -> Array:
+    """Noise parameters to begin with: a force that moves the hull about as much as the output error's residuals scatter."""
+    answers = problem.evaluate(theta)
+    scatter = np.sqrt(np.mean([np.mean(a.residual**2, axis=1) for a in answers], axis=0))
+    length = np.mean([d.tow.line_length_m for d in problem.runs])
+    tension = np.mean([d.tow.tension_n for d in problem.runs if d.tow.tension_n is not None])
+    point = np.mean([d.tow.tow_point_m for d in problem.runs])
+    force = 0.3 * tension * (scatter[0] / length + scatter[1])
+    time_s = 0.3 * float(np.mean([(d.tow.line_length_m + d.tow.tow_point_m) / d.tow.speed_m_s for d in problem.runs]))
+    return np.log([force, force * point, time_s, 1.0, 1.0])
+
+
+def maximise(
+    runs: list[RunData],
+    form: str,
+    speed_m_s: float,
+    theta: Array,
+    noise: Array | None = None,
+    progress: Callable[[str], None] | None = None,
+    extra: tuple[tuple[int, float, float], ...] = (),
+) -> LikelihoodFit:
+    """Fit by Fisher scoring with Marquardt's damping.
+
+    Parameters
+    ----------
+    runs : every sample; they are thinned here, common modes are left out
+    theta : start, of ``Problem(runs without modes, form, speed_m_s)``, e.g. the output error's optimum
+    noise : (5,) start of the noise parameters
+
+    Raises
+    ------
+    EstimationError : the likelihood has no value at the start
+    """
+    few = [thinned(d, keep_first=True) for d in runs]
+    problem = Problem(few, form, speed_m_s, extra=extra)
+    theta = theta[: problem.size].copy()
+    first = noise_start(problem, theta) if noise is None else noise.copy()
+    noise = first
+    with np.errstate(all="ignore"):
+        here = _evaluate(problem, theta, noise, first)
+    if not np.isfinite(here.deviance):
+        raise EstimationError("the innovations have no likelihood at the output error's optimum")
+    free = np.concatenate([np.flatnonzero(problem.free), problem.size + np.arange(NOISE)])
+    damping, growth, converged, step_number = 1e-3, 2.0, False, 0
+    for step_number in range(1, MAX_STEPS + 1):
+        inner = here.information[np.ix_(free, free)]
+        scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+        scaled = inner / scale[:, None] / scale[None, :]
+        step = np.linalg.solve(scaled + damping * np.eye(len(free)), -here.score[free] / scale) / scale
+        expected = float(-2 * step @ here.score[free] - step @ inner @ step)
+        if expected < CONVERGED:
+            converged = True
+            break
+        whole = np.concatenate([theta, noise])
+        whole[free] += step
+        trial, trial_noise = whole[: problem.size], whole[problem.size :]
+        there = None
+        if trial[0] > 0 and trial[1] > 0 and np.abs(trial_noise - noise).max() < 5:
+            with np.errstate(all="ignore"):
+                there = _evaluate(problem, trial, trial_noise, first)
+        if there is not None and np.isfinite(there.deviance) and there.deviance <= here.deviance:
+            gain = (here.deviance - there.deviance) / max(expected, 1e-300)
+            theta, noise, here = trial, trial_noise, there
+            damping, growth = max(damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), 1e-10), 2.0
+            if progress is not None:
+                progress(f"innovations: step {step_number}, -2 log L {here.deviance:.6g}")
+        else:
+            damping, growth = damping * growth, growth * 2
+            if damping > 1e8:
+                break
+    covariance = np.zeros_like(here.information)
+    inner = here.information[np.ix_(free, free)]
+    scale = 1 / np.sqrt(np.diag(inner))
+    covariance[np.ix_(free, free)] = (
+        np.linalg.pinv(inner * scale[:, None] * scale, rcond=1e-14, hermitian=True) * scale[:, None] * scale
+    )
+    return LikelihoodFit(
+        problem, theta, noise, covariance, here.deviance, here.runs, here.answers, step_number, converged
+    )
+
+
+@dataclass(frozen=True)
+class _Here:
+    deviance: float
+    score: Array
+    information: Array
+    runs: list[Innovations]
+    answers: list[Answer]
+
+
+def _evaluate(problem: Problem, theta: Array, noise: Array, first: Array) -> _Here:
+    """-2 log L, half its gradient, and the Fisher information, over theta and noise."""
+    size = problem.size + NOISE
+    score, matrix = np.zeros(size), np.zeros((size, size))
+    gap, slope = problem.pull.rows(theta)
+    at = problem.pull.index
+    np.add.at(matrix, (at, at), slope**2)
+    np.add.at(score, at, -slope * gap)
+    deviance = float(gap @ gap)
+    weak = (noise - first) / NEAR_SD
+    deviance += float(weak @ weak)
+    place = np.arange(problem.size, size)
+    matrix[place, place] += 1 / NEAR_SD**2
+    score[place] += weak / NEAR_SD
+    answers = problem.evaluate(theta)
+    runs = []
+    for data, answer in zip(problem.runs, answers, strict=True):
+        found = innovations(data, theta[:6], noise, problem.speed, answer.residual, answer.slope)
+        runs.append(found)
+        columns = np.concatenate([answer.columns, np.arange(6), place])
+        inverse = np.linalg.inv(found.spread)
+        weighed = np.einsum("nij,nj->ni", inverse, found.error)
+        sign, log_determinant = np.linalg.slogdet(found.spread)
+        if (sign <= 0).any():
+            return _Here(np.inf, score, matrix, runs, answers)
+        deviance += float((found.error * weighed).sum() + log_determinant.sum())
+        slopes = np.zeros((len(data.t_s), len(columns), 2))
+        slopes[:] = found.d_error
+        weighed_slopes = slopes @ inverse
+        own = np.einsum("nki,ni->k", slopes, weighed)
+        fisher = np.tensordot(weighed_slopes, slopes, axes=([0, 2], [0, 2]))
+        turned = inverse[:, None] @ found.d_spread  # (n, 11, 2, 2)
+        pushed = 0.5 * np.trace(turned, axis1=2, axis2=3).sum(axis=0)
+        pushed -= 0.5 * np.einsum("ni,nkij,nj->k", weighed, found.d_spread, weighed)
+        flat = turned.reshape(len(turned), MOVING, 4)
+        crossed = turned.transpose(0, 1, 3, 2).reshape(len(turned), MOVING, 4)
+        own[-MOVING:] += pushed
+        fisher[-MOVING:, -MOVING:] += 0.5 * np.tensordot(flat, crossed, axes=([0, 2], [0, 2]))
+        np.add.at(score, columns, own)
+        np.add.at(matrix, (columns[:, None], columns[None, :]), fisher)
+    return _Here(deviance, score, matrix, runs, answers)

@@ -1,0 +1,159 @@
+"""The innovations of a tow that a coloured side force and moment push about (App. III: AIII-14 to 20), with derivatives.
+
+State of what the disturbance does: (y, beta, v, r, F, N), the hull's linear equations driven by a first-order force F and
+moment N, each with a standard deviation and one time constant. The start of the run is a parameter of the mean, so the state
+begins at zero, F and N at their stationary scatter; the gain is the time-varying one until it stands.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...simulate.model import Array
+from ..data import RunData
+from ..joint.linear import exponential, system_matrices
+from ..joint.parameters import LINE_LENGTH, SPEED, TENSION, TOW_POINT
+
+NOISE_NAMES = ("force", "moment", "time", "scale_y", "scale_beta")
+"""Logarithms of: sd of the force N, of the moment N m, their time constant s, measurement scatter over the stated sigmas."""
+MOVING = 6 + len(NOISE_NAMES)
+STATES = 6
+STEP_SHARE = 0.01
+"""Steps of time that differ by less than this share of the usual one count as equal."""
+STANDS = 1e-10
+EPS = 1e-30
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """One run's innovations and what they depend on.
+
+    Attributes
+    ----------
+    error : (n, 2), e
+    spread : (n, 2, 2), S = cov e
+    d_error : (n, k + 11, 2), by the k columns of the mean, then six derivatives (filter's part only) and noise parameters
+    d_spread : (n, 11, 2, 2), by the six derivatives and the noise parameters
+    """
+
+    error: Array
+    spread: Array
+    d_error: Array
+    d_spread: Array
+
+    @property
+    def white(self) -> Array:
+        """(n, 2), of unit variance."""
+        return np.linalg.solve(np.linalg.cholesky(self.spread), self.error[:, :, None])[:, :, 0]
+
+
+def step_model(data: RunData, six: Array, noise: Array, speed_m_s: float, steps_s: Array) -> tuple[Array, Array]:
+    """Transition and added covariance over ``steps_s`` (u,), complex: index 0 as is, 1.. moved by i EPS, (u, 12, 6, 6)."""
+    values = np.zeros((1, 14))
+    values[0, :6] = six
+    values[0, [TENSION, TOW_POINT, LINE_LENGTH, SPEED]] = [
+        data.tow.tension_n,
+        data.tow.tow_point_m,
+        data.tow.line_length_m,
+        data.tow.speed_m_s,
+    ]
+    matrix, slopes = system_matrices([data], values, speed_m_s, list(range(6)))
+    force, moment, time_s = np.exp(noise[:3])
+    whole, d_whole = np.zeros((STATES, STATES)), np.zeros((MOVING, STATES, STATES))
+    whole[:4, :4] = matrix[0, :4, :4]
+    d_whole[:6, :4, :4] = slopes[0, :, :4, :4]
+    for i in range(2):
+        whole[2 + i, 4 + i], d_whole[i, 2 + i, 4 + i] = 1 / six[i], -1 / six[i] ** 2
+        whole[4 + i, 4 + i], d_whole[8, 4 + i, 4 + i] = -1 / time_s, 1 / time_s
+    drive, d_drive = np.zeros((STATES, STATES)), np.zeros((MOVING, STATES, STATES))
+    for i, sd in enumerate((force, moment)):
+        drive[4 + i, 4 + i] = 2 * sd**2 / time_s
+        d_drive[6 + i, 4 + i, 4 + i] = 2 * drive[4 + i, 4 + i]
+        d_drive[8, 4 + i, 4 + i] = -drive[4 + i, 4 + i]
+    # van Loan: exp of [[A, D], [0, -A']] holds the transition and the covariance that the drive adds
+    block, d_block = np.zeros((12, 12)), np.zeros((MOVING, 12, 12))
+    for to, a, d in ((block, whole, drive), (d_block, d_whole, d_drive)):
+        to[..., :6, :6], to[..., :6, 6:], to[..., 6:, 6:] = a, d, -np.swapaxes(a, -1, -2)
+    count = len(steps_s)
+    power, change = exponential(np.tile(block, (count, 1, 1)), np.tile(d_block, (count, 1, 1, 1)), steps_s)
+    both = np.concatenate([power[:, None], power[:, None] + 1j * EPS * change], axis=1)
+    transition = both[:, :, :6, :6]
+    return transition, both[:, :, :6, 6:] @ np.swapaxes(transition, -1, -2)
+
+
+def innovations(
+    data: RunData, six: Array, noise: Array, speed_m_s: float, residual: Array, slope: Array
+) -> Innovations:
+    """Filter a run.
+
+    Parameters
+    ----------
+    data : block means (``joint.thin.thinned``); covariance of a sample
+    six, noise : parameters; noise (5,), ``NOISE_NAMES``
+    residual : (2, n), measured minus mean response
+    slope : (2, k, n), change of the mean response
+    """
+    count = len(data.t_s)
+    which, steps = _steps(data.t_s)
+    transition, added = step_model(data, six, noise, speed_m_s, steps)
+    scale = np.exp(noise[3:5])
+    factor = np.ones((MOVING + 1, 2), dtype=complex) * scale
+    factor[10, 0] *= 1 + 1j * EPS
+    factor[11, 1] *= 1 + 1j * EPS
+    factor = factor[:, :, None] * factor[:, None, :]
+    covariance = np.zeros((MOVING + 1, STATES, STATES), dtype=complex)
+    for i in range(2):
+        covariance[:, 4 + i, 4 + i] = np.exp(2 * noise[i])
+        covariance[7 + i, 4 + i, 4 + i] *= 1 + 2j * EPS
+    measured = np.concatenate([residual[:, None], slope], axis=1).transpose(2, 0, 1).copy()  # (n, 2, 1 + k)
+    mean = np.zeros((STATES, measured.shape[2]))
+    moved = np.zeros((MOVING + 1, STATES), dtype=complex)
+    spread = np.empty((count, MOVING + 1, 2, 2), dtype=complex)
+    error = np.empty(measured.shape)
+    shifted = np.empty((count, MOVING + 1, 2), dtype=complex)
+    stands = False
+    gain = np.zeros((MOVING + 1, STATES, 2), dtype=complex)
+    for k in range(count):
+        kind = which[k]
+        # a gain that stands is used while neither step nor weight changes
+        stands = stands and kind == which[k - 1] and np.array_equal(data.covariance[k], data.covariance[k - 1])
+        if stands:
+            spread[k] = spread[k - 1]
+        else:
+            total = covariance[:, :2, :2] + factor * data.covariance[k]
+            spread[k] = total
+            determinant = total[:, 0, 0] * total[:, 1, 1] - total[:, 0, 1] * total[:, 1, 0]
+            inverse = np.empty_like(total)
+            inverse[:, 0, 0], inverse[:, 1, 1] = total[:, 1, 1], total[:, 0, 0]
+            inverse[:, 0, 1], inverse[:, 1, 0] = -total[:, 0, 1], -total[:, 1, 0]
+            gain = covariance[:, :, :2] @ (inverse / determinant[:, None, None])
+            before = covariance
+            left = transition[kind] @ (covariance - gain @ covariance[:, :2])
+            covariance = left @ transition[kind].transpose(0, 2, 1) + added[kind]
+            size = np.diagonal(covariance[0].real)
+            change = np.diagonal(covariance - before, axis1=1, axis2=2)
+            real, moved_by = np.abs(change[0].real), np.abs(change[1:].imag)
+            stands = bool((real < STANDS * size).all() and (moved_by < 1e3 * STANDS * EPS * size).all())
+            step_gain = (transition[kind] @ gain, transition[kind][0].real, transition[kind])
+            plain_gain = step_gain[0][0].real
+            closed = transition[kind].copy()
+            closed[:, :, :2] -= step_gain[0]
+        e = measured[k] - mean[:2]
+        error[k] = e
+        mean = step_gain[1] @ mean + plain_gain @ e
+        shifted[k] = measured[k, :, 0] - moved[:, :2]
+        moved = (closed @ moved[:, :, None])[:, :, 0] + step_gain[0] @ measured[k, :, 0]
+    d_error = np.concatenate([-error[:, :, 1:].transpose(0, 2, 1), np.imag(shifted[:, 1:]) / EPS], axis=1)
+    return Innovations(error[:, :, 0], np.real(spread[:, 0]), d_error, np.imag(spread[:, 1:]) / EPS)
+
+
+def _steps(t_s: Array) -> tuple[Array, Array]:
+    """For every sample the kind of step to the next, and the kinds' lengths; the last sample steps as usual."""
+    gaps = np.diff(t_s)
+    usual = float(np.median(gaps))
+    rounded = np.rint(np.append(gaps, usual) / (STEP_SHARE * usual)).astype(int)
+    kinds, which = np.unique(rounded, return_inverse=True)
+    sums = np.bincount(which, weights=np.append(gaps, usual))
+    return which, sums / np.bincount(which, minlength=len(kinds))

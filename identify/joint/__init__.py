@@ -1,0 +1,1 @@
+"""The joint fit's inside: parameters, responses with exact sensitivities, the least-squares problem and its solver."""

@@ -1,0 +1,118 @@
+"""Where the fit starts: no guess asked for, and a way in where the first simulated motion leaves the equations' range.
+
+A long tow of large swings is sensitive: with derivatives some per cent wrong it goes past 90 degrees and has no residual.
+The way in is to fit the records' beginning first and to let them grow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...record.errors import EstimationError
+from ...simulate.model import Array
+from ..data import RunData
+from ..noise import stated
+from .problem import Problem
+from .solve import Optimum, Progress, minimise, normal
+from .thin import thinned
+
+ROUGH_CONVERGED = 1e-5
+POOR = 30.0
+"""A start whose chi-square per residual exceeds this is led in by growing records."""
+SHARES = (0.25, 0.5, 1.0)
+LEADING_CONVERGED = 1e-3
+FEWEST_SAMPLES = 40
+Extra = tuple[tuple[int, float, float], ...]
+
+
+def rough_optimum(
+    runs: list[RunData],
+    speed_m_s: float,
+    form: str,
+    progress: Progress | None = None,
+    start: Array | None = None,
+    extra: Extra = (),
+    hold: tuple[int, ...] = (),
+) -> tuple[Array, int]:
+    """Parameter vector (without common modes) near the optimum, from block means and the stated sigmas; steps taken.
+
+    Parameters
+    ----------
+    form : that theta is for; the full form is led in from the linear one where all runs allow it
+    start : (6,) derivatives instead of the weak form's
+
+    Raises
+    ------
+    EstimationError : no motion near the records can be simulated
+    """
+    few = [thinned(d) for d in runs]
+    problem = Problem(few, "linear", speed_m_s, hold, extra)
+    weights = [stated(d.covariance, d.t_s) for d in few]
+    first = problem.start() if start is None else problem.from_six(start)
+    linear_too = not any(knows_full_only(d) for d in runs)
+    if form == "linear":
+        found = minimise(problem, first, weights, progress, converged=ROUGH_CONVERGED)
+        return found.theta, found.steps
+    begins, steps = [problem.sides_to_full(first)], 0
+    if linear_too:
+        try:
+            found = minimise(problem, first, weights, progress, converged=ROUGH_CONVERGED)
+            begins.insert(0, problem.sides_to_full(found.theta))
+            steps = found.steps
+        except EstimationError:
+            pass
+    whole = Problem(few, "full", speed_m_s, hold, extra)
+    scores = []
+    for theta in begins:
+        scores.append(_per_residual(whole, theta, weights))
+        if scores[-1] < POOR:
+            if linear_too and len(scores) == 1:
+                return theta, steps
+            found = minimise(whole, theta, weights, progress, converged=ROUGH_CONVERGED)
+            return found.theta, steps + found.steps
+    led, more = _led_in(few, speed_m_s, begins, progress, extra, hold)
+    return led.theta, steps + more
+
+
+def knows_full_only(data: RunData) -> bool:
+    """The run holds what the linear form does not know."""
+    return bool(data.tow.post_amplitude_m) or data.tension is not None or data.speed is not None
+
+
+def _per_residual(problem: Problem, theta: Array, weights) -> float:
+    with np.errstate(all="ignore"):
+        cost = normal(problem, theta, problem.evaluate(theta), weights)[2]
+    return cost / sum(2 * len(d.t_s) for d in problem.runs) if np.isfinite(cost) else np.inf
+
+
+def _led_in(
+    runs: list[RunData], speed_m_s: float, begins: list[Array], progress: Progress | None, extra: Extra, hold
+) -> tuple[Optimum, int]:
+    """The records' first part from the best of the starts, then more and more of it."""
+    steps, found = 0, None
+    theta = begins[-1]
+    for share in SHARES:
+        parts = [_first_part(d, share) for d in runs]
+        problem = Problem(parts, "full", speed_m_s, hold, extra)
+        some = [stated(d.covariance, d.t_s) for d in parts]
+        if found is None:
+            theta = min(begins, key=lambda t: _per_residual(problem, t, some))
+        ends = ROUGH_CONVERGED if share == SHARES[-1] else LEADING_CONVERGED
+        found = minimise(problem, theta, some, progress, converged=ends)
+        theta, steps = found.theta, steps + found.steps
+    assert found is not None
+    return found, steps
+
+
+def _first_part(data: RunData, share: float) -> RunData:
+    last = max(min(FEWEST_SAMPLES, len(data.t_s)), int(share * len(data.t_s)))
+    return replace(
+        data,
+        t_s=data.t_s[:last],
+        y_m=data.y_m[:last],
+        beta_rad=data.beta_rad[:last],
+        covariance=data.covariance[:last],
+        common=data.common[:, :last],
+    )

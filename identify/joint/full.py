@@ -1,0 +1,345 @@
+"""The full equations' response and its exact sensitivities: classical Runge-Kutta, all steps at once.
+
+The path is found by Newton's method on all steps together: every step of every run is taken from a guess of its begin, side by
+side, with its derivatives; a recursion of 4 x 4 matrices then carries what each step lacks to the next. The answer is that
+of the step-by-step method, with its sensitivities, in two or three passes; where Newton fails, the steps go one by one.
+
+Step h = 0.05 s at most: Runge-Kutta and the cubic interpolation between steps err by about 1e-7 of the amplitude.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...simulate.model import Array, Hull, Tow, full_rates, full_y_cg
+from ..data import RunData
+from .linear import linear_paths, system_matrices
+from .parameters import EVERY, LINE_LENGTH, SPEED, STEEPEST_RAD, TENSION, TOW_POINT, hull_from
+from .partials import Linearised, linearise
+
+FULL_STEP_S = 0.05
+FULL_STEP_SHARE = 0.06
+"""Runge-Kutta step: this share of the fastest root's time."""
+SAMPLING_SHARE = 0.25
+PASSES = 12
+BROADSIDE_RAD = np.pi / 2
+COARSE = 4
+"""Steps in one where the path is looked for step by step."""
+SETTLED = 1e-6
+"""Newton ends when no state moved by more than this: the next move is of its square."""
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A path near which the next one is looked for.
+
+    Attributes
+    ----------
+    step_s : of the grid
+    values : (runs, 14), of the path
+    path : (4, steps + 1, runs), (alpha, beta, v, r)
+    moved : (4, wanted, steps + 1, runs), its sensitivities
+    wanted : their parameters
+    """
+
+    step_s: float
+    values: Array
+    path: Array
+    moved: Array
+    wanted: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class _Setting:
+    hull: Hull
+    tow: Tow
+    tension: Array | None
+    speed: Array | None
+    reference: float
+    step: float
+    count: int
+
+    def at(self, part: int, select: slice) -> tuple[Array, Hull, Tow]:
+        """Times, hull and tow at the steps ``select``, ``part`` half steps later."""
+        index = np.arange(self.count + 1)[select]
+        t = (index + part / 2)[:, None] * self.step
+        hull, tow = self.hull, self.tow
+        half = np.minimum(2 * index + part, 2 * self.count + 1)
+        if self.tension is not None:
+            tow = replace(tow, tension_n=tow.tension_n * self.tension[half])
+        if self.speed is not None:
+            tow = replace(tow, speed_m_s=tow.speed_m_s * self.speed[half])
+            hull = hull.at_speed(tow.speed_m_s)
+        return t, hull, tow
+
+    def linearised(self, part: int, state: Array, wanted: tuple[int, ...], select: slice) -> Linearised:
+        t, hull, tow = self.at(part, select)
+        found = linearise(full_rates, t, state, hull, tow, wanted, self.reference)
+        if not (self.tension is None and self.speed is None):
+            index = 2 * np.arange(self.count + 1)[select] + part
+            for name, history in ((TENSION, self.tension), (SPEED, self.speed)):
+                if history is not None and name in found.parameters:
+                    found.parameters[name] = tuple((row, by * history[index]) for row, by in found.parameters[name])
+        return found
+
+
+def full_paths(
+    runs: list[RunData],
+    values: Array,
+    reference_speed_m_s: float,
+    wanted: tuple[int, ...] = EVERY,
+    guess: Guess | None = None,
+) -> tuple[list[tuple[Array, Array]], Guess]:
+    """(y, beta) of all runs at their samples with sensitivities, all runs side by side.
+
+    Parameters
+    ----------
+    values : (runs, 14), ``RUN_PARAMETERS``; side = alpha rad
+    wanted : parameters whose sensitivities are asked for, rising
+    guess : of an earlier call with other values; makes it faster
+
+    Returns
+    -------
+    per run response (2, n) and sensitivity (2, len(wanted), n); and the guess for the next call.
+    NaN where the motion leaves the equations' range (alpha + beta beyond 90 degrees)
+    """
+    setting = _setting(runs, values, reference_speed_m_s)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        path = _first_path(runs, values, reference_speed_m_s, setting, guess)
+        solved = _newton(setting, values, path, wanted)
+        if solved is None:
+            path = _one_by_one(setting, values)
+            solved = _newton(setting, values, path, wanted) if np.isfinite(path).all() else None
+        if solved is None:
+            nothing = [(np.full((2, len(d.t_s)), np.nan), np.zeros((2, len(wanted), len(d.t_s)))) for d in runs]
+            stale = np.full((4, setting.count + 1, len(runs)), np.nan)
+            return nothing, Guess(setting.step, values, stale, stale[:, None][:, :0], ())
+        path, moved = solved
+        everywhere = slice(0, setting.count + 1)
+        ends = setting.linearised(0, path, wanted, everywhere)
+        rates = ends.along(moved, 0, wanted)[:2]
+        answers = [_sampled(d, i, setting, values, path, moved, ends.rates, rates, wanted) for i, d in enumerate(runs)]
+    return answers, Guess(setting.step, values, path, moved, wanted)
+
+
+def _setting(runs: list[RunData], values: Array, reference: float) -> _Setting:
+    span = max(float(d.t_s[-1] - d.t_s[0]) for d in runs)
+    step = _step(runs, values, reference)
+    count = max(2, int(np.ceil(span / step)))
+
+    def field(name: str) -> Array:
+        return np.array([getattr(d.tow, name) for d in runs], dtype=float)
+
+    post = [d.tow.post_phase_rad + 2 * np.pi * d.tow.post_frequency_hz * d.t_s[0] for d in runs]
+    moving = any(d.tow.post_amplitude_m for d in runs)
+    tow = Tow(
+        *(values[:, k] for k in (SPEED, LINE_LENGTH, TOW_POINT, TENSION)),
+        tow_point_offset_m=field("tow_point_offset_m"),  # pyright: ignore[reportArgumentType]
+        post_amplitude_m=field("post_amplitude_m") if moving else 0.0,  # pyright: ignore[reportArgumentType]
+        post_frequency_hz=field("post_frequency_hz"),  # pyright: ignore[reportArgumentType]
+        post_phase_rad=np.array(post),  # pyright: ignore[reportArgumentType]
+    )
+    hull = hull_from(values.T, reference)
+    tension, speed = _histories(runs, step, count)
+    if speed is None:
+        hull = hull.at_speed(tow.speed_m_s)
+    return _Setting(hull, tow, tension, speed, reference, step, count)
+
+
+def _step(runs: list[RunData], values: Array, reference: float) -> float:
+    fastest = max(1e-9, *(2 * np.pi * d.tow.post_frequency_hz for d in runs))
+    matrix, _ = system_matrices(runs, values, reference, [])
+    good = np.isfinite(matrix).all(axis=(1, 2))
+    if good.any():
+        fastest = max(fastest, float(np.abs(np.linalg.eigvals(matrix[good])).max()))
+    # a root far above the sampling rate is a trial of the fit gone astray; the samples cannot tell it from a faster one
+    sampling = min(float(np.median(np.diff(d.t_s))) for d in runs)
+    # steps of few sizes only, so that a guess of an earlier call fits
+    step = max(FULL_STEP_SHARE / fastest, SAMPLING_SHARE * min(sampling, FULL_STEP_S))
+    return FULL_STEP_S / 2.0 ** max(0, int(np.ceil(np.log2(FULL_STEP_S / step) - 1e-9)))
+
+
+def _histories(runs: list[RunData], step: float, count: int) -> tuple[Array | None, Array | None]:
+    """Tension and speed relative to their means at every half step, (2 count + 2, runs); None where constant."""
+    half = np.arange(2 * count + 2) * step / 2
+    tension = speed = None
+    if any(d.tension is not None for d in runs):
+        tension = np.ones((len(half), len(runs)))
+        for i, d in enumerate(runs):
+            if d.tension is not None:
+                assert d.tow.tension_n is not None
+                tension[:, i] = np.interp(half + d.t_s[0], *d.tension) / d.tow.tension_n
+    if any(d.speed is not None for d in runs):
+        speed = np.ones((len(half), len(runs)))
+        for i, d in enumerate(runs):
+            if d.speed is not None:
+                speed[:, i] = np.interp(half + d.t_s[0], *d.speed) / d.tow.speed_m_s
+    return tension, speed
+
+
+def _first_path(
+    runs: list[RunData], values: Array, reference: float, setting: _Setting, guess: Guess | None
+) -> Array:
+    """The earlier path moved along its sensitivities, or the linear form's."""
+    shape = (4, setting.count + 1, len(runs))
+    if guess is not None and guess.step_s == setting.step and guess.path.shape == shape and guess.wanted:
+        change = (values - guess.values)[:, list(guess.wanted)]
+        path = guess.path + np.einsum("spnr,rp->snr", guess.moved, change)
+        if np.isfinite(path).all() and np.abs(path[0] + path[1]).max() < STEEPEST_RAD:
+            path[:, 0] = values[:, 6:10].T
+            return path
+    times = np.arange(setting.count + 1) * setting.step
+    grids = [replace(d, t_s=times) for d in runs]
+    start = values.copy()
+    offset = np.array([d.tow.tow_point_offset_m for d in runs])
+    side = values[:, LINE_LENGTH] * np.sin(values[:, 6]) - values[:, TOW_POINT] * np.sin(values[:, 7]) - offset
+    start[:, 6] = side
+    motion = np.stack([p for p, _ in linear_paths(grids, start, reference, (), 4)], axis=2)
+    y, beta = motion[0], motion[1]
+    reach = (y + values[:, TOW_POINT] * np.sin(beta) + offset) / values[:, LINE_LENGTH]
+    motion[0] = np.arcsin(np.clip(np.nan_to_num(reach), -0.95, 0.95))
+    motion[1:] = np.clip(np.nan_to_num(motion[1:]), -1, 1)
+    broad = np.abs(motion[0] + motion[1]) > 1.3
+    motion[1][broad] = np.sign(motion[0][broad]) * 1.3 - motion[0][broad]
+    motion[:, 0] = values[:, 6:10].T
+    return motion
+
+
+def _newton(setting: _Setting, values: Array, path: Array, wanted: tuple[int, ...]) -> tuple[Array, Array] | None:
+    """Path and sensitivities (4, wanted, steps + 1, runs), or None where it does not settle."""
+    runs = len(values)
+    before = np.inf
+    for turn in range(PASSES):
+        # sensitivities are wanted of the last pass only; a guess may be good enough for the first to be the last
+        end, map_ = _steps(setting, path[:, :-1], wanted if before < 0.03 or turn == 0 else ())
+        lacking = end - path[:, 1:]
+        if not np.isfinite(lacking).all() or not np.isfinite(map_).all():
+            return None
+        carried = _carry(map_, lacking, values, wanted if map_.shape[1] > 4 else ())
+        move = carried[:, 0]
+        size = float(np.abs(move).max())
+        if not np.isfinite(size) or size > 20.0:
+            return None
+        # far from the path a whole move may overshoot: the angles move by half a radian at most
+        share = min(1.0, 0.5 / max(float(np.abs(move[:2]).max()), 1e-300))
+        path = path + share * move
+        if size < SETTLED and carried.shape[1] == 1 + len(wanted):
+            return path, carried[:, 1:].reshape(4, len(wanted), setting.count + 1, runs)
+        before = size
+    return None
+
+
+def _steps(setting: _Setting, begin: Array, wanted: tuple[int, ...]) -> tuple[Array, Array]:
+    """Every step from its own begin: its end (4, steps, runs) and its derivatives (4, 4 + wanted, steps, runs)."""
+    h, select = setting.step, slice(0, setting.count)
+    first = np.zeros((4, 4 + len(wanted), *begin.shape[1:]))
+    for i in range(4):
+        first[i, i] = 1.0
+
+    def stage(part: int, state: Array, moved: Array) -> tuple[Array, Array]:
+        found = setting.linearised(part, state, wanted, select)
+        return found.rates, found.along(moved, 4, wanted)
+
+    k1, d1 = stage(0, begin, first)
+    k2, d2 = stage(1, begin + h / 2 * k1, first + h / 2 * d1)
+    k3, d3 = stage(1, begin + h / 2 * k2, first + h / 2 * d2)
+    k4, d4 = stage(2, begin + h * k3, first + h * d3)
+    end = begin + h / 6 * (k1 + 2 * (k2 + k3) + k4)
+    d2 += d3
+    d2 *= 2
+    d2 += d1
+    d2 += d4
+    d2 *= h / 6
+    d2 += first
+    return end, d2
+
+
+def _carry(map_: Array, lacking: Array, values: Array, wanted: tuple[int, ...]) -> Array:
+    """s_(k+1) = M_k s_k + b_k for what the path lacks (column 0) and each parameter, (4, 1 + wanted, steps + 1, runs)."""
+    steps, runs = map_.shape[2:]
+    matrix = np.ascontiguousarray(map_[:, :4].transpose(2, 3, 0, 1))
+    added = np.empty((steps, runs, 4, 1 + len(wanted)))
+    added[..., 0] = lacking.transpose(1, 2, 0)
+    if wanted:
+        added[..., 1:] = map_[:, 4:].transpose(2, 3, 0, 1)
+    state = np.zeros((steps + 1, runs, 4, 1 + len(wanted)))
+    for at, index in enumerate(wanted, start=1):
+        if 6 <= index < 10:
+            state[0, :, index - 6, at] = 1.0
+    here = state[0]
+    for k in range(steps):
+        here = np.matmul(matrix[k], here, out=state[k + 1])
+        here += added[k]
+    return state.transpose(2, 3, 0, 1)
+
+
+def _one_by_one(setting: _Setting, values: Array) -> Array:
+    """A path for Newton step by step, with longer steps; NaN from where a run goes broadside."""
+    h = COARSE * setting.step
+    nodes = np.arange(0, setting.count + COARSE, COARSE)
+    path = np.full((4, len(nodes), len(values)), np.nan)
+    state = values[:, 6:10].T.copy()
+    for k in range(len(nodes)):
+        if not np.abs(state[0] + state[1]).max() < BROADSIDE_RAD:
+            break
+        path[:, k] = state
+        begin = min(COARSE * k, setting.count)
+        at = [setting.at(part, slice(begin, begin + 1)) for part in (0, COARSE, 2 * COARSE)]
+
+        def rates(part: int, here: Array, at=at) -> Array:
+            t, hull, tow = at[part]
+            return full_rates(t, here[:, None], hull, tow)[:, 0]
+
+        k1 = rates(0, state)
+        k2 = rates(1, state + h / 2 * k1)
+        k3 = rates(1, state + h / 2 * k2)
+        k4 = rates(2, state + h * k3)
+        state = state + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    share = np.arange(setting.count + 1) / COARSE
+    node = np.minimum(share.astype(int), len(nodes) - 2)
+    part = (share - node)[:, None]
+    return path[:, node] * (1 - part) + path[:, node + 1] * part
+
+
+def _sampled(
+    data: RunData,
+    run: int,
+    setting: _Setting,
+    values: Array,
+    path: Array,
+    moved: Array,
+    rate: Array,
+    moved_rate: Array,
+    wanted: tuple[int, ...],
+) -> tuple[Array, Array]:
+    """Cubic Hermite interpolation of (alpha, beta) to the samples, then y."""
+    times = data.t_s - data.t_s[0]
+    step = setting.step
+    node = np.minimum((times / step).astype(int), setting.count - 1)
+    s = times / step - node
+    shape = (2 * s**3 - 3 * s**2 + 1, (s**3 - 2 * s**2 + s) * step, -2 * s**3 + 3 * s**2, (s**3 - s**2) * step)
+
+    def between(value: Array, slope: Array) -> Array:
+        return (
+            shape[0] * np.take(value, node, axis=-1)
+            + shape[1] * np.take(slope, node, axis=-1)
+            + shape[2] * np.take(value, node + 1, axis=-1)
+            + shape[3] * np.take(slope, node + 1, axis=-1)
+        )
+
+    alpha, beta = between(np.ascontiguousarray(path[:2, :, run]), np.ascontiguousarray(rate[:2, :, run]))
+    slope = between(np.ascontiguousarray(moved[:2, :, :, run]), np.ascontiguousarray(moved_rate[:, :, :, run]))
+    length, point = values[run, LINE_LENGTH], values[run, TOW_POINT]
+    offset = data.tow.tow_point_offset_m
+    own = replace(data.tow, tow_point_m=point, line_length_m=length)
+    post = replace(own, post_phase_rad=float(np.atleast_1d(setting.tow.post_phase_rad)[run]))
+    y = full_y_cg(times, alpha, beta, post)
+    slope[0] = length * np.cos(alpha) * slope[0] + (offset * np.sin(beta) - point * np.cos(beta)) * slope[1]
+    for at, index in enumerate(wanted):
+        if index == LINE_LENGTH:
+            slope[0, at] += np.sin(alpha)
+        elif index == TOW_POINT:
+            slope[0, at] -= np.sin(beta)
+    return np.stack([np.asarray(y), beta]), slope

@@ -1,0 +1,132 @@
+"""Levenberg-Marquardt with Marquardt's scaling and Nielsen's damping for ``Problem``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ...record.errors import EstimationError
+from ...simulate.model import Array
+from .problem import Answer, Problem
+
+MAX_STEPS = 60
+CONVERGED = 1e-8
+"""Steps end when the next one is expected to lower the chi-square by less than this share of it."""
+SMALLEST_DAMPING = 1e-12
+LARGEST_DAMPING = 1e12
+Progress = Callable[[str], None]
+
+
+class Weight(Protocol):
+    """Whitens ``(2, n)`` or ``(2, k, n)`` of one run."""
+
+    def along(self, values: Array) -> Array:
+        """White, of unit variance, of the same shape."""
+        ...
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """Where ``minimise`` ended.
+
+    Attributes
+    ----------
+    theta : parameter vector
+    answers : of the runs there
+    chi_square : with priors
+    steps : taken
+    converged : the steps ended by themselves
+    """
+
+    theta: Array
+    answers: list[Answer]
+    chi_square: float
+    steps: int
+    converged: bool
+
+
+def normal(
+    problem: Problem, theta: Array, answers: Sequence[Answer], weights: Sequence[Weight]
+) -> tuple[Array, Array, float]:
+    """Normal matrix, gradient and chi-square with priors, over the whole parameter vector."""
+    matrix, gradient = np.zeros((problem.size, problem.size)), np.zeros(problem.size)
+    gap, slope = problem.pull.rows(theta)
+    at = problem.pull.index
+    np.add.at(matrix, (at, at), slope**2)
+    np.add.at(gradient, at, slope * gap)
+    cost = float(gap @ gap)
+    for answer, weight in zip(answers, weights, strict=True):
+        e, j = weight.along(answer.residual), weight.along(answer.slope)
+        columns = answer.columns
+        for channel in range(2):
+            matrix[np.ix_(columns, columns)] += j[channel] @ j[channel].T
+            gradient[columns] += j[channel] @ e[channel]
+        cost += float((e * e).sum())
+    return matrix, gradient, cost
+
+
+def _usable(theta: Array) -> bool:
+    return bool(theta[0] > 0 and theta[1] > 0 and np.isfinite(theta).all())
+
+
+def minimise(
+    problem: Problem,
+    theta: Array,
+    weights: Sequence[Weight],
+    progress: Progress | None = None,
+    answers: list[Answer] | None = None,
+    damping: float = 1e-3,
+    converged: float = CONVERGED,
+) -> Optimum:
+    """Lower the chi-square from ``theta``.
+
+    Parameters
+    ----------
+    answers : at ``theta``, where they are known
+    damping : to begin with; small where ``theta`` is near the optimum
+    converged : share of the chi-square below which a step is not worth taking
+
+    Raises
+    ------
+    EstimationError : the motion at ``theta`` grows beyond bounds
+    """
+    with np.errstate(all="ignore"):
+        if answers is None:
+            answers = problem.evaluate(theta)
+        matrix, gradient, cost = normal(problem, theta, answers, weights)
+    if not np.isfinite(cost):
+        raise EstimationError(
+            "the motion simulated from the weak-form start grows beyond bounds; is the tow stable (X_T > X_v)?"
+        )
+    free, growth = np.flatnonzero(problem.free), 2.0
+    for step_number in range(MAX_STEPS):
+        inner, slope = matrix[np.ix_(free, free)], gradient[free]
+        scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+        scaled = inner / scale[:, None] / scale[None, :]
+        step = np.linalg.solve(scaled + damping * np.eye(len(free)), slope / scale) / scale
+        expected = float(step @ (2 * slope - inner @ step))
+        if expected < converged * max(cost, 1.0):
+            return Optimum(theta, answers, cost, step_number, True)
+        trial = theta.copy()
+        trial[free] += step
+        new_cost, found = np.inf, None
+        if _usable(trial):
+            with np.errstate(all="ignore"):
+                there = problem.evaluate(trial)
+                found = normal(problem, trial, there, weights)
+            new_cost = found[2]
+        if found is not None and np.isfinite(new_cost) and new_cost <= cost:
+            gain = (cost - new_cost) / max(expected, 1e-300)
+            theta, answers, (matrix, gradient, cost) = trial, there, found
+            damping *= max(1 / 3, 1 - (2 * gain - 1) ** 3)
+            damping, growth = max(damping, SMALLEST_DAMPING), 2.0
+            if progress is not None:
+                progress(f"{problem.form}: step {step_number + 1}, chi-square {cost:.6g}")
+        else:
+            damping, growth = damping * growth, growth * 2
+            if damping > LARGEST_DAMPING:
+                return Optimum(theta, answers, cost, step_number + 1, False)
+    return Optimum(theta, answers, cost, MAX_STEPS, False)

@@ -1,0 +1,74 @@
+"""out/gap.json: the sim-to-real gap (formats.md)."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from .results import Measured, ResultFile, _Part
+
+
+class Where(_Part):
+    """Where the gap lies."""
+
+    stage: str = Field(
+        description="camera, clock, line, sway or yaw: the one with most of the probability; empty: no gap"
+    )
+    share: dict[str, float] = Field(description="probability by stage, summed over effects")
+    runs: dict[str, float] = Field(description="share of each run in the drop of chi-square by the headline")
+    span_s: list[float] = Field(description="from, to: the time that holds most of the drop, from each run's start")
+    band_hz: list[float] = Field(description="from, to: the frequencies of what the headline changes")
+    when: str = Field(default="", description="in words: at which speed, angle or place it shows")
+
+
+class RankedEffects(_Part):
+    """One effect or a pair."""
+
+    effects: list[str] = Field(description="names")
+    probability: float = Field(description="posterior")
+    parameters: dict[str, Measured] = Field(description="numbers, as effect.number; SI")
+    gap_before: float = Field(description="rms whitened residual of y and beta on runs kept aside, without")
+    gap_after: float = Field(description="with; 1 = noise")
+    shrink: float = Field(description="1 - excess_after/excess_before, excess = gap^2 - 1 floored at 0")
+    shrink_interval: tuple[float, float] = Field(description="90 % interval of shrink")
+    log_evidence: float = Field(default=0.0, description="against no effect, natural logarithm")
+    cure: str = Field(default="", description="what to do about it")
+
+
+class NextRun(_Part):
+    """The run that would tell most."""
+
+    tow_point_m: float = Field(description="X_T")
+    line_length_m: float = Field(description="L")
+    speed_m_s: float = Field(description="U")
+    y_release_m: float = Field(description="y_CG at release")
+    beta_release_rad: float = Field(description="heading at release")
+    distance: float = Field(description="expected D between the best two hypotheses on that run")
+    why: str = Field(description="in words")
+
+
+class GapFile(ResultFile):
+    """out/gap.json."""
+
+    schema_name: Literal["towline/gap"] = Field(default="towline/gap", alias="schema", description="this file")
+    version: int = Field(default=1, description="of the schema")
+    verdict: Literal["no_gap", "effect", "unknown"] = Field(description="formats.md")
+    where: Where = Field(description="stage, runs, time, band")
+    ranking: list[RankedEffects] = Field(
+        description="effects and pairs, best first; probabilities with the rest sum to 1"
+    )
+    indistinguishable: list[list[str]] = Field(
+        description="effects that these runs do not tell apart; exact symmetries"
+    )
+    p_no_gap: float = Field(description="probability that nothing is missing")
+    p_unknown: float = Field(description="probability that something in no library is missing")
+    set95: list[list[str]] = Field(description="hypotheses that hold 95 %: [] is no gap, [unknown] unknown")
+    next_run: NextRun | None = Field(description="null: nothing is left to tell apart")
+    derivatives: dict[str, dict[str, Measured]] = Field(
+        default_factory=dict, description="the six, before (no effect) and after (the headline)"
+    )
+    noise: dict[str, float] = Field(default_factory=dict, description="random forces: side_n, moment_n_m, time_s")
+    runs: list[str] = Field(default_factory=list, description="their names")
+    excluded: dict[str, str] = Field(default_factory=dict, description="effects that could not be judged, and why")
+    sentences: list[str] = Field(default_factory=list, description="in plain words")

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from . import __version__
-from .identify import Fit, RunData, derivatives_file, fit_runs, fit_steady, run_data, steady_file, steady_state
+from .identify import Fit, RunData, derivatives_file, fit_steady, fit_with_noise, run_data, steady_file, steady_state
 from .identify.steady import SteadyState
 from .record.errors import EstimationError, InputError, TowlineError
 from .record.priors import Priors
@@ -90,8 +90,9 @@ def identified(
     speed_m_s: float | None = None,
     priors: Priors | None = None,
     progress: Callable[[str], None] | None = None,
+    noise: str = "auto",
 ) -> Identified:
-    """Joint fit of the six derivatives over the batch.
+    """Joint fit of the six derivatives over the batch; ``noise`` as in ``identify.fit_with_noise``.
 
     Raises
     ------
@@ -113,7 +114,7 @@ def identified(
         raise EstimationError(
             f"the runs are not of one hull in one water: (length_pp_m, mass_kg, density_kg_m3) = {sorted(hulls)}"
         )
-    fit = fit_runs(data, form, speed_m_s, progress)
+    fit = fit_with_noise(data, form, speed_m_s, noise, progress)
     first = used[0].run
     result = derivatives_file(
         fit, data, first.model, first.water, __version__, all_inputs(used), failed, _true_six(used, fit.speed_m_s)

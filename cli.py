@@ -145,6 +145,13 @@ def _add_fit(sub: argparse.ArgumentParser) -> None:
         "--speed", type=float, metavar="M_S", help="quote the derivatives at this speed (default: the runs' mean)"
     )
     sub.add_argument("--priors", type=Path, metavar="PRIORS.toml", help="priors instead of each run.toml's own")
+    sub.add_argument(
+        "--noise",
+        choices=("auto", "output", "innovations"),
+        default="auto",
+        help="output error, a Kalman filter's innovations (a force pushes the hull about), or whichever the residuals show "
+        "(default: auto)",
+    )
 
 
 # progress and printing -------------------------------------------------------------------------------------------
@@ -341,7 +348,7 @@ def _fit_and_write(options: argparse.Namespace, batch: Any, out: Path) -> Any:
 
     priors = None if options.priors is None else read_priors(options.priors)
     with show_progress() as show:
-        answer = identified(batch, options.form, options.speed, priors, lambda text: show(text, 0, None))
+        answer = identified(batch, options.form, options.speed, priors, lambda text: show(text, 0, None), options.noise)
     write_result(out / "derivatives.json", answer.result)
     _console().print(derivatives_table(answer.result))
     _notes([*answer.result.not_identifiable, *answer.result.notes])

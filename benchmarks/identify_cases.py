@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.linalg import expm
 
 from towline.identify import RunData
 from towline.record import Priors
-from towline.simulate import Hull, Start, Tow, simulate_full, simulate_linear
+from towline.simulate import Hull, Start, Tow, linear_system, simulate_full, simulate_linear
 
 SIX = np.array([149.19, 62.11, -52.87, -66.33, -48.51, -57.60])
 HULL = Hull(*SIX, speed_m_s=1.28)
@@ -42,16 +42,20 @@ def still_run(
 ) -> RunData:
     """A run without noise; the stated tow point and tension may differ from those it was made with."""
     tow = Tow(1.28, LENGTH_M, tow_point_m, tension_n)
-    simulate = simulate_full if form == "full" else simulate_linear
-    motion = simulate(HULL, tow, start or Start(y_cg_m=RELEASED_M), t_s)
+    if form == "modal":
+        y, beta = modal_motion(tow, t_s)
+    else:
+        simulate = simulate_full if form == "full" else simulate_linear
+        motion = simulate(HULL, tow, start or Start(y_cg_m=RELEASED_M), t_s)
+        y, beta = motion["y_cg_m"].to_numpy(), motion["beta_rad"].to_numpy()
     known = tow_point_m if stated_point_m is None else stated_point_m
     covariance = np.zeros((len(t_s), 2, 2))
     covariance[:, 0, 0], covariance[:, 1, 1] = SIGMA_Y_M**2, SIGMA_BETA_RAD**2
     return RunData(
         name=f"x{known:.3f}",
         t_s=t_s,
-        y_m=motion["y_cg_m"].to_numpy(),
-        beta_rad=motion["beta_rad"].to_numpy(),
+        y_m=y,
+        beta_rad=beta,
         covariance=covariance,
         common=np.zeros((0, len(t_s), 2)),
         common_key="",
@@ -61,6 +65,13 @@ def still_run(
         priors=priors,
         assumed_sigma=False,
     )
+
+
+def modal_motion(tow: Tow, t_s: np.ndarray) -> np.ndarray:
+    """(y, beta) of the linear form released at rest, (2, n), from its four modes: much faster than ``simulate_linear``."""
+    roots, shapes = np.linalg.eig(linear_system(HULL, tow)[0])
+    sizes = np.linalg.solve(shapes, np.array([RELEASED_M, 0, 0, 0], dtype=complex))
+    return np.real((shapes[:2] * sizes) @ np.exp(roots[:, None] * (t_s - t_s[0])))
 
 
 def noisy(run: RunData, rng: np.random.Generator, bias: tuple[float, float] = (0.0, 0.0)) -> RunData:
@@ -84,7 +95,7 @@ def nuisance_campaign(rng: np.random.Generator, t_s: np.ndarray) -> list[RunData
         tension = TENSION_N * (1 + NUISANCE.tension_sd_rel * rng.normal())
         true_point = point + NUISANCE.tow_point_sd_m * rng.normal()
         bias = (2e-3 * rng.normal(), float(np.radians(0.2)) * rng.normal())
-        made = still_run(true_point, t_s, tension_n=tension, stated_point_m=point, priors=NUISANCE)
+        made = still_run(true_point, t_s, tension_n=tension, stated_point_m=point, priors=NUISANCE, form="modal")
         runs.append(noisy(made, rng, bias))
     return runs
 
@@ -92,14 +103,6 @@ def nuisance_campaign(rng: np.random.Generator, t_s: np.ndarray) -> list[RunData
 def unaware(run: RunData) -> RunData:
     """The same run with nothing allowed to move but the start."""
     return replace(run, priors=EXACT)
-
-
-def coloured(rng: np.random.Generator, count: int, step_s: float, sd: float, time_s: float) -> np.ndarray:
-    """A stationary first-order (Ornstein-Uhlenbeck) disturbance at ``count`` even times, exact in distribution."""
-    keep = np.exp(-step_s / time_s)
-    white = rng.normal(size=count) * sd * np.sqrt(1 - keep**2)
-    white[0] = sd * rng.normal()
-    return lfilter([1.0], [1.0, -keep], white)
 
 
 def pushed_run(
@@ -115,10 +118,7 @@ def pushed_run(
 
     The disturbed state is stepped exactly: hull and disturbance are one linear system, driven by white noise.
     """
-    made = still_run(tow_point_m, t_s, priors=priors)
-    from scipy.linalg import expm
-
-    from towline.simulate import linear_system
+    made = still_run(tow_point_m, t_s, "modal", priors=priors)
 
     matrix, _ = linear_system(HULL, made.tow)
     step = float(t_s[1] - t_s[0])

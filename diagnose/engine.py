@@ -10,8 +10,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import minimize
 
-from ..identify import fit_runs
+from ..identify import RunData, fit_runs
 from ..record.errors import EstimationError
 from ..simulate.model import Array
 from .effects import Effect, slack
@@ -24,7 +25,7 @@ from .unknown import free_forms
 P_NO_GAP, P_SINGLE, P_PAIR, P_UNKNOWN = 0.5, 0.36, 0.07, 0.07
 """Prior shares."""
 TRIED_SINGLE, TRIED_PAIR = 6, 3
-BASE_STEPS, REFIT_STEPS, GROSS_STEPS = 4, 3, 5
+BASE_STEPS, REFIT_STEPS, GROSS_STEPS = 8, 3, 5
 WORTH_PAIRS = 3.0
 """Log evidence a second effect must promise by its score."""
 WORTH_PAIRS_BELOW = 30.0
@@ -33,10 +34,15 @@ TWINS = 3.0
 """Effects within this log evidence of the best are not told from it."""
 CLEAR = 3.0
 """The headline must beat no gap by this."""
+WIDE = 0.35
+"""Sine of the tow line angle from which the linear form is no start any more."""
 FIRMER = (1.0, 1.3, 2.0)
 SLACK_Z = 8.0
+LEAST_BLOCKS = 10
+SMALLEST_SD = 0.003
+"""Of a reference derivative, relative: no simulator is surer of itself."""
 SLACK_LENGTHS_S = (1.0, 2.0, 3.0, 4.5, 7.0)
-SAMPLES_FOR_START = 500
+SAMPLES_FOR_START = 250
 Progress = Callable[[str], None]
 
 
@@ -118,18 +124,26 @@ def base_hypothesis(runs: Sequence[TowRun], speed_m_s: float) -> Hypothesis:
                 speed=None,
             )
         )
-    fit = fit_runs(few, "linear", speed_m_s)
+    wide = max(float(np.abs(_reach(d.y_m, d.beta_rad, d)).max()) for d in few) > WIDE
+    fit = fit_runs(few, "full" if wide else "linear", speed_m_s)
     own = []
     for state, run in zip(fit.own, runs, strict=True):
         tow = run.data.tow
-        reach = (state[0] + tow.tow_point_m * np.sin(state[1])) / tow.line_length_m
-        alpha = np.arcsin(np.clip(reach, -0.95, 0.95))
+        alpha = state[0] if wide else np.arcsin(np.clip(_reach(state[0], state[1], run.data), -0.95, 0.95))
         own.append([alpha, *state[1:4], 0.0, 0.0, tow.tension_n, tow.tow_point_m, tow.line_length_m, tow.speed_m_s])
     return Hypothesis(fit.six, np.array(own, dtype=float))
 
 
+def _reach(y_m: Array, beta_rad: Array, data: RunData) -> Array:
+    """Sine of the tow line angle."""
+    return (y_m + data.tow.tow_point_m * np.sin(beta_rad)) / data.tow.line_length_m
+
+
 def ranked(
-    runs: Sequence[TowRun], library: Sequence[Effect], progress: Progress | None = None
+    runs: Sequence[TowRun],
+    library: Sequence[Effect],
+    progress: Progress | None = None,
+    reference: tuple[Array, Array, float] | None = None,
 ) -> tuple[Inference, Ranking]:
     """Rank every effect and pair.
 
@@ -137,6 +151,8 @@ def ranked(
     ----------
     runs : with one block length
     library : effects to try
+    reference : the simulator's own six derivatives, their standard deviations and the speed they are quoted at, judged as they
+        are; None: fitted to these runs
 
     Raises
     ------
@@ -147,9 +163,13 @@ def ranked(
     say("the simulator as it is")
     start = base_hypothesis(runs, speed)
     inference = Inference(TowModel(runs, speed))
+    if reference is not None:
+        six, sd, quoted = reference
+        ratio = np.where(np.arange(6) < 2, 1.0, speed / quoted)
+        inference.six_prior = (six * ratio, np.maximum(sd * ratio, SMALLEST_SD * np.abs(six * ratio)))
     base = _first_fit(inference, start, runs, speed)
     inference.noise = Noise(runs, base.hypothesis, speed)
-    base = inference.fit([base.hypothesis], [base.forces], 1, (0,))[0]
+    base = inference.fit([base.hypothesis], [base.forces], 2, (0,))[0]
     usable, excluded = _usable(runs, library)
     usable = [*usable, *_slack_effects(inference, base)]
     say(f"{len(usable)} effects by their scores")
@@ -183,7 +203,7 @@ def _first_fit(inference: Inference, start: Hypothesis, runs: Sequence[TowRun], 
     for firmer in FIRMER:
         six = start.six * np.where(np.arange(6) < 2, 1.0, firmer)
         try:
-            return inference.fit([replace(start, six=six)], [Forces()], BASE_STEPS, (1,))[0]
+            return inference.fit([replace(start, six=six)], [Forces()], BASE_STEPS)[0]
         except EstimationError:
             continue
     raise EstimationError(
@@ -267,27 +287,42 @@ def _best_variants(scores: dict[str, float], effects: Sequence[Effect], count: i
 
 
 def _slack_effects(inference: Inference, base: Fitted) -> list[Effect]:
-    """The most likely slack window of every run, from the taut line's residual alone."""
-    found = []
+    """The most likely slack windows, from the taut line's residual alone: in the run that shows most, and in all that show any."""
+    windows: list[tuple[float, float] | None] = []
+    sure: list[float] = []
     for index, run in enumerate(inference.model.runs):
         radius = base.linear.rows[index][0][:, 2]
         good = np.isfinite(radius)
-        if good.sum() < 10:
-            continue
-        sd = np.sqrt(np.median(np.diag(run.covariance[2])))
-        rest = np.where(good, radius - np.nanmedian(radius), 0.0) / sd
         best = (0.0, 0.0, 0.0)
-        for length in SLACK_LENGTHS_S:
-            for begin in np.arange(run.centre_s[0], run.centre_s[-1] - length, length / 5):
-                share = (run.centre_s - begin) / length
-                shape = np.where((share > 0) & (share < 1), np.sin(np.pi * np.clip(share, 0, 1)), 0.0)
-                size = np.linalg.norm(shape)
-                if size > 0:
-                    z = -float(shape @ rest) / size
-                    best = max(best, (z, float(begin), float(begin + length)))
-        if best[0] > SLACK_Z:
-            found.append(slack(best[1], best[2], index, len(inference.model.runs)))
-    return found
+        if good.sum() >= LEAST_BLOCKS:
+            sd = np.sqrt(np.median(np.diag(run.covariance[2])))
+            best = _slackest(run.centre_s, np.where(good, radius - np.nanmedian(radius), 0.0) / sd)
+        sure.append(best[0])
+        windows.append((best[1], best[2]) if best[0] > SLACK_Z else None)
+    if not any(windows):
+        return []
+    most = int(np.argmax(sure))
+    alone = slack([w if i == most else None for i, w in enumerate(windows)])
+    return [alone] if sum(w is not None for w in windows) == 1 else [alone, slack(windows)]
+
+
+def _slackest(t_s: Array, rest: Array) -> tuple[float, float, float]:
+    """Significance, begin and end of the half sine by which ``rest`` falls short most."""
+
+    def short(begin: float, length: float) -> float:
+        share = (t_s - begin) / max(length, 1e-3)
+        shape = np.where((share > 0) & (share < 1), np.sin(np.pi * np.clip(share, 0, 1)), 0.0)
+        size = np.linalg.norm(shape)
+        return float(-(shape @ rest) / size) if size > 0 else 0.0
+
+    grid = [(short(b, n), b, n) for n in SLACK_LENGTHS_S for b in np.arange(t_s[0], t_s[-1] - n, n / 5)]
+    z, begin, length = max(grid, default=(0.0, 0.0, 1.0))
+    if z > SLACK_Z:
+        finer = minimize(
+            lambda x: -short(x[0], x[1]), [begin, length], method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02}
+        )
+        z, (begin, length) = -float(finer.fun), finer.x
+    return z, float(begin), float(begin + length)
 
 
 def _fit_all(

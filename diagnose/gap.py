@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -19,10 +20,10 @@ from .noise import TIMES_S
 from .tow_data import TowRun
 from .where import Place, where
 
+Verdict = Literal["no_gap", "effect", "unknown"]
 SHOWN = 8
 """Rows of the ranking that are worked out in full."""
-SURE = 0.5
-"""A verdict needs at least this probability."""
+LARGEST_FORCE_SHARE = 0.05
 SYMMETRIES = (
     ["tension scale", "all derivatives together"],
     ["frame_rate", "carriage speed"],
@@ -82,6 +83,7 @@ def diagnosed(
     held: Sequence[int] | None = None,
     rng: np.random.Generator | None = None,
     progress: Progress | None = None,
+    reference: tuple[np.ndarray, np.ndarray, float] | None = None,
 ) -> Diagnosis:
     """Diagnose a campaign.
 
@@ -92,6 +94,7 @@ def diagnosed(
     tool, inputs : for the file
     held : runs kept aside for ``shrink``; None: each in turn
     rng : of the bootstrap
+    reference : see ``ranked``
 
     Raises
     ------
@@ -99,8 +102,8 @@ def diagnosed(
     """
     say = progress or (lambda _: None)
     rng = rng or np.random.default_rng()
-    inference, ranking = ranked(runs, library, progress)
-    verdict, best = _verdict(ranking)
+    inference, ranking = ranked(runs, library, progress, reference)
+    verdict, best = _verdict(ranking, float(np.mean([run.data.tow.tension_n or 1.0 for run in runs])))
     say("where it lies, and how far it shrinks")
     place = where(inference, ranking, best)
     rows, headline = _rows(inference, ranking, held, rng, best)
@@ -140,13 +143,16 @@ def diagnosed(
     return Diagnosis(file, inference, ranking, best, place, headline)
 
 
-def _verdict(ranking: Ranking) -> tuple[str, Candidate | None]:
+def _verdict(ranking: Ranking, pull_n: float) -> tuple[Verdict, Candidate | None]:
+    """An effect that leaves random forces as large as a share of the tension explains nothing."""
     top = ranking.candidates[0] if ranking.candidates else None
     mass = float(ranking.probabilities.sum()) if len(ranking.probabilities) else 0.0
     if ranking.p_unknown > max(ranking.p_no_gap, mass):
         return "unknown", None
     if top is None or ranking.p_no_gap >= mass:
         return "no_gap", None
+    if top.fitted.forces.side_n > LARGEST_FORCE_SHARE * pull_n:
+        return "unknown", None
     return "effect", top
 
 

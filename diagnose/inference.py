@@ -119,6 +119,10 @@ class Inference:
     Parameters
     ----------
     model : all runs
+
+    Attributes
+    ----------
+    six_prior : mean and standard deviation of the six derivatives, where the simulator's own are to be judged
     """
 
     def __init__(self, model: TowModel) -> None:
@@ -130,6 +134,7 @@ class Inference:
         offsets = dict(zip(keys, np.cumsum([0, *counts.values()])[:-1], strict=True))
         self.mode_count = sum(counts.values())
         self.noise: Noise | None = None
+        self.six_prior: tuple[Array, Array] | None = None
         self.modes = []
         for run in model.runs:
             table = np.zeros((len(run.centre_s), 4, self.mode_count))
@@ -175,8 +180,9 @@ class Inference:
         none = np.array([q.none for e in h.effects for q in e.parameters])
         here = np.concatenate(h.numbers) if h.numbers else np.zeros(0)
         k = self.mode_count
-        precision = np.concatenate([np.zeros(6), np.ones(k), 1 / sd**2])
-        return precision, np.concatenate([np.zeros(6 + k), none - here]), 2 * float(np.log(sd).sum())
+        mean, known = (h.six, np.zeros(6)) if self.six_prior is None else (self.six_prior[0], self.six_prior[1] ** -2.0)
+        precision = np.concatenate([known, np.ones(k), 1 / sd**2])
+        return precision, np.concatenate([mean - h.six, np.zeros(k), none - here]), 2 * float(np.log(sd).sum())
 
     def solve(self, linear: Linear, noise: Noise, forces: Forces, only: Sequence[int] | None = None) -> Solved:
         """One Gauss-Newton step with its evidence."""
@@ -224,7 +230,7 @@ class Inference:
         return forces, self.solve(linear, noise, forces)
 
     def fit(
-        self, hypotheses: Sequence[Hypothesis], forces: Sequence[Forces], steps: int, noise_turns: Sequence[int] = (1,)
+        self, hypotheses: Sequence[Hypothesis], forces: Sequence[Forces], steps: int, noise_turns: Sequence[int] = ()
     ) -> list[Fitted]:
         """Fit several hypotheses side by side; a step that makes one worse is shortened.
 

@@ -24,6 +24,8 @@ MOST_BLOCKS = 130
 SHORTEST_S = 0.3
 SLOW_PX = 0.015
 """Slow error of a mark's place that no record shows (codec, texture, the pixels' grid)."""
+SLOW_UNSEEN_PX = 0.12
+"""The same where no static record says what the codec does."""
 SLOW_S = 4.0
 LINE_SD_M = 2e-4
 """A taut line's length is not steadier than this."""
@@ -88,6 +90,7 @@ class _Series:
     variance: Array
     modes: Array
     shutter: Array
+    sigma_px: float = 0.1
 
 
 def tow_run(
@@ -194,7 +197,8 @@ def _from_pixels(marks: Marks) -> _Series:
     spread[:, 3] = np.einsum("ni,nij,nj->n", along, both, along)
     modes = np.einsum("nca,kna->knc", by_pose, found.pose_modes)
     modes[..., 3] = np.einsum("ni,kni->kn", along, found.modes_m[:, :, 0] - found.modes_m[:, :, 1])
-    return _Series(found.t_s, values, spread, modes, _shutter(found, along, run))
+    sigma = float(np.nanmedian(found.sigma_px[np.isfinite(found.pixel_px)]))
+    return _Series(found.t_s, values, spread, modes, _shutter(found, along, run), sigma)
 
 
 def _shutter(found, along: Array, run: Run) -> Array:
@@ -272,7 +276,9 @@ def _covariances(centre: Array, variance: Array, series: _Series, still: _Series
             own = own * size / (there / max(frames, 1.0))
         colour = (1 - share) * np.exp(-lag / max(time, 1e-3)) + share * np.eye(n)
         root = np.sqrt(own)
-        slow = SLOW_PX / 0.1 * np.sqrt(np.nanmedian(series.variance[:, channel]))
+        # a sigma of the marks says how a pixel's error shows in this channel
+        per_px = np.sqrt(np.nanmedian(series.variance[:, channel])) / series.sigma_px
+        slow = per_px * (SLOW_PX if still is not None else SLOW_UNSEEN_PX)
         if channel == 2:
             slow = np.hypot(slow, LINE_SD_M)
         answer[channel] = root[:, None] * colour * root[None, :] + slow**2 * np.exp(-lag / SLOW_S)

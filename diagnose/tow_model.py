@@ -236,7 +236,7 @@ class TowModel:
         cosine, sine = np.cos(beta), np.sin(beta)
         return np.hypot(x + x_t * cosine - y_t * sine - post, y + x_t * sine + y_t * cosine) - length
 
-    def _seen(self, t_s: Array, path: Array, rates: Array, tow: Tow) -> Seen:
+    def _seen(self, t_s: Array, path: Array, rates: Array, tow: Any) -> Seen:
         alpha, beta = path[:, 0], path[:, 1]
         x, y = full_x_cg(alpha, beta, tow), full_y_cg(0.0, alpha, beta, tow)
         half = self.step_s / 2
@@ -252,20 +252,30 @@ class TowModel:
     def _integrate(self, six: Array, own: Array, active: Sequence[Active]):
         """Classical Runge-Kutta over half blocks: path and rates (nodes, states, runs, columns)."""
         column = {name: own[:, k] for k, name in enumerate(OWN)}
+        # the equations broadcast: their fields are arrays here
+        hull_of: Any = Hull
+        tow_of: Any = Tow
         coupled = [a for a in active if a.effect.coupling is not None]
-        y_rdot, n_vdot = np.zeros((2, 1, six.shape[1])) if coupled else (0.0, 0.0)
+        y_rdot: Any = np.zeros((1, six.shape[1])) if coupled else 0.0
+        n_vdot: Any = np.zeros((1, six.shape[1])) if coupled else 0.0
         for a in coupled:
             assert a.effect.coupling is not None
             one, two = a.effect.coupling(*a.numbers)
             y_rdot[0, a.columns] += one
             n_vdot[0, a.columns] += two
-        reference = Hull(*(s[None] for s in six), speed_m_s=self.speed_m_s, y_rdot=y_rdot, n_vdot=n_vdot)
-        tow = Tow(
+        reference = hull_of(*(s[None] for s in six), speed_m_s=self.speed_m_s, y_rdot=y_rdot, n_vdot=n_vdot)
+        line, offset = column["line"].copy(), np.tile(self.stated[:, 3, None], (1, six.shape[1]))
+        for a in active:
+            if a.effect.length is not None:
+                line[:, a.columns] += a.effect.length(column["tension"][:, a.columns], *a.numbers)
+            if a.effect.offset is not None:
+                offset[:, a.columns] += a.effect.offset(*a.numbers)
+        tow = tow_of(
             column["speed"],
-            column["line"],
+            line,
             column["tow_point"],
             column["tension"],
-            tow_point_offset_m=self.stated[:, 3, None],
+            tow_point_offset_m=offset,
             post_m=(self.stated[:, 4, None], 0.0),
         )
         hull = reference.at_speed(column["speed"])
@@ -288,12 +298,12 @@ class TowModel:
         return path, slope, tow
 
     def _rates(
-        self, reference: Hull, hull: Hull, tow: Tow, active: Sequence[Active], lags: list[float]
+        self, reference: Any, hull: Any, tow: Any, active: Sequence[Active], lags: list[float]
     ) -> Callable[[float, Array], Array]:
         pushing = [a for a in active if a.effect.force is not None or a.effect.tension is not None]
         speeding = [a for a in active if a.effect.speed is not None]
         histories = [r.data.tension for r in self.runs]
-        means = [r.data.tow.tension_n for r in self.runs]
+        means = [float(r.data.tow.tension_n or 1.0) for r in self.runs]
 
         def history(t_s):
             if not any(h is not None for h in histories):
@@ -312,7 +322,7 @@ class TowModel:
             "duration_s": np.array([[len(r.centre_s) * self.step_s] for r in self.runs]),
         }
 
-        def situation(t, y, beta, v, r, alpha, here: Hull, tow: Tow, lagged) -> Situation:
+        def situation(t, y, beta, v, r, alpha, here: Any, tow: Any, lagged) -> Situation:
             turning = np.clip(np.cos(alpha + beta), 0.05, None) * tow.line_length_m
             return Situation(
                 t, y, beta, v, r, alpha, tow.speed_m_s, tow.line_length_m, tow.tow_point_m, tow.tension_n,
@@ -359,7 +369,7 @@ class TowModel:
                         angle = at.alpha_rad + at.beta_rad
                         sine, cosine = np.sin(angle), np.cos(angle)
                         side[:, a.columns] -= change * sine
-                        moment[:, a.columns] -= change * (at.tow_point_m * sine + offset * cosine)
+                        moment[:, a.columns] -= change * (at.tow_point_m * sine + offset[:, a.columns] * cosine)
                 return side, moment
 
             core = full_rates(t, (alpha, beta, v, r), here, now, extra if pushing else None)

@@ -5,20 +5,28 @@ If one of these explains the runs far better than every named effect, the gap is
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from .effects import Effect, Parameter, Seen, Situation
 
 V_M_S, R_RAD_S, Y_M, BETA_RAD = 0.1, 0.05, 0.2, 0.15
 """Usual sizes of a tow's motion."""
-SIZES_N = (0.003, 0.02, 0.1)
+WAVES_M, WAVE_RAD = (0.3, 0.15, 0.075), 0.12
+SHARP = 0.3
+SHAPES = 24
+SIZES_N = (0.01, 0.07)
 SIZES_M = (0.0005, 0.003)
 
 
 def _shapes(s: Situation):
     v, r, y, b = s.v_m_s / V_M_S, s.r_rad_s / R_RAD_S, s.y_m / Y_M, s.beta_rad / BETA_RAD
     time = 2 * s.t_s / s.duration_s - 1 + 0.0 * v
-    return (
+    waves = [f(2 * np.pi * s.y_m / length) for length in WAVES_M for f in (np.sin, np.cos)]
+    waves += [f(2 * np.pi * s.beta_rad / WAVE_RAD) for f in (np.sin, np.cos)]
+    waves += [np.tanh(b / SHARP), np.tanh(v / SHARP), np.tanh(r / SHARP)]
+    plain = (
         1 + 0.0 * v,
         time,
         y,
@@ -33,6 +41,7 @@ def _shapes(s: Situation):
         b * b,
         time * v,
     )
+    return (*plain, *waves)
 
 
 def _force(s: Situation, *numbers):
@@ -49,10 +58,13 @@ def _forms(seen: Seen):
     return (1 + 0.0 * y, time, y, y * y, b, b * b, y * b)
 
 
-def _seen(seen: Seen, *numbers):
+def _seen(seen: Seen, *numbers) -> tuple[Any, Any, Any, Any]:
     forms = _forms(seen)
     each = len(forms)
-    return tuple(sum(a * f for a, f in zip(numbers[k * each : (k + 1) * each], forms, strict=True)) for k in range(4))
+    x, y, beta, apart = (
+        sum(a * f for a, f in zip(numbers[k * each : (k + 1) * each], forms, strict=True)) for k in range(4)
+    )
+    return x, y, beta, apart
 
 
 def free_forms() -> tuple[Effect, ...]:
@@ -62,7 +74,9 @@ def free_forms() -> tuple[Effect, ...]:
             "unknown force",
             "sway",
             tuple(
-                Parameter(f"{what}{k}", "N" if what == "y" else "N m", size) for what in ("y", "n") for k in range(13)
+                Parameter(f"{what}{k}", "N" if what == "y" else "N m", size)
+                for what in ("y", "n")
+                for k in range(SHAPES)
             ),
             "A force on the hull that no effect of the library has.",
             "Look at when and where it shows.",

@@ -38,7 +38,7 @@ class Place:
 
 def where(inference: Inference, ranking: Ranking, best: Candidate | None) -> Place:
     """Put the probabilities and the drop of chi-square together."""
-    share = dict.fromkeys(STAGES, 0.0)
+    share: dict[str, float] = dict.fromkeys(STAGES, 0.0)
     for candidate, probability in zip(ranking.candidates, ranking.probabilities, strict=True):
         for effect in candidate.effects:
             for stage, part in _stages(candidate, effect).items():

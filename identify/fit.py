@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..record.errors import EstimationError
 from ..simulate.model import Array
+from .colour.disturbance import Disturbance
 from .data import RunData
 from .joint.begin import knows_full_only, rough_optimum
 from .joint.parameters import RUN_PARAMETERS
@@ -59,6 +60,10 @@ class Fit:
     steps : iterations
     converged : bool
     theta : the whole parameter vector
+    naive_covariance : (6, 6), had the residuals been white with the scatter they have; too small where they are not
+    method : "output_error" or "innovations"; the second's ``innovation`` are those of block means, unit variance
+    disturbance : what pushes the hull about, of the innovations form
+    notes : how the noise was judged
     """
 
     form: str
@@ -79,6 +84,10 @@ class Fit:
     steps: int
     converged: bool
     theta: Array = field(default_factory=lambda: np.zeros(0))
+    naive_covariance: Array | None = None
+    method: str = "output_error"
+    disturbance: Disturbance | None = None
+    notes: tuple[str, ...] = ()
 
 
 def fit_runs(
@@ -119,7 +128,7 @@ def fit_runs(
     problem, answers = Problem(runs, form, speed, hold, extra), None
     for turn in range(REWEIGHTINGS):
         if paths is not None:
-            problem = Problem([_modes_along(d, p) for d, p in zip(runs, paths, strict=True)], form, speed, hold, extra)
+            problem = Problem([modes_along(d, p) for d, p in zip(runs, paths, strict=True)], form, speed, hold, extra)
             answers = None
         theta = np.concatenate([theta, np.zeros(problem.size - len(theta))])  # the modes stand last
         optimum = minimise(problem, theta, weights, progress, answers, NEAR)
@@ -151,7 +160,7 @@ def check_runs(runs: list[RunData], form: str, speed_m_s: float | None) -> float
     return float(np.mean([d.tow.speed_m_s for d in runs])) if speed_m_s is None else speed_m_s
 
 
-def _modes_along(data: RunData, path: Array) -> RunData:
+def modes_along(data: RunData, path: Array) -> RunData:
     """The run with its common modes taken along the fitted ``path (n, 2)`` instead of the noisy measurement.
 
     A mode is a smooth function of where the model stands: a cubic in (y, beta). Taken at the measured places it would
@@ -207,7 +216,7 @@ def _report(
     theta = optimum.theta
     information = np.zeros((problem.size, problem.size))
     np.add.at(information, (problem.pull.index, problem.pull.index), 1 / problem.pull.sd**2)
-    more = np.zeros_like(information)
+    more, plain = np.zeros_like(information), information.copy()
     innovations = []
     for data, w, answer in zip(problem.runs, weights, optimum.answers, strict=True):
         e, j = w.along(answer.residual), w.along(answer.slope)
@@ -216,6 +225,7 @@ def _report(
         information[place] += j[0] @ j[0].T + j[1] @ j[1].T
         step = float(np.median(np.diff(data.t_s)))
         lags = int(max(1, min(LAG_SHARE * e.shape[1], LAG_S / step)))
+        plain[place] += information_as_white(w, answer)
         more[place] += _coloured_meat(j, (autocorrelation(e[0], lags), autocorrelation(e[1], lags)))
     inverse = inverse_information(information, problem.free)
     covariance = inverse @ (information + more) @ inverse
@@ -240,7 +250,15 @@ def _report(
         steps=steps,
         converged=optimum.converged,
         theta=theta,
+        naive_covariance=inverse_information(plain, problem.free)[:6, :6],
     )
+
+
+def information_as_white(weight: Whitener, answer: Answer) -> Array:
+    """A run's information, had its residuals been white."""
+    nothing = np.zeros(0)
+    j = replace(weight, regression=(nothing, nothing), innovation=np.ones(2)).along(answer.slope)
+    return j[0] @ j[0].T + j[1] @ j[1].T
 
 
 __all__ = ["FORMS", "OWN", "RUN_PARAMETERS", "Fit", "fit_runs"]

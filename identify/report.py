@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.stats import norm
 
 from ..record.results import Derivative, DerivativesFile, Measured, RunFit, SteadyFile
 from ..record.schema import ModelTable, WaterTable
 from ..simulate.model import DERIVATIVE_UNITS, Hull
 from .data import RunData
-from .fit import OWN, Fit
+from .fit import OWN, Fit, fit_runs
+from .limits.cure import cure
+from .limits.identifiability import Identifiability, examine
+from .limits.words import SYMBOLS, correlation_lines, refusal_lines, transient_line
 from .noise import autocorrelation, ljung_box_p
 from .prime import prime_factors
 from .steady import SteadyFit, SteadyState, steady_tow_result
 
-UNDETERMINED_SHARE = 0.5
-"""A derivative whose standard deviation exceeds this share of its value is not determined."""
-CORRELATED = 0.95
-SYMBOLS = dict(zip(DERIVATIVE_UNITS, ("m - Y_vdot", "I - N_rdot", "Y_v", "Y_r - mU", "N_v", "N_r"), strict=True))
+SURE = 0.975
+OPTIMISTIC = 1.25
+TRANSIENT_SD_SHARE = 0.05
+"""From this relative standard deviation on the transient's size is said: it is what tells the derivatives apart."""
 
 
 def derivatives_file(
@@ -37,26 +41,29 @@ def derivatives_file(
     model, water : of the hull, for the prime system
     truth : the six true values at the fit's speed, or None
     """
-    sd = np.sqrt(np.diag(fit.covariance))
+    found = examined(fit, runs)
+    fit, covariance, single = found.fit, found.covariance, found.parts.single
+    sd = np.sqrt(np.diag(covariance))
     factors = prime_factors(water.density_kg_m3, model.length_pp_m, fit.speed_m_s)
+    names = list(DERIVATIVE_UNITS)
     derivatives = {
-        name: Derivative(
+        names[i]: Derivative(
             value=float(fit.six[i]),
             std=float(sd[i]),
-            unit=unit,
+            unit=DERIVATIVE_UNITS[names[i]],
             prime=float(fit.six[i] / factors[i]),
             prime_std=float(sd[i] / factors[i]),
-            true_value=None if truth is None else truth[name],
+            true_value=None if truth is None else truth[names[i]],
         )
-        for i, (name, unit) in enumerate(DERIVATIVE_UNITS.items())
+        for i in single
     }
-    correlation = fit.covariance / sd[:, None] / sd[None, :]
+    correlation = (covariance / sd[:, None] / sd[None, :])[np.ix_(single, single)]
     hull = Hull(*(float(x) for x in fit.six), speed_m_s=fit.speed_m_s)
     return DerivativesFile(
         schema="towline/derivatives",
         tool=tool,
         inputs=inputs,
-        method="output_error",
+        method=fit.method,
         form="full" if fit.form == "full" else "linear",
         speed_m_s=fit.speed_m_s,
         density_kg_m3=water.density_kg_m3,
@@ -67,9 +74,18 @@ def derivatives_file(
         straight_line_stable=hull.straight_line_stable,
         runs={data.name: _run_fit(fit, data, index) for index, data in enumerate(runs)},
         failed=failed,
-        not_identifiable=_not_identifiable(fit, sd, correlation),
-        notes=_notes(fit, runs),
+        not_identifiable=_not_identifiable(found, runs),
+        notes=_notes(fit, runs) + _stability(fit, covariance),
     )
+
+
+def examined(fit: Fit, runs: list[RunData]) -> Identifiability:
+    """Which derivatives the runs fix; a weak fit is done again with an anchor (``limits.identifiability``)."""
+
+    def refit(start: np.ndarray, extra: tuple[tuple[int, float, float], ...]) -> Fit:
+        return fit_runs(runs, fit.form, fit.speed_m_s, start=start, extra=extra)
+
+    return examine(fit, runs, refit if fit.method == "output_error" else None)
 
 
 def _run_fit(fit: Fit, data: RunData, index: int) -> RunFit:
@@ -105,6 +121,7 @@ def _run_fit(fit: Fit, data: RunData, index: int) -> RunFit:
             "beta_rad": float(rms[1]),
             "y_over_sigma": float(fit.scale[index, 0]),
             "beta_over_sigma": float(fit.scale[index, 1]),
+            **_disturbance(fit),
         },
         tests={
             "autocorrelation_y_lag1": float(autocorrelation(residual[:, 0], 1)[1]),
@@ -118,29 +135,35 @@ def _run_fit(fit: Fit, data: RunData, index: int) -> RunFit:
     )
 
 
-def _not_identifiable(fit: Fit, sd: np.ndarray, correlation: np.ndarray) -> list[str]:
-    names = list(DERIVATIVE_UNITS)
-    lines = []
-    for i, name in enumerate(names):
-        share = sd[i] / abs(fit.six[i]) if fit.six[i] else np.inf
-        if share > UNDETERMINED_SHARE:
-            lines.append(
-                f"{SYMBOLS[name]} is not determined by these runs (standard deviation {100 * share:.0f} % of its value); "
-                "a run that holds the release, or one at a second tow point, would determine it"
-            )
-    for i in range(len(names)):
-        for j in range(i):
-            if abs(correlation[i, j]) > CORRELATED:
-                ratio = correlation[i, j] * sd[i] / sd[j]
-                lines.append(
-                    f"{SYMBOLS[names[i]]} and {SYMBOLS[names[j]]} are seen mostly as one combination "
-                    f"({SYMBOLS[names[i]]} {'-' if ratio > 0 else '+'} {abs(ratio):.3g} ({SYMBOLS[names[j]]}); "
-                    f"correlation {correlation[i, j]:+.3f})"
-                )
+def _disturbance(fit: Fit) -> dict[str, float]:
+    if fit.disturbance is None:
+        return {}
+    d = fit.disturbance
+    return {"disturbance_force_n": d.force_n, "disturbance_moment_n_m": d.moment_n_m, "disturbance_time_s": d.time_s}
+
+
+def _not_identifiable(found: Identifiability, runs: list[RunData]) -> list[str]:
+    cures = cure(found.fit, found.fit.six, found.covariance, runs) if found.parts.refused else []
+    lines = refusal_lines(found, cures, runs) + correlation_lines(found.covariance, found.parts.single)
+    share = np.sqrt(np.diag(found.covariance)) / np.abs(found.fit.six)
+    if share.max() > TRANSIENT_SD_SHARE and (transient := transient_line(found.fit, runs)):
+        lines.append(transient)
     lines.append(
         "the scale of T: an error of k % in the tension is an error of k % in every derivative and no motion shows it"
     )
     return lines
+
+
+def _stability(fit: Fit, covariance: np.ndarray) -> list[str]:
+    """The straight-line verdict's probability where it is not sure: Y_v N_r - N_v Y_R against its own error."""
+    _, _, y_v, y_r, n_v, n_r = fit.six
+    slope = np.array([0, 0, n_r, -n_v, -y_r, y_v])
+    value, sd = y_v * n_r - n_v * y_r, float(np.sqrt(slope @ covariance @ slope))
+    sure = float(norm.cdf(abs(value) / sd)) if sd > 0 else 1.0
+    if sure > SURE:
+        return []
+    verdict = "stable" if value > 0 else "unstable"
+    return [f"straight-line {verdict} with a probability of {100 * sure:.0f} % only"]
 
 
 def _notes(fit: Fit, runs: list[RunData]) -> list[str]:
@@ -154,6 +177,14 @@ def _notes(fit: Fit, runs: list[RunData]) -> list[str]:
             "the noise is coloured (a codec, for one, repeats its errors): it is whitened by an autoregression of order "
             f"{fit.orders.min()} to {fit.orders.max()}"
         )
+    notes += fit.notes
+    if fit.naive_covariance is not None:
+        naive = np.sqrt(np.diag(fit.covariance) / np.maximum(np.diag(fit.naive_covariance), 1e-300))
+        if naive.max() > OPTIMISTIC:
+            notes.append(
+                "naive covariance (residuals of the output error taken as white): its standard deviations would be "
+                f"{naive.min():.1f} to {naive.max():.1f} times smaller, and wrong"
+            )
     rest = np.sqrt(np.diag(fit.covariance) / np.diag(fit.filtered_covariance))
     if rest.max() > 1.25:
         notes.append(

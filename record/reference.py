@@ -10,6 +10,7 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from .check_file import CheckFile
+from .gap_file import GapFile
 from .lens_file import LensFile
 from .plan_file import PlanFile, PlanRequest
 from .priors import Priors
@@ -24,6 +25,7 @@ _PAGES: tuple[tuple[str, type[BaseModel], str], ...] = (
     ("out/camera.json", CameraFile, "Written by `towline motion`."),
     ("out/derivatives.json", DerivativesFile, "Written by `towline identify`."),
     ("out/steady.json", SteadyFile, "Written by `towline steady`."),
+    ("out/gap.json", GapFile, "Written by `towline diagnose`."),
     ("out/check.json", CheckFile, "Written by `towline check`."),
     ("lens.json", LensFile, "Written by `towline lens`."),
     ("plan.toml", PlanRequest, "What `towline plan` is asked."),

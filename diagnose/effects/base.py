@@ -114,7 +114,9 @@ class Effect:
     tension : (situation, *numbers) -> change of T, N
     coupling : (*numbers) -> (Y_rdot, N_vdot), kg m
     speed : (situation, *numbers) -> change of U, m/s
-    stretch : (seen, *numbers) -> how much longer the line is, m
+    length : (tension N, *numbers) -> how much longer the line is than stated, m
+    offset : (*numbers) -> tow point's offset to starboard beyond what is stated, m
+    stretch : (seen, *numbers) -> how much the line lengthens as the model swings, m
     clock : (t_s, *numbers) -> change of time, s
     observe : (seen, *numbers) -> change of measured x, y, beta, marker distance
     correct : (run, datum fit, *numbers) -> (run, mapping) as they would be without the fault
@@ -133,6 +135,8 @@ class Effect:
     tension: Callable[..., Any] | None = None
     coupling: Callable[..., tuple[Any, Any]] | None = None
     speed: Callable[..., Any] | None = None
+    length: Callable[..., Any] | None = None
+    offset: Callable[..., Any] | None = None
     stretch: Callable[..., Any] | None = None
     clock: Callable[..., Any] | None = None
     observe: Callable[..., tuple[Any, Any, Any, Any]] | None = None

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .base import Effect, Parameter, Seen, Situation
 
 RUB_RATE = 0.004
 """rad/s at which dry friction has turned over (it is smoothed there)."""
-
-
-def _off_centre(s: Situation, offset):
-    return 0.0 * s.alpha_rad, -s.tension_n * offset * np.cos(s.alpha_rad + s.beta_rad)
 
 
 def _friction(s: Situation, moment):
@@ -23,9 +21,9 @@ def _varies(s: Situation, power):
     return s.tension_n * (np.maximum(np.cos(s.alpha_rad), 0.1) ** -power - 1)
 
 
-def _stretch(seen: Seen, compliance):
-    """T/k beyond the length at rest, where T follows R/cos(alpha)."""
-    return compliance * seen.tension_n / np.maximum(np.cos(seen.alpha_rad), 0.1)
+def _stretch(seen: Seen, compliance, follows):
+    """Beyond its length on the axis: how far the pull, and with it the stretch, follows R/cos(alpha)."""
+    return compliance * follows * seen.tension_n * (1 / np.maximum(np.cos(seen.alpha_rad), 0.1) - 1)
 
 
 TENSION = Effect(
@@ -40,11 +38,11 @@ TENSION = Effect(
 ELASTIC = Effect(
     "elastic_line",
     "line",
-    (Parameter("compliance_m_n", "m/N", 0.003),),
+    (Parameter("compliance_m_n", "m/N", 0.003), Parameter("follows", "", 1.0)),
     "The line is a spring: it is longer the harder it pulls, and the model surges on it.",
     "Use a stiffer line (thin steel), or measure its length under load.",
     "theory.md 4",
-    tension=lambda s, _: 0.0 * s.alpha_rad,
+    length=lambda tension_n, compliance, _: compliance * tension_n,
     stretch=_stretch,
 )
 OFFSET = Effect(
@@ -54,7 +52,7 @@ OFFSET = Effect(
     "The line pulls beside the centre line and turns the model.",
     "Measure the tow point's offset and give tow_point_offset_m.",
     "theory.md 2",
-    force=_off_centre,
+    offset=lambda offset_m: offset_m,
 )
 FRICTION = Effect(
     "swivel_friction",
@@ -67,22 +65,22 @@ FRICTION = Effect(
 )
 
 
-def slack(begin_s: float, end_s: float, run: int, runs: int) -> Effect:
-    """A slack line in one run's window; the engine finds the window in the taut-line residual."""
+def slack(windows: Sequence[tuple[float, float] | None]) -> Effect:
+    """A slack line in a window of each run (or none); the engine finds the windows in the taut-line residual."""
+    begin = np.array([[np.nan if w is None else w[0]] for w in windows])
+    length = np.array([[np.nan if w is None else w[1] - w[0]] for w in windows])
 
     def bump(t_s):
-        share = (t_s - begin_s) / (end_s - begin_s)
+        share = (t_s - begin) / length
         return np.where((share > 0) & (share < 1), np.sin(np.pi * np.clip(share, 0, 1)), 0.0)
 
-    only = np.zeros(runs)
-    only[run] = 1.0
-
     def tension(s: Situation, loss, _):
-        return -np.clip(loss, 0, 1) * s.tension_n * bump(s.t_s) * only[:, None]
+        return -np.clip(loss, -0.2, 1) * s.tension_n * bump(s.t_s)
 
     def stretch(seen: Seen, _, nearer):
-        return -nearer * bump(seen.t_s) * only[None, :, None]
+        return -nearer * bump(seen.t_s)
 
+    found = [f"run {i + 1} {w[0]:.1f}-{w[1]:.1f} s" for i, w in enumerate(windows) if w is not None]
     return Effect(
         "slack_line",
         "line",
@@ -92,5 +90,5 @@ def slack(begin_s: float, end_s: float, run: int, runs: int) -> Effect:
         "theory.md 4",
         tension=tension,
         stretch=stretch,
-        variant=f"run {run + 1}, {begin_s:.1f}-{end_s:.1f} s",
+        variant=", ".join(found),
     )

@@ -17,6 +17,7 @@ from ...simulate.model import Array
 from ..data import RunData
 from ..joint.problem import Answer, Problem
 from ..joint.thin import thinned
+from .disturbance import Disturbance
 from .kalman import MOVING, NOISE_NAMES, Innovations, innovations
 
 NOISE = len(NOISE_NAMES)
@@ -25,25 +26,6 @@ CONVERGED = 1e-4
 """Steps end when the next is expected to lower -2 log L by less than this (0.01 of a standard deviation squared)."""
 NEAR_SD = 5.0
 """Weak knowledge of the noise's logarithms, about the start: keeps one that the record does not show from running away."""
-
-
-@dataclass(frozen=True)
-class Disturbance:
-    """The estimated disturbance.
-
-    Attributes
-    ----------
-    force_n, moment_n_m : standard deviations
-    time_s : correlation time
-    scale : (2,), measurement scatter over the stated sigmas, y and beta
-    log_sd : (5,), standard deviations of the logarithms of force, moment, time and the two scales
-    """
-
-    force_n: float
-    moment_n_m: float
-    time_s: float
-    scale: Array
-    log_sd: Array
 
 
 @dataclass(frozen=True)
@@ -104,17 +86,16 @@ def maximise(
 
     Parameters
     ----------
-    runs : every sample; they are thinned here, common modes are left out
-    theta : start, of ``Problem(runs without modes, form, speed_m_s)``, e.g. the output error's optimum
+    runs : every sample; they are thinned here; common modes along a smooth path
+    theta : start, of ``Problem(runs, form, speed_m_s)``, e.g. the output error's optimum
     noise : (5,) start of the noise parameters
 
     Raises
     ------
     EstimationError : the likelihood has no value at the start
     """
-    few = [thinned(d, keep_first=True) for d in runs]
+    few = [thinned(d, keep_first=True, keep_modes=True) for d in runs]
     problem = Problem(few, form, speed_m_s, extra=extra)
-    theta = theta[: problem.size].copy()
     first = noise_start(problem, theta) if noise is None else noise.copy()
     noise = first
     with np.errstate(all="ignore"):

@@ -19,20 +19,23 @@ def block_length_s(data: RunData) -> float:
     return BLOCK_SHARE * (data.tow.line_length_m + abs(data.tow.tow_point_m)) / data.tow.speed_m_s
 
 
-def thinned(data: RunData, block_s: float | None = None, keep_first: bool = False) -> RunData:
-    """Block means of time, y and beta, with the covariance of a mean; common modes left out. No block lies over a gap.
+def thinned(
+    data: RunData, block_s: float | None = None, keep_first: bool = False, keep_modes: bool = False
+) -> RunData:
+    """Block means of time, y and beta, with the covariance of a mean. No block lies over a gap.
 
     Parameters
     ----------
     block_s : length of a block; default: ``block_length_s``
     keep_first : the first sample stays alone, so that the start's parameters mean the same
+    keep_modes : common modes are averaged too; else they are left out
     """
     length = block_length_s(data) if block_s is None else block_s
     times = data.t_s - data.t_s[0]
     usual = float(np.median(np.diff(times)))
     size = int(min(length, times[-1] / FEWEST) / usual + 1e-6)
     if size < 2:
-        return replace(data, common=data.common[:0])
+        return data if keep_modes else replace(data, common=data.common[:0])
     # whole numbers of samples, so that even records stay even
     cell = (np.rint(times / usual).astype(int) - int(keep_first)) // size
     first = np.flatnonzero(np.concatenate([[True], np.diff(cell) > 0]))
@@ -47,5 +50,5 @@ def thinned(data: RunData, block_s: float | None = None, keep_first: bool = Fals
         y_m=mean(data.y_m),
         beta_rad=mean(data.beta_rad),
         covariance=mean(data.covariance) / counts[:, None, None],
-        common=np.zeros((0, len(first), 2)),
+        common=np.stack([mean(m) for m in data.common]) if keep_modes and len(data.common) else np.zeros((0, len(first), 2)),
     )

@@ -1,0 +1,58 @@
+"""Answers to withheld campaigns: runs the diagnosis over every folder of campaigns and writes one JSON file.
+
+    python benchmarks/blind.py CASES -o benchmarks/blind/answers.json [--workers 2]
+
+CASES holds folders, each with run folders run-1, run-2, ... No truth is read or known. What was answered already is kept when the command is
+started again with the same file; the commit that made it stands in the file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+
+from towline.diagnosing import diagnose_folders
+from towline.record import TowlineError
+
+
+def answer(case: Path) -> tuple[str, dict, float]:
+    """One campaign's gap.json, or why there is none."""
+    began = time.perf_counter()
+    try:
+        found = diagnose_folders(sorted(case.glob("run-*")))
+        result = found.diagnosis.file.model_dump(mode="json", by_alias=True)
+    except TowlineError as error:
+        result = {"verdict": "unknown", "error": str(error)}
+    return case.name, result, time.perf_counter() - began
+
+
+def main() -> None:
+    """Answer all."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("cases", type=Path)
+    parser.add_argument("-o", "--out", type=Path, required=True)
+    parser.add_argument("--workers", type=int, default=2)
+    given = parser.parse_args()
+    commit = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=True).stdout.strip()
+    answers: dict = json.loads(given.out.read_text()) if given.out.is_file() else {}
+    if answers.get("commit", commit) != commit:
+        raise SystemExit(f"{given.out} was made by commit {answers['commit']}; give another file for this one")
+    answers["commit"] = commit
+    todo = [c for c in sorted(given.cases.iterdir()) if c.is_dir() and c.name not in answers]
+    given.out.parent.mkdir(parents=True, exist_ok=True)
+    with ProcessPoolExecutor(given.workers) as pool:
+        for job in as_completed([pool.submit(answer, case) for case in todo]):
+            name, result, spent = job.result()
+            answers[name] = result
+            best = result["ranking"][0] if result.get("ranking") else {}
+            words = f"{' + '.join(best.get('effects', []))} {best.get('probability', 0):.2f}"
+            print(f"{name}: {result['verdict']:8} {words}, {spent:.0f} s", flush=True)
+            given.out.write_text(json.dumps(answers, indent=1, sort_keys=True) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,152 @@
+"""The diagnosis of a campaign from its run folders: composes stages and diagnose; the command prints it, the page shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from . import __version__
+from .diagnose.effects import LIBRARY, Effect, installed_effects, load_effects
+from .diagnose.gap import Diagnosis, diagnosed
+from .diagnose.tow_data import TowRun, block_step, tow_run
+from .record.errors import InputError, TowlineError
+from .record.files import write_text
+from .record.results import DerivativesFile, read_result
+from .record.run import RUN_FILE, Run, read_run
+from .record.tables import read_tracks
+from .simulate.model import DERIVATIVE_UNITS
+from .stages import Moved, datum_of, moved, tracked
+
+TABLES = (".csv", ".parquet")
+Progress = Callable[[str, int, int | None], None]
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """A campaign, diagnosed.
+
+    Attributes
+    ----------
+    diagnosis : gap.json and what is behind it
+    runs : run folders used
+    failed : folder -> why
+    """
+
+    diagnosis: Diagnosis
+    runs: list[Run]
+    failed: dict[str, str]
+
+
+def library_of(files: Sequence[Path]) -> list[Effect]:
+    """The library, what other packages install, and a user's own files; a later effect replaces one of its name."""
+    found: dict[str, Effect] = {}
+    for effect in (*LIBRARY, *installed_effects(), *(e for path in files for e in load_effects(path))):
+        found[effect.label] = effect
+    return list(found.values())
+
+
+def diagnose_folders(
+    folders: Sequence[Path],
+    held_out: Sequence[Path] = (),
+    effects: Sequence[Path] = (),
+    reference: Path | None = None,
+    progress: Progress | None = None,
+) -> Diagnosed:
+    """Diagnose run folders.
+
+    Parameters
+    ----------
+    folders : runs to fit
+    held_out : runs kept aside for the shrink (fitted last); none: each run is kept aside in turn
+    effects : Python files with effects of one's own
+    reference : derivatives.json of the simulator that is to be judged; None: the derivatives are fitted to these runs
+
+    Raises
+    ------
+    TowlineError : no two runs can be used, or a file is wrong
+    """
+    library = library_of(effects)
+    runs: list[Run] = []
+    motions: list[Moved] = []
+    failed: dict[str, str] = {}
+    held: list[int] = []
+    for folder in (*folders, *held_out):
+        try:
+            run = read_run(folder)
+            if run.file.kind != "tow":
+                raise InputError(run.folder / RUN_FILE, "kind", f"{run.file.kind!r}: only towed runs can be diagnosed")
+            motions.append(moved(run, progress=progress))
+            if folder in held_out:
+                held.append(len(runs))
+            runs.append(run)
+        except TowlineError as error:
+            failed[str(folder)] = str(error)
+    if not runs:
+        raise TowlineError(next(iter(failed.values()), "no run to diagnose"))
+    step = block_step([float(m.motion["t_s"].iloc[-1] - m.motion["t_s"].iloc[0]) for m in motions])
+    tows: list[TowRun] = []
+    for run, m in zip(runs, motions, strict=True):
+        fit = datum_of(run) if m.tracks is not None else None
+        tows.append(tow_run(run, m.motion, m.common, m.tracks, fit, _static(run, progress), step))
+    inputs = {f"{run.name}/{name}": digest for run in runs for name, digest in run.input_hashes().items()}
+    say = None if progress is None else lambda text: progress(text, 0, None)
+    known = None if reference is None else _reference(reference)
+    # the bootstrap of an interval: the same runs give the same answer
+    rng = np.random.default_rng(int.from_bytes("".join(sorted(inputs.values())).encode()[:8].ljust(8, b"0"), "big"))
+    found = diagnosed(tows, library, __version__, inputs, held or None, rng, say, known)
+    return Diagnosed(found, runs, failed)
+
+
+def _static(run: Run, progress: Progress | None) -> pd.DataFrame | None:
+    if run.file.noise is None:
+        return None
+    name = run.file.noise.static
+    if Path(name).suffix in TABLES:
+        return read_tracks(run.path(name))
+    source = run.file.source.model_copy(update={"video": name, "tracks": None, "span_s": None})
+    still = replace(run, file=run.file.model_copy(update={"source": source, "name": f"{run.name} (held still)"}))
+    return tracked(still, progress).table
+
+
+def _reference(path: Path) -> tuple[np.ndarray, np.ndarray, float]:
+    file = read_result(path, DerivativesFile)
+    six = np.array([file.derivatives[name].value for name in DERIVATIVE_UNITS])
+    sd = np.array([file.derivatives[name].std for name in DERIVATIVE_UNITS])
+    return six, sd, file.speed_m_s
+
+
+def write_model(path: Path, found: Diagnosed) -> None:
+    """The simulator that reproduces the tank: derivatives and effect, as a scenario's [hull] and [[effect]] tables."""
+    import tomlkit
+
+    diagnosis = found.diagnosis
+    fitted = diagnosis.best.fitted if diagnosis.best is not None else diagnosis.ranking.base
+    document = tomlkit.document()
+    document.add(
+        tomlkit.comment("Derivatives and unmodelled effects that reproduce these runs; put both into a scenario.toml.")
+    )
+    hull = tomlkit.table()
+    for name, value in zip(DERIVATIVE_UNITS, fitted.hypothesis.six, strict=True):
+        hull[name] = float(value)
+    hull["speed_m_s"] = diagnosis.inference.model.speed_m_s
+    document["hull"] = hull
+    tables = tomlkit.aot()
+    for effect, numbers in zip(fitted.hypothesis.effects, fitted.hypothesis.numbers, strict=True):
+        table = tomlkit.table()
+        table["name"] = effect.name
+        if effect.lag_s:
+            table["time_s"] = effect.lag_s
+        for parameter, number in zip(effect.parameters, numbers, strict=True):
+            table[parameter.name] = float(number)
+        table.comment(effect.physics)
+        tables.append(table)
+    if len(tables):
+        document["effect"] = tables
+    write_text(path, tomlkit.dumps(document))
+
+
+__all__ = ["Diagnosed", "diagnose_folders", "library_of", "write_model"]

@@ -1,0 +1,125 @@
+"""Output error or innovations: which noise the residuals show, and the fit for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ...record.errors import EstimationError
+from ...simulate.model import Array
+from ..data import RunData
+from ..fit import Fit, fit_runs, modes_along
+from ..joint.problem import OWN, Problem
+from ..joint.thin import thinned
+from ..noise import ljung_box_p, measured, stated
+from .innovations import NOISE, LikelihoodFit, maximise
+
+NOISES = ("auto", "output", "innovations")
+WHITE_P = 1e-3
+"""Residuals less probable than this by the Ljung-Box test are not white."""
+LAGS = 200
+CLEARLY = 10.0
+"""A noise model is preferred where its BIC is lower by more than this."""
+
+
+def fit_with_noise(
+    runs: list[RunData],
+    form: str = "full",
+    speed_m_s: float | None = None,
+    noise: str = "auto",
+    progress: Callable[[str], None] | None = None,
+) -> Fit:
+    """``fit_runs``, and the Kalman filter's prediction-error fit where the residuals ask for it.
+
+    Parameters
+    ----------
+    noise : "output": output error, colour whitened by an autoregression; "innovations": a coloured force on the hull;
+        "auto": output error, unless its residuals are coloured and a force on the hull explains them better (BIC)
+
+    Raises
+    ------
+    EstimationError : as ``fit_runs``; an unknown ``noise``
+    """
+    if noise not in NOISES:
+        raise EstimationError(f"noise {noise!r}; expected {', '.join(NOISES)}")
+    fit = fit_runs(runs, form, speed_m_s, progress)
+    if noise == "output":
+        return fit
+    lowest = min(ljung_box_p(r[:, c], lags=min(LAGS, len(r) // 4)) for r in fit.residual for c in range(2))
+    if noise == "auto" and lowest > WHITE_P:
+        return replace(fit, notes=(f"the residuals are white (least Ljung-Box p {lowest:.2g}): output error",))
+    along = [modes_along(d, p) for d, p in zip(runs, fit.response, strict=True)]
+    try:
+        found = maximise(along, form, fit.speed_m_s, fit.theta, progress=progress)
+    except EstimationError as error:
+        if noise == "innovations":
+            raise
+        return replace(fit, notes=(f"the residuals are coloured; no force on the hull could be fitted to them ({error})",))
+    samples = sum(2 * len(d.t_s) for d in found.problem.runs)
+    force_bic = found.deviance + NOISE * np.log(samples)
+    measured_bic = measurement_bic(along, form, fit)
+    gap = measured_bic - force_bic
+    if noise == "auto" and gap < CLEARLY:
+        words = (
+            "the residuals are coloured, and colour of the measurement explains it as well as a force on the hull "
+            f"(BIC {gap:+.0f} for the force): output error, whitened by an autoregression"
+        )
+        return replace(fit, notes=(words,))
+    d = found.disturbance
+    words = (
+        f"the residuals are coloured as a force on the hull makes them (BIC lower by {gap:.0f} than for coloured measurement noise): "
+        if noise == "auto"
+        else f"innovations form as asked for (BIC lower by {gap:.0f} than for coloured measurement noise): "
+    ) + f"side force {d.force_n:.2g} N, moment {d.moment_n_m:.2g} N m, correlation time {d.time_s:.2g} s"
+    return as_fit(along, fit, found, (words,))
+
+
+def measurement_bic(runs: list[RunData], form: str, fit: Fit) -> float:
+    """BIC of the output error with an autoregression per channel, on the same block means as the innovations."""
+    few = [thinned(d, keep_first=True, keep_modes=True) for d in runs]
+    answers = Problem(few, form, fit.speed_m_s).evaluate(fit.theta)
+    total, orders, samples = 0.0, 0, 0
+    for data, answer in zip(few, answers, strict=True):
+        first = stated(data.covariance, data.t_s)
+        weight = measured(answer.residual.T, first)
+        white = weight.along(answer.residual)
+        total += float((white**2).sum()) + float(np.log(np.linalg.det(data.covariance)).sum())
+        total += 2 * len(data.t_s) * float(np.log(weight.scale * weight.innovation).sum())
+        orders += sum(len(a) for a in weight.regression) + 2
+        samples += 2 * len(data.t_s)
+    return total + orders * float(np.log(samples))
+
+
+def as_fit(runs: list[RunData], fit: Fit, found: LikelihoodFit, notes: tuple[str, ...]) -> Fit:
+    """The likelihood's optimum in the form of ``fit_runs``'s answer; ``runs`` with every sample."""
+    problem = Problem(runs, found.problem.form, found.problem.speed)
+    answers = problem.evaluate(found.theta)
+    sd = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    count = len(runs)
+    weights = [stated(d.covariance, d.t_s) for d in runs]
+    scale: Array = np.array(
+        [np.sqrt(np.mean(w.along(a.residual) ** 2, axis=1)) for w, a in zip(weights, answers, strict=True)]
+    )
+    return replace(
+        fit,
+        six=found.theta[:6],
+        covariance=found.covariance[:6, :6],
+        filtered_covariance=found.covariance[:6, :6],
+        own=found.theta[6 : problem.own_end].reshape(count, len(OWN)),
+        own_sd=sd[6 : problem.own_end].reshape(count, len(OWN)),
+        common={name: (float(found.theta[at]), float(sd[at])) for name, at in problem.common_at.items()},
+        modes={key: found.theta[at] for key, at in problem.mode_at.items()},
+        response=[a.response.T for a in answers],
+        residual=[a.residual.T for a in answers],
+        scale=scale,
+        innovation=[r.white for r in found.runs],
+        orders=np.zeros((count, 2), dtype=int),
+        steps=fit.steps + found.steps,
+        converged=found.converged,
+        theta=found.theta,
+        method="innovations",
+        disturbance=found.disturbance,
+        notes=notes,
+    )

@@ -1,0 +1,101 @@
+"""Pictures of the diagnosis."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .draw import BLACK, BLUE, GREEN, GREY, VERMILION, label, legend, new_figure, svg_image
+from .html import Html, figure, join
+
+if TYPE_CHECKING:
+    from ..diagnose.gap import Diagnosis
+    from ..record.gap_file import GapFile
+
+ROWS = 6
+
+
+def ladder_figure(file: GapFile) -> Html:
+    """Probabilities of the hypotheses."""
+    rows = [(" + ".join(r.effects), r.probability) for r in file.ranking[:ROWS]]
+    rows += [("nothing missing", file.p_no_gap), ("in no library", file.p_unknown)]
+    rows.sort(key=lambda row: row[1])
+    drawing, (ax,) = new_figure(0.36 * len(rows) + 0.8)
+    drawing.subplots_adjust(left=0.42)
+    ax.barh([name.replace("_", " ") for name, _ in rows], [p for _, p in rows], color=BLUE, height=0.6)
+    ax.set_xlim(0, 1)
+    label(ax, x="probability")
+    return figure(
+        svg_image(drawing, "probabilities of the hypotheses"), "Half of the prior stands for nothing missing."
+    )
+
+
+def stage_figure(file: GapFile) -> Html:
+    """Stages and runs, side by side."""
+    drawing, axes = new_figure(2.3, columns=2)
+    drawing.subplots_adjust(left=0.12, wspace=0.45)
+    share = file.where.share
+    axes[0].barh(list(share), list(share.values()), color=VERMILION, height=0.6)
+    axes[0].set_xlim(0, 1)
+    label(axes[0], x="probability by stage")
+    runs = file.where.runs
+    numbers = [str(k + 1) for k in range(len(runs))]
+    axes[1].barh(numbers, list(runs.values()), color=GREEN, height=0.6)
+    label(axes[1], x="share of the gap by run", y="run")
+    names = ", ".join(f"{k + 1} {name}" for k, name in enumerate(runs))
+    return figure(svg_image(drawing, "stages and runs"), f"Where the difference lies. Runs: {names}")
+
+
+def drop_figure(found: Diagnosis) -> Html:
+    """When it shows: drop of the misfit over time, a small picture per run."""
+    drop = found.place.drop
+    if not drop:
+        return Html("")
+    step = found.inference.model.step_s
+    drawing, axes = new_figure(0.75 * len(drop) + 0.6, tuple([1.0] * len(drop)))
+    top = max(float(np.max(d)) for d in drop.values())
+    for ax, (index, values) in zip(axes, enumerate(drop.values()), strict=True):
+        t_s = (np.arange(len(values)) + 0.5) * step
+        ax.fill_between(t_s, 0, np.maximum(values, 0), color=VERMILION, linewidth=0, step="mid")
+        ax.set_ylim(0, 1.05 * max(top, 1.0))
+        ax.text(0.99, 0.85, f"run {index + 1}", transform=ax.transAxes, fontsize=8, ha="right", va="top", color=GREY)
+    label(axes[-1], x="t (s)")
+    label(axes[len(axes) // 2], y="misfit taken away, sigma squared")
+    return figure(
+        svg_image(drawing, "misfit over time"),
+        "When it shows: squared misfit, in units of the noise, that the effect takes away.",
+    )
+
+
+def runs_figure(found: Diagnosis) -> Html:
+    """Measured minus simulated, before and after, y and heading, a pair of pictures per run."""
+    base = found.ranking.base
+    after = found.best.fitted if found.best is not None else None
+    parts = []
+    for index, run in enumerate(found.inference.model.runs):
+        drawing, axes = new_figure(2.2, columns=2)
+        t_s = run.centre_s
+        for ax, channel, unit, scale in ((axes[0], 0, "y, mm", 1e3), (axes[1], 1, "heading, degrees", np.degrees(1.0))):
+            before = scale * base.linear.rows[index][0][:, channel]
+            ax.plot(t_s, before, color=VERMILION, linewidth=1.0, label="as it is")
+            if after is not None:
+                ax.plot(
+                    t_s,
+                    scale * after.linear.rows[index][0][:, channel],
+                    color=BLUE,
+                    linewidth=1.0,
+                    label="with the effect",
+                )
+            sd = scale * np.sqrt(np.median(np.diag(run.covariance[channel])))
+            ax.axhspan(-2 * sd, 2 * sd, color="#DDDDDD", zorder=0)
+            ax.axhline(0, color=BLACK, linewidth=0.6)
+            label(ax, x="t (s)", y=unit)
+        legend(axes[0], place="best", columns=1)
+        parts.append(
+            figure(
+                svg_image(drawing, f"residuals of {run.name}"),
+                f"{run.name}: measured minus simulated; grey: two sigma of the measurement.",
+            )
+        )
+    return join(parts)

@@ -1,0 +1,118 @@
+"""The page of a diagnosis: what is missing, how sure, where, how far, what it had done to the derivatives, what to do next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..record.files import write_text
+from .format import significant
+from .gap_figures import drop_figure, ladder_figure, runs_figure, stage_figure
+from .html import Html, bullets, number, table, tag
+from .page import document
+
+if TYPE_CHECKING:
+    from ..diagnosing import Diagnosed
+    from ..record.gap_file import GapFile
+
+HEADLINES = {"no_gap": "No gap", "effect": "An effect is missing", "unknown": "Something unknown is missing"}
+
+
+def write_gap_page(path: Path, found: Diagnosed) -> None:
+    """Write the page atomically."""
+    write_text(path, gap_page(found))
+
+
+def gap_page(found: Diagnosed) -> str:
+    """The page as text."""
+    file = found.diagnosis.file
+    parts: list[object] = [
+        tag("h1", f"Simulator against tank: {', '.join(file.runs)}"),
+        tag("section", tag("h2", HEADLINES[file.verdict]), bullets(file.sentences), id="verdict"),
+        tag("section", tag("h2", "How sure"), ladder_figure(file), _ranking(file), _not_told(file)),
+        tag("section", tag("h2", "Where"), stage_figure(file), drop_figure(found.diagnosis), _place(file)),
+        tag("section", tag("h2", "Measured against simulated"), runs_figure(found.diagnosis)),
+        tag("section", tag("h2", "The derivatives, before and after"), _derivatives(file)),
+    ]
+    if file.next_run is not None:
+        parts.append(tag("section", tag("h2", "The next run"), _next(file)))
+    if file.excluded:
+        rows = [[name, why] for name, why in file.excluded.items()]
+        parts.append(tag("section", tag("h2", "Not judged"), table(["effect", "why"], rows)))
+    noise = file.noise
+    words = (
+        f"Slow random forces taken along: {significant(noise['side_n'], 2)} N and {significant(noise['moment_n_m'], 2)} N m, lasting "
+        f"{noise['time_s']:g} s. Written by towline {file.tool}. ± is one standard deviation."
+    )
+    parts.append(tag("footer", words))
+    return document("Simulator against tank", tag("main", *parts))
+
+
+def _ranking(file: GapFile) -> Html:
+    rows: list[list[object]] = [["nothing missing", number(f"{file.p_no_gap:.3f}"), "", "", "", ""]]
+    for row in file.ranking:
+        low, high = row.shrink_interval
+        size = ", ".join(f"{k.split('.')[1]} {v.value:.3g} +- {v.std:.2g}" for k, v in row.parameters.items())
+        rows.append(
+            [
+                " + ".join(row.effects),
+                number(f"{row.probability:.3f}"),
+                number(f"{row.gap_before:.2f}"),
+                number(f"{row.gap_after:.2f}"),
+                number(f"{row.shrink:.2f} ({low:.2f} to {high:.2f})"),
+                number(size),
+            ]
+        )
+    rows.append(["something in no library", number(f"{file.p_unknown:.3f}"), "", "", "", ""])
+    words = (
+        "Gap: root mean square of what the simulator misses in y and heading on runs kept aside, in units of the noise (1 = noise). "
+        "Shrink: share of the excess that goes away, with its 90 % interval."
+    )
+    return table(["hypothesis", "probability", "gap before", "after", "shrink", "size"], rows, caption=words)
+
+
+def _not_told(file: GapFile) -> Html:
+    rows = [" and ".join(names) for names in file.indistinguishable]
+    return tag("div", tag("h3", "What these runs cannot tell apart"), bullets(rows)) if rows else Html("")
+
+
+def _place(file: GapFile) -> Html:
+    place = file.where
+    said = []
+    if place.span_s:
+        said.append(f"Most of it shows from {place.span_s[0]:.0f} to {place.span_s[1]:.0f} s after the runs' start.")
+    if place.band_hz:
+        said.append(f"It changes the motion at {place.band_hz[0]:.2f} to {place.band_hz[1]:.2f} Hz.")
+    if place.when:
+        said.append(place.when[0].upper() + place.when[1:] + ".")
+    return bullets(said)
+
+
+def _derivatives(file: GapFile) -> Html:
+    rows = []
+    before, after = file.derivatives["before"], file.derivatives.get("after")
+    for name, value in before.items():
+        row: list[object] = [name, number(f"{value.value:.2f} +- {value.std:.2f}")]
+        if after is not None:
+            other = after[name]
+            row += [
+                number(f"{other.value:.2f} +- {other.std:.2f}"),
+                number(f"{100 * (value.value / other.value - 1):+.1f}"),
+            ]
+        rows.append(row)
+    head = ["derivative", "without the effect", "with it", "bias, %"] if after is not None else ["derivative", "fitted"]
+    words = "What leaving the effect out had done to the derivatives."
+    return table(head, rows, caption=words)
+
+
+def _next(file: GapFile) -> Html:
+    run = file.next_run
+    assert run is not None
+    rows = [
+        ["tow point ahead of LCG", f"{run.tow_point_m:.3f}", "m"],
+        ["line", f"{run.line_length_m:.2f}", "m"],
+        ["carriage", f"{run.speed_m_s:.2f}", "m/s"],
+        ["release, y", f"{run.y_release_m:.2f}", "m"],
+        ["release, heading", f"{run.beta_release_rad:.2f}", "rad"],
+    ]
+    return tag("div", tag("p", run.why[0].upper() + run.why[1:] + "."), table(["setting", "value", "unit"], rows))

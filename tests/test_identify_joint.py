@@ -1,0 +1,240 @@
+"""The joint fit's inside against closed forms and the simulator: exponential, partials, paths, large swings, efficiency."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from towline.identify import fit_runs
+from towline.identify.criteria import fit_criterion
+from towline.identify.joint.linear import exponential, linear_paths, system_matrices
+from towline.identify.joint.parameters import COUNT, EVERY, hull_from, run_tow
+from towline.identify.joint.partials import linearise
+from towline.identify.joint.thin import thinned
+from towline.identify.limits.bound import cramer_rao
+from towline.identify.multistart import multistart
+from towline.identify.response import full_response, linear_response
+from towline.record import EstimationError, Priors
+from towline.simulate import Start, Tow, linear_system, simulate_full
+from towline.simulate.model import full_rates
+
+
+@pytest.fixture(scope="module")
+def cases(root: Path) -> ModuleType:
+    """The benchmark's campaigns."""
+    spec = importlib.util.spec_from_file_location("identify_cases", root / "benchmarks" / "identify_cases.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("norm", [0.02, 3.0, 40.0])
+def test_the_exponential_and_its_derivatives_against_scipys_of_the_block_matrix(norm: float) -> None:
+    rng = np.random.default_rng(1)
+    matrix = rng.normal(size=(2, 5, 5)) - 1.5 * np.eye(5)
+    matrix *= norm / np.abs(matrix).sum(axis=-1).max()
+    slopes = rng.normal(size=(2, 3, 5, 5))
+    steps = np.array([1.0, 0.4])
+    power, change = exponential(matrix, slopes, steps)
+    for b in range(2):
+        for k in range(3):
+            block = np.block([[matrix[b], slopes[b, k]], [np.zeros((5, 5)), matrix[b]]])
+            exact = expm(block * steps[b])
+            # rounding grows with the squarings: about norm times 1e-16 of the largest entry
+            scale = np.abs(exact).max() * max(norm, 1.0)
+            np.testing.assert_allclose(power[b], exact[:5, :5], atol=1e-14 * scale)
+            np.testing.assert_allclose(change[b, k], exact[:5, 5:], atol=1e-13 * scale)
+
+
+def test_partials_against_the_complex_step_of_the_one_equation_of_motion() -> None:
+    """Any state and tow, with an off-centre tow point and a moving post: equal to rounding."""
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        values = np.array(
+            [
+                *rng.uniform([100, 40, -70, -90, -70, -80], [200, 80, -30, -40, -30, -30]),
+                *rng.uniform(-0.6, 0.6, 4),
+                *rng.uniform([2, 1.2, 0.6, 0.8], [6, 1.9, 1.4, 1.6]),
+            ]
+        )
+        tow = replace(
+            Tow(1.28, 0.91, 1.5, 3.96),
+            tow_point_offset_m=0.03,
+            post_amplitude_m=0.05,
+            post_frequency_hz=0.2,
+            post_phase_rad=0.7,
+        )
+
+        def rates(moved: np.ndarray, tow: Tow = tow) -> np.ndarray:
+            here = run_tow(tow, moved)
+            return full_rates(1.3, moved[6:10], hull_from(moved, 1.1).at_speed(here.speed_m_s), here)
+
+        here = run_tow(tow, values)
+        hull = hull_from(values, 1.1).at_speed(here.speed_m_s)
+        found = linearise(full_rates, 1.3, values[6:10, None], _columns(hull), here, EVERY, 1.1)
+        moved = np.zeros((4, 4 + COUNT, 1))
+        moved[range(4), range(4)] = 1.0
+        slopes = found.along(moved, 4, EVERY)[:, :, 0]
+        for index in range(COUNT):
+            column = values.astype(complex)
+            column[index] += 1e-30j
+            exact = np.imag(rates(column)) / 1e-30
+            at = index - 6 if 6 <= index < 10 else 4 + index
+            np.testing.assert_allclose(slopes[:, at], exact, rtol=1e-12, atol=1e-14)
+
+
+def _columns(hull):
+    return replace(
+        hull,
+        **{name: np.atleast_1d(getattr(hull, name)) for name in ("y_v", "y_r_minus_mu", "n_v", "n_r")},
+    )
+
+
+def test_the_linear_path_over_gaps_and_jitter_is_the_matrix_exponential(cases: ModuleType) -> None:
+    """Every sample at its own time: against exp(A t) by eigenvalues, to 1e-11 of the amplitude."""
+    rng = np.random.default_rng(3)
+    t = cases.times(25.0, 60.0)
+    keep = (t < 20) | (t > 31)
+    keep[rng.integers(1, len(t) - 1, 100)] = False
+    t = t[keep] + rng.uniform(0, 0.4 / 25, keep.sum())
+    run = cases.still_run(1.649, t)
+    values = np.array([*cases.SIX, 0.15, 0.02, 0.01, -0.02, 3.96, 1.649, 0.91, 1.28])
+    response, _ = linear_response(run, values, 1.28)
+    matrix, _ = linear_system(cases.HULL, run.tow)
+    np.testing.assert_allclose(system_matrices([run], values[None], 1.28, [])[0][0, :4, :4], matrix, rtol=1e-14)
+    roots, shapes = np.linalg.eig(matrix)
+    sizes = np.linalg.solve(shapes, values[6:10].astype(complex))
+    exact = np.real((shapes[:2] * sizes) @ np.exp(roots[:, None] * (t - t[0]))).T
+    np.testing.assert_allclose(response, exact, atol=1e-11)
+
+
+def test_a_run_among_others_answers_as_alone(cases: ModuleType) -> None:
+    runs = [cases.still_run(x, cases.times(rate, 20.0)) for x, rate in ((1.446, 20.0), (1.751, 31.0))]
+    values = np.array([[*cases.SIX, 0.15, 0, 0, 0, 3.96, d.tow.tow_point_m, 0.91, 1.28] for d in runs])
+    together = linear_paths(runs, values, 1.28, (0, 3, 7, 11))
+    for i, run in enumerate(runs):
+        alone = linear_paths([run], values[i : i + 1], 1.28)[0]
+        np.testing.assert_allclose(together[i][0], alone[0], atol=1e-13)
+        np.testing.assert_allclose(together[i][1], alone[1][:, [0, 3, 7, 11]], atol=1e-10)
+
+
+@pytest.fixture(scope="module")
+def large(cases: ModuleType):
+    t = cases.times(16.0)
+    return [
+        cases.still_run(x, t, "full", Start(alpha_rad=float(a)))
+        for x, a in zip(cases.POINTS_M, cases.LARGE_STARTS_RAD, strict=True)
+    ]
+
+
+def test_large_swings_are_followed_by_all_steps_at_once(cases: ModuleType, large) -> None:
+    """alpha to 50 degrees: Runge-Kutta at 0.05 s errs by 1e-7 of the amplitude of 0.7 m, also where Newton begins far off."""
+    values = np.array(
+        [
+            [*cases.SIX, a, 0, 0, 0, 3.96, d.tow.tow_point_m, 0.91, 1.28]
+            for d, a in zip(large, cases.LARGE_STARTS_RAD, strict=True)
+        ]
+    )
+    for run, (response, _) in zip(large, full_response(large, values, 1.28), strict=True):
+        assert np.degrees(np.arcsin(np.abs(run.y_m).max() / 0.91)) > 45
+        np.testing.assert_allclose(response, np.column_stack([run.y_m, run.beta_rad]), atol=1e-7)
+    astray = values.copy()
+    astray[:, 0] *= 0.2  # past 90 degrees: no motion, and no exception
+    assert any(np.isnan(r).any() for r, _ in full_response(large, astray, 1.28))
+    motion = simulate_full(cases.HULL, large[3].tow, Start(alpha_rad=0.1), cases.times(16.0, 20.0))
+    assert np.isfinite(motion["y_cg_m"]).all()
+
+
+def test_large_swings_give_the_derivatives_without_a_guess(cases: ModuleType, large) -> None:
+    """No noise: back to 1e-5. The linear form on the same records is tens of per cent off."""
+    still = [replace(r, priors=Priors()) for r in large]
+    np.testing.assert_allclose(fit_runs(still, "full").six, cases.SIX, rtol=3e-5)
+    assert np.abs(fit_runs(still, "linear").six / cases.SIX - 1).max() > 0.1
+
+
+def test_large_swings_are_unbiased(cases: ModuleType, large) -> None:
+    """12 seeds: the mean error of each derivative lies within 4 of its standard errors (the benchmark: 50 seeds, 2)."""
+    errors, sds = [], []
+    for seed in range(12):
+        fit = fit_runs(cases.campaign(large, np.random.default_rng([4, seed])), "full")
+        errors.append(fit.six - cases.SIX)
+        sds.append(np.sqrt(np.diag(fit.covariance)))
+    z = np.mean(errors, axis=0) / (np.mean(sds, axis=0) / np.sqrt(len(errors)))
+    assert np.abs(z).max() < 4
+
+
+@pytest.mark.parametrize("nuisance", [False, True])
+def test_the_fit_scatters_by_the_bound(cases: ModuleType, nuisance: bool) -> None:
+    """A slice of the benchmark: 60 campaigns at 16 Hz. The mean square of the standardised errors over six (correlated)
+    derivatives is 1 within 4 standard errors, sqrt(2 / 60) each as if all six were one."""
+    t = cases.times(16.0)
+    priors = cases.NUISANCE if nuisance else cases.EXACT
+    still = [cases.still_run(x, t, priors=priors) for x in cases.POINTS_M]
+    bound = np.sqrt(np.diag(cramer_rao(still, cases.SIX)))
+    errors, inside = [], []
+    for seed in range(60):
+        rng = np.random.default_rng([5, seed])
+        runs = cases.nuisance_campaign(rng, t) if nuisance else cases.campaign(still, rng)
+        fit = fit_runs(runs, "linear")
+        errors.append((fit.six - cases.SIX) / bound)
+        inside.append(np.abs(fit.six - cases.SIX) < 1.96 * np.sqrt(np.diag(fit.covariance)))
+    assert abs(np.mean(np.square(errors)) - 1) < 4 * np.sqrt(2 / 60)
+    assert np.mean(inside) > 0.95 - 4 * np.sqrt(0.95 * 0.05 / 60)
+    if nuisance:
+        ignored = fit_runs([cases.unaware(r) for r in runs], "linear")
+        assert np.abs((ignored.six - cases.SIX) / bound).max() > 5
+
+
+def test_block_means_keep_time_and_gaps() -> None:
+    from towline.identify import RunData
+
+    t = np.arange(0, 60, 1 / 64)
+    t = np.concatenate([t[:1000], t[1100:]])
+    tow = Tow(1.28, 0.91, 1.5, 3.96)
+    covariance = np.tile(np.diag([1e-6, 3e-6]), (len(t), 1, 1))
+    run = RunData("r", t, 2 * t, -t, covariance, np.zeros((0, len(t), 2)), "", tow, None, None, Priors(), False)
+    few = thinned(run)
+    assert 5 < len(t) / len(few.t_s) < 9
+    np.testing.assert_allclose(few.y_m, 2 * few.t_s, atol=1e-12)
+    assert not ((few.t_s > t[999]) & (few.t_s < t[1000])).any()
+    # information is kept: sum of inverse variances
+    np.testing.assert_allclose((1 / few.covariance[:, 0, 0]).sum(), 1e6 * len(t), rtol=1e-9)
+    first = thinned(run, keep_first=True)
+    assert first.t_s[0] == t[0]
+
+
+def test_the_criteria_of_appendix_four(cases: ModuleType) -> None:
+    """det(Q) and tr(S Q) with S the true weights agree with the output-error fit; a wrong S costs efficiency, and says so."""
+    t = cases.times(16.0)
+    runs = cases.campaign([cases.still_run(x, t) for x in cases.POINTS_M], np.random.default_rng(6))
+    fit = fit_runs(runs, "linear")
+    sd = np.sqrt(np.diag(fit.covariance))
+    for criterion in ("trace", "determinant"):
+        found = fit_criterion(runs, criterion)
+        assert np.abs((found.six - fit.six) / sd).max() < 0.3  # other weights by the scatter's own error
+        np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), sd, rtol=0.1)
+        np.testing.assert_allclose(np.sqrt(np.diag(found.q)), [1e-3, np.radians(0.1)], rtol=0.1)
+    lopsided = fit_criterion(runs, "trace", s=np.diag([1.0, 1e-6]))  # beta hardly counts
+    assert (np.diag(lopsided.covariance) > np.diag(fit.covariance)).all()
+    with pytest.raises(EstimationError, match="positive definite"):
+        fit_criterion(runs, "trace", s=np.diag([1.0, -1.0]))
+    with pytest.raises(EstimationError, match="criterion"):
+        fit_criterion(runs, "mean")
+
+
+def test_scattered_starts_reach_the_same_optimum_or_a_worse_one(cases: ModuleType) -> None:
+    t = cases.times(16.0)
+    runs = cases.campaign([cases.still_run(x, t) for x in cases.POINTS_M], np.random.default_rng(7))
+    found = multistart(fit_runs(runs, "linear"), runs, np.random.default_rng(0), starts=8)
+    assert found.reached >= 5
+    assert found.better == 0

@@ -208,7 +208,13 @@ def _simulate(options: argparse.Namespace) -> int:
     from .simulate import read_scenario, scenario_stability, simulate_scenario
 
     file = read_scenario(options.scenario)
-    motion = simulate_scenario(file, options.scenario.parent)
+    changed: Callable[..., Any] | None = None
+    if file.effect:
+        from .diagnose.simulated import effects_of, with_effects
+
+        effects = effects_of(file, options.scenario)
+        changed = lambda hull, tow: with_effects(hull, tow, effects, file)  # noqa: E731
+    motion = simulate_scenario(file, options.scenario.parent, changed)
     target = options.out or options.scenario.parent / "motion.csv"
     write_table(target, motion)
     verdict = scenario_stability(file)

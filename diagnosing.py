@@ -139,10 +139,11 @@ def write_model(path: Path, found: Diagnosed) -> None:
         table = tomlkit.table()
         table["name"] = effect.name
         if effect.lag_s:
-            table["time_s"] = effect.lag_s
+            table.comment(f"lag {effect.lag_s:g} s")
+        own = tomlkit.inline_table()
         for parameter, number in zip(effect.parameters, numbers, strict=True):
-            table[parameter.name] = float(number)
-        table.comment(effect.physics)
+            own[parameter.name] = float(number)
+        table["numbers"] = own
         tables.append(table)
     if len(tables):
         document["effect"] = tables

@@ -11,7 +11,9 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +34,9 @@ from identify_cases import (
 from towline.identify import fit_runs
 from towline.identify.colour.innovations import maximise
 from towline.identify.limits.bound import cramer_rao
+from towline.identify.limits.cure import cure
+from towline.identify.report import examined
+from towline.record import Priors
 from towline.simulate import Start
 
 NAMES = ("m'", "I'", "Y_v", "Y_R", "N_v", "N_r")
@@ -135,6 +140,48 @@ def coloured(options: argparse.Namespace) -> None:
     table(np.column_stack([rows[:, 12:18], rows[:, 24:30]]), None)
 
 
+def oscillation(options: argparse.Namespace) -> None:
+    t = times()
+    kept = t >= 20.0
+    print(
+        f"\n== first 20 s removed from a single run: {options.seeds} seeds each, biases free\n"
+        "intervals of what is given: Y_v, N_r (alone where given), Y_R + a m', N_v - b I'"
+    )
+    print(
+        f"{'tow point':12}{'refused: m, I, Y_R, N_v':>26}{'combinations given':>20}{'in 95 %':>10}{'z std':>8}   a, b; the run proposed"
+    )
+    for point in POINTS_M:
+        still = still_run(point, t, "modal", priors=Priors())
+        cut = {n: getattr(still, n)[kept] for n in ("t_s", "y_m", "beta_rad", "covariance")}
+        still = replace(still, common=np.zeros((0, int(kept.sum()), 2)), **cut)
+        refused = given = 0
+        scores: list[float] = []
+        factors, words = [], Counter()
+        for seed in range(options.seeds):
+            run = noisy(still, np.random.default_rng([4, seed]))
+            found = examined(fit_runs([run], "linear"), [run])
+            parts = found.parts
+            refused += set(parts.refused) >= {0, 1, 3, 4}
+            single = [
+                ((found.fit.six[i] - SIX[i]) / np.sqrt(found.covariance[i, i])) for i in parts.single if i in (2, 5)
+            ]
+            joined = [(c.value - c.coefficients @ SIX) / c.sd for c in parts.combinations]
+            scores += single + joined
+            given += len(joined) >= 2
+            by = {c.leading: c.coefficients for c in parts.combinations}
+            if 3 in by and 4 in by:
+                factors.append([by[3][0], by[4][1]])
+            if seed < 20:
+                proposed = cure(found.fit, found.fit.six, found.covariance, [run])
+                words[f"{proposed[0].move_m:+.1f} m" if proposed else "none"] += 1
+        z = np.array(scores)
+        print(
+            f"{point:<12.3f}{refused:>20} of {options.seeds}{given:>20}{100 * (np.abs(z) < 1.96).mean():10.1f}{z.std():8.2f}   "
+            f"{np.mean(factors, axis=0).round(3)}; {dict(words)}",
+            flush=True,
+        )
+
+
 def large(options: argparse.Namespace) -> None:
     t = times()
     still = [
@@ -193,6 +240,7 @@ PARTS = {
     "efficiency": efficiency,
     "nuisance": nuisance,
     "coloured": coloured,
+    "oscillation": oscillation,
     "large": large,
 }
 

@@ -27,7 +27,7 @@ FORCE_N, FORCE_TIME_S = 0.02, 0.5
 
 
 def times(rate_hz: float = RATE_HZ, span_s: float = SPAN_S) -> np.ndarray:
-    return np.arange(int(round(rate_hz * span_s))) / rate_hz
+    return np.arange(round(rate_hz * span_s)) / rate_hz
 
 
 def still_run(

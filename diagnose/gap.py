@@ -24,6 +24,7 @@ Verdict = Literal["no_gap", "effect", "unknown"]
 SHOWN = 8
 """Rows of the ranking that are worked out in full."""
 LARGEST_FORCE_SHARE = 0.05
+LARGEST_D = 1000.0
 SYMMETRIES = (
     ["tension scale", "all derivatives together"],
     ["frame_rate", "carriage speed"],
@@ -246,8 +247,9 @@ def _next_file(design: Design, ranking: Ranking, best: Candidate | None) -> Next
     rivals = [c for c in ranking.candidates if c is not best and len(c.effects) == 1]
     rival = max(rivals, key=lambda c: c.log_evidence).names[0]
     against = best.names[0] if best is not None else "no gap"
+    size = f"{design.distance:.0f}" if design.distance < LARGEST_D else f"over {LARGEST_D:.0f}"
     told = "tells" if design.distance > 20 else "tells best, though not surely,"
-    why = f"{design.differs}: {told} {against} from {rival} (expected D {design.distance:.0f}; 20 is enough)"
+    why = f"{design.differs}: {told} {against} from {rival} (expected D {size}; 20 is enough)"
     return NextRun(
         tow_point_m=design.tow_point_m,
         line_length_m=design.line_length_m,

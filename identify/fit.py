@@ -209,9 +209,7 @@ def inverse_information(information: Array, free: NDArray[np.bool_]) -> Array:
     return found
 
 
-def _report(
-    problem: Problem, optimum: Optimum, weights: list[Whitener], chi2_first: float, steps: int
-) -> Fit:
+def _report(problem: Problem, optimum: Optimum, weights: list[Whitener], chi2_first: float, steps: int) -> Fit:
     """Put the optimum into a Fit."""
     theta = optimum.theta
     information = np.zeros((problem.size, problem.size))

@@ -12,7 +12,7 @@ from .data import RunData
 from .fit import OWN, Fit, fit_runs
 from .limits.cure import cure
 from .limits.identifiability import Identifiability, examine
-from .limits.words import SYMBOLS, correlation_lines, refusal_lines, transient_line
+from .limits.words import correlation_lines, refusal_lines, transient_line
 from .noise import autocorrelation, ljung_box_p
 from .prime import prime_factors
 from .steady import SteadyFit, SteadyState, steady_tow_result

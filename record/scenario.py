@@ -137,6 +137,15 @@ class FilmTable(Table):
     )
 
 
+class EffectTable(Table):
+    """Something the linear tow does not know (formats.md), as towline diagnose --write-model saves it."""
+
+    name: Name = Field(description="crossflow_drag, cubic_damping, ...")
+    numbers: dict[str, Number] = Field(
+        default_factory=dict, description="the effect's numbers, SI; absent: without effect"
+    )
+
+
 class ScenarioFile(Table):
     """scenario.toml."""
 
@@ -148,6 +157,7 @@ class ScenarioFile(Table):
     time: TimeTable = Field(description="how long, how often")
     hull: HullTable = Field(description="the hull's derivatives")
     tow: ScenarioTow = Field(description="how the model is towed")
+    effect: tuple[EffectTable, ...] = Field(default=(), description="unmodelled effects to add; full form")
     start: StartTable = Field(default_factory=lambda: StartTable(), description="the state at t = 0")
     model: ModelTable = Field(description="the ship model")
     water: WaterTable = Field(default_factory=lambda: WaterTable(), description="water and tank")

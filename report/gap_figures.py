@@ -22,7 +22,7 @@ def ladder_figure(file: GapFile) -> Html:
     rows += [("nothing missing", file.p_no_gap), ("in no library", file.p_unknown)]
     rows.sort(key=lambda row: row[1])
     drawing, (ax,) = new_figure(0.36 * len(rows) + 0.8)
-    drawing.subplots_adjust(left=0.42)
+    ax.set_position((0.4, 0.5 / (0.36 * len(rows) + 0.8), 0.57, 0.92 - 0.5 / (0.36 * len(rows) + 0.8)))
     ax.barh([name.replace("_", " ") for name, _ in rows], [p for _, p in rows], color=BLUE, height=0.6)
     ax.set_xlim(0, 1)
     label(ax, x="probability")
@@ -34,7 +34,6 @@ def ladder_figure(file: GapFile) -> Html:
 def stage_figure(file: GapFile) -> Html:
     """Stages and runs, side by side."""
     drawing, axes = new_figure(2.3, columns=2)
-    drawing.subplots_adjust(left=0.12, wspace=0.45)
     share = file.where.share
     axes[0].barh(list(share), list(share.values()), color=VERMILION, height=0.6)
     axes[0].set_xlim(0, 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..record.schema import TowTable
 from ..record.tables import read_history
 from ..record.toml import read_toml
 from .characteristic import Stability, stability
-from .model import Array, Hull, Tow
+from .model import Array, ExtraForce, Hull, Tow
 from .motion import Histories, Start, simulate_full, simulate_linear
 
 
@@ -67,18 +68,30 @@ def scenario_histories(file: ScenarioFile, folder: Path) -> Histories:
     )
 
 
-def simulate_scenario(file: ScenarioFile, folder: Path) -> pd.DataFrame:
-    """Simulate a scenario; histories are read from ``folder``. Columns: ``simulate_full``."""
+def simulate_scenario(
+    file: ScenarioFile,
+    folder: Path,
+    changed: Callable[[Hull, Tow], tuple[Hull, Tow, ExtraForce | None]] | None = None,
+) -> pd.DataFrame:
+    """Simulate a scenario; histories are read from ``folder``. Columns: ``simulate_full``.
+
+    changed : hull and tow -> the same with unmodelled effects, and their force
+    """
     hull, tow, times = hull_of(file), tow_from_table(file.tow), scenario_times(file)
+    extra: ExtraForce | None = None
+    if changed is not None:
+        hull, tow, extra = changed(hull, tow)
     start = Start(**file.start.model_dump())
     histories = scenario_histories(file, folder)
     if file.form == "linear":
-        if not histories.empty or file.kind == "free":
+        if not histories.empty or file.kind == "free" or extra is not None:
             raise InputError(
-                folder / "scenario.toml", "form", '"linear" knows a towed model with constant T, U, delta; use "full"'
+                folder / "scenario.toml",
+                "form",
+                '"linear" knows a tow with constant T, U, delta and no effects; use "full"',
             )
         return simulate_linear(hull, tow, start, times)
-    return simulate_full(hull, tow, start, times, free=file.kind == "free", histories=histories)
+    return simulate_full(hull, tow, start, times, free=file.kind == "free", histories=histories, extra=extra)
 
 
 def scenario_stability(file: ScenarioFile) -> Stability | None:

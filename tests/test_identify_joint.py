@@ -23,7 +23,7 @@ from towline.identify.multistart import multistart
 from towline.identify.response import full_response, linear_response
 from towline.record import EstimationError, Priors
 from towline.simulate import Start, Tow, linear_system, simulate_full
-from towline.simulate.model import full_rates
+from towline.simulate.model import alpha_from_y, full_rates
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +146,7 @@ def test_large_swings_are_followed_by_all_steps_at_once(cases: ModuleType, large
         ]
     )
     for run, (response, _) in zip(large, full_response(large, values, 1.28), strict=True):
-        assert np.degrees(np.arcsin(np.abs(run.y_m).max() / 0.91)) > 45
+        assert np.degrees(np.abs(alpha_from_y(run.y_m, run.beta_rad, run.tow)).max()) > 45
         np.testing.assert_allclose(response, np.column_stack([run.y_m, run.beta_rad]), atol=1e-7)
     astray = values.copy()
     astray[:, 0] *= 0.2  # past 90 degrees: no motion, and no exception
@@ -163,9 +163,9 @@ def test_large_swings_give_the_derivatives_without_a_guess(cases: ModuleType, la
 
 
 def test_large_swings_are_unbiased(cases: ModuleType, large) -> None:
-    """12 seeds: the mean error of each derivative lies within 4 of its standard errors (the benchmark: 50 seeds, 2)."""
+    """5 seeds: the mean error of each derivative lies within 4 of its standard errors (the benchmark: 50 seeds, 2)."""
     errors, sds = [], []
-    for seed in range(12):
+    for seed in range(5):
         fit = fit_runs(cases.campaign(large, np.random.default_rng([4, seed])), "full")
         errors.append(fit.six - cases.SIX)
         sds.append(np.sqrt(np.diag(fit.covariance)))

@@ -99,7 +99,7 @@ def _drawn(fit: Fit, data: RunData, index: int, rng: np.random.Generator) -> Run
 def _coloured(regression: Array, count: int, rng: np.random.Generator) -> Array:
     """An autoregression of unit innovations, its beginning forgotten."""
     drawn = rng.normal(size=count + SETTLES)
-    return lfilter([1.0], np.concatenate([[1.0], -regression]), drawn)[SETTLES:]
+    return np.asarray(lfilter([1.0], np.concatenate([[1.0], -regression]), drawn))[SETTLES:]
 
 
 def pushed(fit: Fit, data: RunData, rng: np.random.Generator) -> Array:
@@ -111,7 +111,7 @@ def pushed(fit: Fit, data: RunData, rng: np.random.Generator) -> Array:
     kinds, which = np.unique(np.rint(gaps / (0.01 * usual)).astype(int), return_inverse=True)
     noise = np.log([d.force_n, d.moment_n_m, d.time_s, 1.0, 1.0])
     transition, added = step_model(data, fit.six, noise, fit.speed_m_s, kinds * 0.01 * usual)
-    steps, spreads = transition[:, 0].real, added[:, 0].real
+    steps, spreads = np.real(transition[:, 0]), np.real(added[:, 0])
     roots = []
     for spread in spreads:
         scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))

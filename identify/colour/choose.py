@@ -56,7 +56,9 @@ def fit_with_noise(
     except EstimationError as error:
         if noise == "innovations":
             raise
-        return replace(fit, notes=(f"the residuals are coloured; no force on the hull could be fitted to them ({error})",))
+        return replace(
+            fit, notes=(f"the residuals are coloured; no force on the hull could be fitted to them ({error})",)
+        )
     samples = sum(2 * len(d.t_s) for d in found.problem.runs)
     force_bic = found.deviance + NOISE * np.log(samples)
     measured_bic = measurement_bic(along, form, fit)
@@ -69,7 +71,8 @@ def fit_with_noise(
         return replace(fit, notes=(words,))
     d = found.disturbance
     words = (
-        f"the residuals are coloured as a force on the hull makes them (BIC lower by {gap:.0f} than for coloured measurement noise): "
+        "the residuals are coloured as a force on the hull makes them "
+        f"(BIC lower by {gap:.0f} than for coloured measurement noise): "
         if noise == "auto"
         else f"innovations form as asked for (BIC lower by {gap:.0f} than for coloured measurement noise): "
     ) + f"side force {d.force_n:.2g} N, moment {d.moment_n_m:.2g} N m, correlation time {d.time_s:.2g} s"

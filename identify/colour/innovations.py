@@ -26,6 +26,9 @@ CONVERGED = 1e-4
 """Steps end when the next is expected to lower -2 log L by less than this (0.01 of a standard deviation squared)."""
 NEAR_SD = 5.0
 """Weak knowledge of the noise's logarithms, about the start: keeps one that the record does not show from running away."""
+ARM_SHARE, ARM_SD = 0.6, 1.0
+"""The moment's sd over the force's is an arm on the hull: 0.6 X_T to within a factor of 2.7 (one sd of its logarithm).
+Where a record does not show one of the two, it would else be estimated as nothing and counted as known."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,7 @@ def noise_start(problem: Problem, theta: Array) -> Array:
     point = np.mean([d.tow.tow_point_m for d in problem.runs])
     force = 0.3 * tension * (scatter[0] / length + scatter[1])
     time_s = 0.3 * float(np.mean([(d.tow.line_length_m + d.tow.tow_point_m) / d.tow.speed_m_s for d in problem.runs]))
-    return np.log([force, force * point, time_s, 1.0, 1.0])
+    return np.log([force, ARM_SHARE * force * point, time_s, 1.0, 1.0])
 
 
 def maximise(
@@ -164,6 +167,11 @@ def _evaluate(problem: Problem, theta: Array, noise: Array, first: Array) -> _He
     place = np.arange(problem.size, size)
     matrix[place, place] += 1 / NEAR_SD**2
     score[place] += weak / NEAR_SD
+    arm = ARM_SHARE * float(np.mean([d.tow.tow_point_m for d in problem.runs]))
+    tie, row = (noise[1] - noise[0] - np.log(arm)) / ARM_SD, np.array([-1.0, 1.0]) / ARM_SD
+    deviance += float(tie**2)
+    matrix[np.ix_(place[:2], place[:2])] += np.outer(row, row)
+    score[place[:2]] += tie * row
     answers = problem.evaluate(theta)
     runs = []
     for data, answer in zip(problem.runs, answers, strict=True):

@@ -114,7 +114,8 @@ def innovations(
     error = np.empty(measured.shape)
     shifted = np.empty((count, MOVING + 1, 2), dtype=complex)
     stands = False
-    gain = np.zeros((MOVING + 1, STATES, 2), dtype=complex)
+    gained = np.zeros((MOVING + 1, STATES, 2), dtype=complex)
+    closed = np.zeros((MOVING + 1, STATES, STATES), dtype=complex)
     for k in range(count):
         kind = which[k]
         # a gain that stands is used while neither step nor weight changes
@@ -136,15 +137,14 @@ def innovations(
             change = np.diagonal(covariance - before, axis1=1, axis2=2)
             real, moved_by = np.abs(change[0].real), np.abs(change[1:].imag)
             stands = bool((real < STANDS * size).all() and (moved_by < 1e3 * STANDS * EPS * size).all())
-            step_gain = (transition[kind] @ gain, transition[kind][0].real, transition[kind])
-            plain_gain = step_gain[0][0].real
+            gained = transition[kind] @ gain
             closed = transition[kind].copy()
-            closed[:, :, :2] -= step_gain[0]
+            closed[:, :, :2] -= gained
         e = measured[k] - mean[:2]
         error[k] = e
-        mean = step_gain[1] @ mean + plain_gain @ e
+        mean = np.real(transition[kind][0]) @ mean + np.real(gained[0]) @ e
         shifted[k] = measured[k, :, 0] - moved[:, :2]
-        moved = (closed @ moved[:, :, None])[:, :, 0] + step_gain[0] @ measured[k, :, 0]
+        moved = (closed @ moved[:, :, None])[:, :, 0] + gained @ measured[k, :, 0]
     d_error = np.concatenate([-error[:, :, 1:].transpose(0, 2, 1), np.imag(shifted[:, 1:]) / EPS], axis=1)
     return Innovations(error[:, :, 0], np.real(spread[:, 0]), d_error, np.imag(spread[:, 1:]) / EPS)
 

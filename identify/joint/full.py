@@ -135,7 +135,10 @@ def _setting(runs: list[RunData], values: Array, reference: float) -> _Setting:
     post = [d.tow.post_phase_rad + 2 * np.pi * d.tow.post_frequency_hz * d.t_s[0] for d in runs]
     moving = any(d.tow.post_amplitude_m for d in runs)
     tow = Tow(
-        *(values[:, k] for k in (SPEED, LINE_LENGTH, TOW_POINT, TENSION)),
+        values[:, SPEED],  # pyright: ignore[reportArgumentType]
+        values[:, LINE_LENGTH],  # pyright: ignore[reportArgumentType]
+        values[:, TOW_POINT],  # pyright: ignore[reportArgumentType]
+        values[:, TENSION],  # pyright: ignore[reportArgumentType]
         tow_point_offset_m=field("tow_point_offset_m"),  # pyright: ignore[reportArgumentType]
         post_amplitude_m=field("post_amplitude_m") if moving else 0.0,  # pyright: ignore[reportArgumentType]
         post_frequency_hz=field("post_frequency_hz"),  # pyright: ignore[reportArgumentType]
@@ -179,9 +182,7 @@ def _histories(runs: list[RunData], step: float, count: int) -> tuple[Array | No
     return tension, speed
 
 
-def _first_path(
-    runs: list[RunData], values: Array, reference: float, setting: _Setting, guess: Guess | None
-) -> Array:
+def _first_path(runs: list[RunData], values: Array, reference: float, setting: _Setting, guess: Guess | None) -> Array:
     """The earlier path moved along its sensitivities, or the linear form's."""
     shape = (4, setting.count + 1, len(runs))
     if guess is not None and guess.step_s == setting.step and guess.path.shape == shape and guess.wanted:

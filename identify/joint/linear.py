@@ -52,7 +52,9 @@ def linear_paths(
             np.array([s for step, _, _, inner in grids for s in (step, inner * step)]),
         )
         return [
-            _path(values[i], wanted, dynamic, channels, matrix[i], slopes[i], grid, powers[0][2 * i :], powers[1][2 * i :])
+            _path(
+                values[i], wanted, dynamic, channels, matrix[i], slopes[i], grid, powers[0][2 * i :], powers[1][2 * i :]
+            )
             for i, grid in enumerate(grids)
         ]
 

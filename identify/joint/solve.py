@@ -112,7 +112,7 @@ def minimise(
             return Optimum(theta, answers, cost, step_number, True)
         trial = theta.copy()
         trial[free] += step
-        new_cost, found = np.inf, None
+        new_cost, found, there = np.inf, None, answers
         if _usable(trial):
             with np.errstate(all="ignore"):
                 there = problem.evaluate(trial)

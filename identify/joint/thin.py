@@ -19,9 +19,7 @@ def block_length_s(data: RunData) -> float:
     return BLOCK_SHARE * (data.tow.line_length_m + abs(data.tow.tow_point_m)) / data.tow.speed_m_s
 
 
-def thinned(
-    data: RunData, block_s: float | None = None, keep_first: bool = False, keep_modes: bool = False
-) -> RunData:
+def thinned(data: RunData, block_s: float | None = None, keep_first: bool = False, keep_modes: bool = False) -> RunData:
     """Block means of time, y and beta, with the covariance of a mean. No block lies over a gap.
 
     Parameters
@@ -50,5 +48,7 @@ def thinned(
         y_m=mean(data.y_m),
         beta_rad=mean(data.beta_rad),
         covariance=mean(data.covariance) / counts[:, None, None],
-        common=np.stack([mean(m) for m in data.common]) if keep_modes and len(data.common) else np.zeros((0, len(first), 2)),
+        common=np.stack([mean(m) for m in data.common])
+        if keep_modes and len(data.common)
+        else np.zeros((0, len(first), 2)),
     )

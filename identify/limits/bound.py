@@ -43,5 +43,7 @@ def information_of_six(matrix: Array, problem: Problem) -> Array:
     other = other[other >= 6]
     inner = matrix[np.ix_(other, other)]
     scale = 1 / np.sqrt(np.maximum(np.diag(inner), 1e-300))
-    cross = matrix[np.ix_(other, range(6))] * scale[:, None]
-    return matrix[:6, :6] - cross.T @ np.linalg.pinv(inner * scale[:, None] * scale, rcond=1e-14, hermitian=True) @ cross
+    cross = matrix[other, :6] * scale[:, None]
+    return (
+        matrix[:6, :6] - cross.T @ np.linalg.pinv(inner * scale[:, None] * scale, rcond=1e-14, hermitian=True) @ cross
+    )

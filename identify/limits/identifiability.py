@@ -2,7 +2,7 @@
 
 Along a direction that the record leaves open, the optimum lies anywhere, and its linearised standard deviation there may
 be small. So a fit that looks weak is done again with a weak anchor on m' and I' (the phase analysis (8.9) with a guessed
-radius of gyration, 70 % wide), and its Fisher information, the anchor taken out again, is read at that point.
+radius of gyration, 25 % wide), and its Fisher information, the anchor taken out again, is read at that point.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .combinations import Determined, determined
 
 WEAK_SHARE = 0.08
 """From this relative standard deviation of any derivative on, the fit is examined."""
-ANCHOR_SHARE = 0.7
+ANCHOR_SHARE = 0.25
 RADIUS_SHARE = 0.4
 """Radius of gyration over X_T, for the anchor: 0.25 of a length of 1.6 X_T."""
 OPEN_VARIANCE = 1e4
@@ -79,15 +79,15 @@ def anchors(fit: Fit, runs: list[RunData]) -> Array:
         tow = run.tow
         hull = Hull(*(float(x) for x in fit.six), speed_m_s=fit.speed_m_s).at_speed(tow.speed_m_s)
         roots, shapes = np.linalg.eig(linear_system(hull, tow)[0])
-        swing = np.flatnonzero(roots.imag > 1e-3 * np.abs(roots))
+        swing = np.flatnonzero(np.imag(roots) > 1e-3 * np.abs(roots))
         assert tow.tension_n is not None
         if not len(swing):
             continue
-        slow = swing[np.argmin(np.abs(roots[swing].real))]
+        slow = swing[np.argmin(np.abs(np.real(roots[swing])))]
         # y = -y0 cos(wt), beta = b0 sin(wt): y0/b0 = -Im(Y/B) of amplitudes of e^(iwt) (theory.md 9.11)
         ratio = -float(np.imag(shapes[0, slow] / shapes[1, slow]))
         six = phase_analysis(
-            float(roots[slow].imag),
+            float(np.imag(roots[slow])),
             abs(ratio),
             tow.tension_n,
             tow.tow_point_m,

@@ -52,7 +52,9 @@ def profile(fit: Fit, runs: list[RunData], index: int) -> Profile:
     sd = float(np.sqrt(max(np.linalg.pinv(matrix[np.ix_(at, at)])[index, index], 0.0)))
     sd = min(sd, 0.3 * abs(centre)) if np.isfinite(sd) and sd > 0 else 0.1 * abs(centre)
     held = Problem(few, fit.form, fit.speed_m_s, hold=(index,))
-    below, above = (_walk(held, best.theta, best.chi_square, weights, index, sign * FIRST_STEP_SD * sd) for sign in (-1, 1))
+    below, above = (
+        _walk(held, best.theta, best.chi_square, weights, index, sign * FIRST_STEP_SD * sd) for sign in (-1, 1)
+    )
     value = np.array([*[v for v, _ in below][::-1], centre, *[v for v, _ in above]])
     rise = np.array([*[r for _, r in below][::-1], 0.0, *[r for _, r in above]])
     return Profile(index, value, rise, (_end(centre, below), _end(centre, above)))

@@ -50,7 +50,9 @@ def refusal_lines(found: Identifiability, cures: list[Cure], runs: list[RunData]
     record = "this record" if len(runs) == 1 else "these records"
     fixes = "fixes" if len(runs) == 1 else "fix"
     names = [LISTED[i] for i in parts.refused]
-    lines = [f"{_listing(names)} {'is' if len(names) == 1 else 'are'} not determined by {record}: no single number is given"]
+    lines = [
+        f"{_listing(names)} {'is' if len(names) == 1 else 'are'} not determined by {record}: no single number is given"
+    ]
     for combination in parts.combinations:
         apart = [_bracketed(LISTED[i]) for i in np.flatnonzero(combination.coefficients)]
         if len(apart) > 1:
@@ -72,7 +74,9 @@ def cure_words(cures: list[Cure], found: Identifiability, record: str) -> str:
     for proposed in cures:
         shares = [f"{LISTED[i]} to {100 * proposed.sd[i] / abs(found.fit.six[i]):.1g} %" for i in found.parts.refused]
         if proposed.move_m == 0.0:
-            where = f"a run like {proposed.beside!r} whose record holds its release at rest {RELEASED_M:g} m to the side"
+            where = (
+                f"a run like {proposed.beside!r} whose record holds its release at rest {RELEASED_M:g} m to the side"
+            )
         else:
             side = "forward" if proposed.move_m > 0 else "aft"
             where = (
@@ -113,10 +117,10 @@ def transient_share(fit: Fit, run: RunData, index: int) -> float | None:
     """Amplitude in y of all modes but the slow oscillation at the first sample, over that oscillation's; None without one."""
     hull = Hull(*(float(x) for x in fit.six), speed_m_s=fit.speed_m_s).at_speed(run.tow.speed_m_s)
     roots, shapes = np.linalg.eig(linear_system(hull, run.tow)[0])
-    swing = np.flatnonzero(roots.imag > 1e-3 * np.abs(roots))
+    swing = np.flatnonzero(np.imag(roots) > 1e-3 * np.abs(roots))
     if not len(swing):
         return None
-    slow = swing[np.argmin(np.abs(roots[swing].real))]
+    slow = swing[np.argmin(np.abs(np.real(roots[swing])))]
     state = np.array(fit.own[index, :4], dtype=complex)
     if fit.form == "full":
         state[0] = run.tow.line_length_m * np.sin(state[0]) - run.tow.tow_point_m * np.sin(state[1])

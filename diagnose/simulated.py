@@ -1,0 +1,84 @@
+"""A scenario with effects: what ``towline diagnose --write-model`` saved, put into the simulator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..record.errors import InputError
+from ..record.scenario import ScenarioFile
+from ..simulate.model import Array, ExtraForce, Hull, Tow, line_force
+from .effects import LIBRARY, Effect, Situation
+
+
+def effects_of(file: ScenarioFile, path: Path) -> list[tuple[Effect, Array]]:
+    """Effects of a scenario's [[effect]] tables with their numbers.
+
+    Raises
+    ------
+    InputError : an unknown name or number, or an effect that the simulator of motions has no place for
+    """
+    found = []
+    for index, table in enumerate(file.effect):
+        where = f"effect[{index}]"
+        named = [e for e in LIBRARY if e.name == table.name]
+        if not named:
+            raise InputError(
+                path, f"{where}.name", f"{table.name!r}; expected one of {', '.join(sorted({e.name for e in LIBRARY}))}"
+            )
+        effect = named[0]
+        if not (effect.force or effect.tension or effect.coupling or effect.length or effect.offset) or effect.lag_s:
+            raise InputError(
+                path,
+                f"{where}.name",
+                f"{table.name!r} is no force of constant form; the simulator of motions has no place for it",
+            )
+        known = [p.name for p in effect.parameters]
+        wrong = [key for key in table.numbers if key not in known]
+        if wrong:
+            raise InputError(path, f"{where}.numbers.{wrong[0]}", f"unknown; {table.name} has {', '.join(known)}")
+        found.append((effect, np.array([table.numbers.get(p.name, p.none) for p in effect.parameters])))
+    return found
+
+
+def with_effects(
+    hull: Hull, tow: Tow, effects: list[tuple[Effect, Array]], file: ScenarioFile
+) -> tuple[Hull, Tow, ExtraForce | None]:
+    """Hull, tow and added force of a simulation with effects."""
+    pull = tow.tension_n if tow.tension_n is not None else float(tow.resistance_n or 0.0)
+    for effect, n in effects:
+        if effect.coupling is not None:
+            y_rdot, n_vdot = effect.coupling(*n)
+            hull = replace(hull, y_rdot=hull.y_rdot + float(y_rdot), n_vdot=hull.n_vdot + float(n_vdot))
+        if effect.length is not None:
+            tow = replace(tow, line_length_m=tow.line_length_m + float(effect.length(pull, *n)))
+        if effect.offset is not None:
+            tow = replace(tow, tow_point_offset_m=tow.tow_point_offset_m + float(effect.offset(*n)))
+    pushing = [(e, n) for e, n in effects if e.force is not None or e.tension is not None]
+    if not pushing:
+        return hull, tow, None
+    here = hull.at_speed(tow.speed_m_s)
+    width = file.water.tank_width_m
+
+    def extra(t_s, y, beta, v, r, alpha):
+        angle = alpha + beta
+        turning = (v + tow.tow_point_m * r + tow.speed_m_s * np.sin(beta)) / (tow.line_length_m * np.cos(angle))
+        s = Situation(
+            t_s, y, beta, v, r, alpha, tow.speed_m_s, tow.line_length_m, tow.tow_point_m, pull, turning,
+            length_pp_m=file.model.length_pp_m, density_kg_m3=file.water.density_kg_m3,
+            half_width_m=width / 2 if width else np.nan, v_lag=v, r_lag=r, duration_s=file.time.duration_s,
+            y_v=here.y_v, n_v=here.n_v, n_r=here.n_r, history=lambda _: 1.0,
+        )  # fmt: skip
+        side = moment = 0.0
+        for effect, n in pushing:
+            if effect.force is not None:
+                one, two = effect.force(s, *n)
+                side, moment = side + one, moment + two
+            if effect.tension is not None:
+                one, two = line_force(tow, effect.tension(s, *n), np.sin(angle), np.cos(angle))
+                side, moment = side + one, moment + two
+        return side, moment
+
+    return hull, tow, extra

@@ -89,9 +89,8 @@ def fit_criterion(
             if np.abs((q - before) / size[:, None] / size[None, :]).max() < STANDS:
                 break
     assert answers is not None
-    bread, meat = np.zeros((problem.size, problem.size)), np.zeros((problem.size, problem.size))
-    for to in (bread, meat):
-        np.add.at(to, (problem.pull.index, problem.pull.index), 1 / problem.pull.sd**2)
+    bread, _, _ = problem.prior(theta)
+    meat = bread.copy()
     middle = weight @ q @ weight
     for answer in answers:
         place = np.ix_(answer.columns, answer.columns)

@@ -125,7 +125,8 @@ def fit_runs(
         theta, steps = optimum.theta, steps + optimum.steps
         paths = [a.response.T for a in optimum.answers]
     first_chi2 = np.nan
-    problem, answers = Problem(runs, form, speed, hold, extra), None
+    problem = Problem(runs, form, speed, hold, extra)
+    optimum, answers = None, None
     for turn in range(REWEIGHTINGS):
         if paths is not None:
             problem = Problem([modes_along(d, p) for d, p in zip(runs, paths, strict=True)], form, speed, hold, extra)
@@ -143,6 +144,7 @@ def fit_runs(
         after = np.array([w.scale * w.innovation for w in weights])
         if turn > 0 and np.abs(after / before - 1).max() < SETTLED:
             break
+    assert optimum is not None
     return _report(problem, optimum, weights, first_chi2, steps)
 
 
@@ -212,8 +214,7 @@ def inverse_information(information: Array, free: NDArray[np.bool_]) -> Array:
 def _report(problem: Problem, optimum: Optimum, weights: list[Whitener], chi2_first: float, steps: int) -> Fit:
     """Put the optimum into a Fit."""
     theta = optimum.theta
-    information = np.zeros((problem.size, problem.size))
-    np.add.at(information, (problem.pull.index, problem.pull.index), 1 / problem.pull.sd**2)
+    information, _, _ = problem.prior(theta)
     more, plain = np.zeros_like(information), information.copy()
     innovations = []
     for data, w, answer in zip(problem.runs, weights, optimum.answers, strict=True):

@@ -30,6 +30,7 @@ class DerivativePriors(Table):
     y_r_minus_mu: ValuePrior | None = Field(default=None, description="Y_r - mU, N s")
     n_v: ValuePrior | None = Field(default=None, description="N_v, N s")
     n_r: ValuePrior | None = Field(default=None, description="N_r, N m s")
+    k2_m2: ValuePrior | None = Field(default=None, description="K^2 = (I - N_rdot)/(m - Y_vdot), m2")
 
 
 class Priors(Table):

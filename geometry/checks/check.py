@@ -20,6 +20,7 @@ from ..datum import DatumFit
 from ..datum_model import PLAIN
 from ..mapping import ProjectiveMapping
 from ..motion import poses_from_tracks
+from ..rigid import fit_rigid
 from .bundle import CAMERA, Bundle, Film, Rig, Solution
 from .faults import Scored, refit, screen
 
@@ -129,13 +130,16 @@ def bundle_of(runs: Sequence[Run], tracks: Sequence[pd.DataFrame], fit: DatumFit
         frames = poses_from_tracks(run, table, fit.mapping)
         thin = slice(None, None, max(1, -(-len(frames.t_s) * len(runs) // MOST_FRAMES)))
         films.append(_film(run, frames.t_s[thin], frames.pixel_px[thin], frames.sigma_px[thin]))
-        poses.append(np.where(np.isfinite(frames.rigid.pose), frames.rigid.pose, 0.0)[thin])
+        # as filmed: where marks on the post move through the picture, the pose itself is told from them
+        pose = fit_rigid(frames.place_m, frames.covariance_m2, np.array([m.body_m for m in frames.markers])).pose
+        poses.append(np.where(np.isfinite(pose), pose, 0.0)[thin])
     return Bundle(_rig(runs[0], fit, markers), films, poses, LINE_SD_M)
 
 
 def _film(run: Run, t_s: Array, pixel: Array, sigma: Array) -> Film:
     tow = run.file.tow
     taut = run.file.kind == "tow" and tow is not None and tow.line_length_m is not None and tow.tow_point_m is not None
+    taut = taut and all(m.on == "model" for m in run.file.marker)
     assert tow is not None or not taut
     return Film(
         t_s,

@@ -157,11 +157,9 @@ def _evaluate(problem: Problem, theta: Array, noise: Array, first: Array) -> _He
     """-2 log L, half its gradient, and the Fisher information, over theta and noise."""
     size = problem.size + NOISE
     score, matrix = np.zeros(size), np.zeros((size, size))
-    gap, slope = problem.pull.rows(theta)
-    at = problem.pull.index
-    np.add.at(matrix, (at, at), slope**2)
-    np.add.at(score, at, -slope * gap)
-    deviance = float(gap @ gap)
+    known, pull, deviance = problem.prior(theta)
+    matrix[: problem.size, : problem.size] += known
+    score[: problem.size] -= pull
     weak = (noise - first) / NEAR_SD
     deviance += float(weak @ weak)
     place = np.arange(problem.size, size)

@@ -93,6 +93,8 @@ class Problem:
             self.mode_at[key] = slice(offset, offset + self.mode_count[key])
             offset += self.mode_count[key]
         self.pull = self._pull()
+        k2 = next((p for d in runs if (p := d.priors.derivatives.k2_m2) is not None), None)
+        self.gyration = None if k2 is None else (k2.value, k2.std)
         self.free = self._free()
         moving = set(range(10)) - set(hold)
         if any(d.priors.tension_sd_rel for d in runs) or "tension" in self.common_at:
@@ -149,6 +151,23 @@ class Problem:
         else:
             paths = linear_paths(self.runs, values, self.speed, self.wanted)
         return [self._answer(i, theta, *path) for i, path in enumerate(paths)]
+
+    def prior(self, theta: Array) -> tuple[Array, Array, float]:
+        """Normal matrix, gradient and chi-square of what is known beside the motion."""
+        matrix, gradient = np.zeros((self.size, self.size)), np.zeros(self.size)
+        gap, slope = self.pull.rows(theta)
+        at = self.pull.index
+        np.add.at(matrix, (at, at), slope**2)
+        np.add.at(gradient, at, slope * gap)
+        cost = float(gap @ gap)
+        if self.gyration is not None:
+            k2, sd = self.gyration
+            row = np.array([-theta[1] / theta[0], 1.0]) / theta[0] / sd
+            short = (k2 - theta[1] / theta[0]) / sd
+            matrix[:2, :2] += np.outer(row, row)
+            gradient[:2] += row * short
+            cost += short**2
+        return matrix, gradient, float(cost)
 
     def _answer(self, index: int, theta: Array, response: Array, sensitivity: Array) -> Answer:
         data, own = self.runs[index], self.own_at(index)

@@ -52,12 +52,7 @@ def normal(
     problem: Problem, theta: Array, answers: Sequence[Answer], weights: Sequence[Weight]
 ) -> tuple[Array, Array, float]:
     """Normal matrix, gradient and chi-square with priors, over the whole parameter vector."""
-    matrix, gradient = np.zeros((problem.size, problem.size)), np.zeros(problem.size)
-    gap, slope = problem.pull.rows(theta)
-    at = problem.pull.index
-    np.add.at(matrix, (at, at), slope**2)
-    np.add.at(gradient, at, slope * gap)
-    cost = float(gap @ gap)
+    matrix, gradient, cost = problem.prior(theta)
     for answer, weight in zip(answers, weights, strict=True):
         e, j = weight.along(answer.residual), weight.along(answer.slope)
         columns = answer.columns

@@ -411,4 +411,15 @@ def read_priors(path: str | Path):
     return read_toml(path, Priors)
 
 
-__all__ = ["Moved", "Tracked", "datum_of", "draw", "moved", "picture_of", "read_priors", "tracked", "truth_motion", "truth_of"]
+__all__ = [
+    "Moved",
+    "Tracked",
+    "datum_of",
+    "draw",
+    "moved",
+    "picture_of",
+    "read_priors",
+    "tracked",
+    "truth_motion",
+    "truth_of",
+]

@@ -2,8 +2,8 @@
 
     python benchmarks/blind.py CASES -o benchmarks/blind/answers.json [--workers 2]
 
-CASES holds folders, each with run folders run-1, run-2, ... No truth is read or known. What was answered already is kept when the command is
-started again with the same file; the commit that made it stands in the file.
+CASES holds folders, each with run folders run-1, run-2, ... No truth is read or known. What was answered already is kept when the
+command is started again with the same file; the commit that made it stands in the file.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     python benchmarks/gap.py [--seeds 1] [--only NAME ...]
 
-A look at every effect at a size that is clear to the eye in the residual, not a score: that takes many campaigns of random size whose truth is
-withheld. benchmarks/gap.txt is a run of it.
+A look at every effect at a size that is clear to the eye in the residual, not a score: that takes many campaigns of random size
+whose truth is withheld. benchmarks/gap.txt is a run of it.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
         "--refine",
         default="",
         metavar="NAMES",
-        help=f"estimate these from the invariants over all runs, and say what cannot be told: {REFINE}; nothing is written to run.toml",
+        help=f"estimate these from the invariants over all runs, and say what cannot be told: {REFINE}; run.toml stays",
     )
     sub.add_argument(
         "--no-effects", action="store_true", help="leave out the camera's share in each derivative (faster)"

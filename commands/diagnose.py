@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 NAME = "diagnose"
-HELP = "where the simulator differs from the tank, which unmodelled effect causes it, how far it shrinks (out/gap.json, out/gap.html)"
+HELP = "where simulator and tank differ, which unmodelled effect causes it, how far it shrinks (out/gap.json, out/gap.html)"
 
 
 def add_arguments(sub: argparse.ArgumentParser) -> None:

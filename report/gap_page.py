@@ -41,7 +41,7 @@ def gap_page(found: Diagnosed) -> str:
         parts.append(tag("section", tag("h2", "Not judged"), table(["effect", "why"], rows)))
     noise = file.noise
     words = (
-        f"Slow random forces taken along: {significant(noise['side_n'], 2)} N and {significant(noise['moment_n_m'], 2)} N m, lasting "
+        f"Slow random forces taken: {significant(noise['side_n'], 2)} N and {significant(noise['moment_n_m'], 2)} N m, lasting "
         f"{noise['time_s']:g} s. Written by towline {file.tool}. ± is one standard deviation."
     )
     parts.append(tag("footer", words))
@@ -65,7 +65,7 @@ def _ranking(file: GapFile) -> Html:
         )
     rows.append(["something in no library", number(f"{file.p_unknown:.3f}"), "", "", "", ""])
     words = (
-        "Gap: root mean square of what the simulator misses in y and heading on runs kept aside, in units of the noise (1 = noise). "
+        "Gap: root mean square of what the simulator misses in y and heading on runs kept aside, over the noise (1 = noise). "
         "Shrink: share of the excess that goes away, with its 90 % interval."
     )
     return table(["hypothesis", "probability", "gap before", "after", "shrink", "size"], rows, caption=words)

@@ -19,6 +19,7 @@ from towline.identify.limits.profile import profile
 from towline.identify.limits.words import combination_name, transient_share
 from towline.identify.report import examined
 from towline.record import Priors
+from towline.record.priors import DerivativePriors, ValuePrior
 from towline.record.schema import ModelTable, WaterTable
 
 RATE_HZ = 16.0
@@ -92,6 +93,19 @@ def test_the_report_says_so_and_names_the_run_that_would_cure_it(cases: ModuleTy
     assert "a second tow point 0.1 m forward of 'x1.751'" in words
     assert "release" in words
     assert "transient" in words
+
+
+def test_what_is_known_beside_the_record_closes_it(cases: ModuleType) -> None:
+    """m' from elsewhere to 1 % and K^2 to 1 % leave nothing open in an oscillation; K^2 = I'/m' = 0.4163 m2."""
+    known = DerivativePriors(
+        m_minus_y_vdot=ValuePrior(value=149.19, std=1.5), k2_m2=ValuePrior(value=62.11 / 149.19, std=0.004)
+    )
+    run = replace(oscillation(cases, 1.649, 1), priors=Priors(derivatives=known))
+    fit = fit_runs([run], "linear")
+    found = examined(fit, [run])
+    assert found.parts.refused == ()
+    assert (np.abs(fit.six - cases.SIX) < 4 * np.sqrt(np.diag(fit.covariance))).all()
+    assert np.sqrt(fit.covariance[1, 1]) / fit.six[1] < 0.02
 
 
 def test_the_proposed_run_does_what_it_promises(cases: ModuleType) -> None:

@@ -161,22 +161,22 @@ def test_common_camera_errors_stay_in_the_innovations_form(cases: ModuleType) ->
 
 
 def test_the_bootstrap_gives_the_fishers_scatter(cases: ModuleType) -> None:
-    """30 draws know a standard deviation to 13 %: within 4 of that of the Fisher information's, for both noise models."""
+    """20 draws know a standard deviation to 16 %, 10 to 24 %: within 4 of that of the Fisher information's, for both models."""
     t = cases.times(8.0, 40.0)
     rng = np.random.default_rng(5)
     still = [cases.still_run(x, t, "modal", priors=Priors()) for x in cases.POINTS_M]
     runs = cases.campaign(still, rng)
     fit = fit_runs(runs, "linear")
-    found = bootstrap(fit, runs, rng, 30)
+    found = bootstrap(fit, runs, rng, 20)
     ratio = np.sqrt(np.diag(found.covariance) / np.diag(fit.covariance))
-    assert (np.abs(ratio - 1) < 4 / np.sqrt(2 * 29)).all(), ratio
+    assert (np.abs(ratio - 1) < 4 / np.sqrt(2 * 19)).all(), ratio
     assert (found.interval[:, 0] < fit.six).all()
     assert (found.interval[:, 1] > fit.six).all()
-    forced = [cases.noisy(cases.pushed_run(x, rng, t), rng) for x in cases.POINTS_M]
+    forced = [cases.noisy(cases.pushed_run(x, rng, t), rng) for x in cases.POINTS_M[::3]]
     fit = fit_with_noise(forced, "linear", noise="innovations")
-    found = bootstrap(fit, forced, rng, 12)
+    found = bootstrap(fit, forced, rng, 10)
     ratio = np.sqrt(np.diag(found.covariance) / np.diag(fit.covariance))
-    assert (np.abs(ratio - 1) < 4 / np.sqrt(2 * 11)).all(), ratio
+    assert (np.abs(np.log(ratio)) < 4 / np.sqrt(2 * 9)).all(), ratio
 
 
 def test_a_gap_in_the_record_is_a_longer_step_of_the_filter(cases: ModuleType) -> None:

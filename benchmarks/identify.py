@@ -148,7 +148,7 @@ def oscillation(options: argparse.Namespace) -> None:
         "intervals of what is given: Y_v, N_r (alone where given), Y_R + a m', N_v - b I'"
     )
     print(
-        f"{'tow point':12}{'refused: m, I, Y_R, N_v':>26}{'combinations given':>20}{'in 95 %':>10}{'z std':>8}   a, b; the run proposed"
+        f"{'tow point':12}{'refused: m, I, Y_R, N_v':>26}{'combinations given':>20}{'in 95 %':>10}{'z std':>8}   run proposed"
     )
     for point in POINTS_M:
         still = still_run(point, t, "modal", priors=Priors())

@@ -23,7 +23,7 @@ demo: $(VENV)/.demo-$(STAMP)
 	$(BIN)/towline run sample_videos/mariner/x1446 sample_videos/mariner/x1548 sample_videos/mariner/x1649 sample_videos/mariner/x1751
 
 test: lint
-	$(BIN)/python -m pytest tests
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests
 
 lint: $(VENV)/.test-$(STAMP)
 	$(BIN)/ruff check .

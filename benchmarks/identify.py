@@ -205,7 +205,7 @@ def large(options: argparse.Namespace) -> None:
 
 
 def speed(options: argparse.Namespace) -> None:
-    from identify_peers import peers, user_fit
+    from identify_peers import peers
 
     t = times()
     still = [still_run(x, t) for x in POINTS_M]
@@ -223,7 +223,7 @@ def speed(options: argparse.Namespace) -> None:
         print(f"towline, {form} form: {ours[form]:.3f} s (no guess asked for)")
     assert fit is not None
     wanted = fit_runs(runs, "linear")
-    for name, call in (("scipy least_squares + solve_ivp", user_fit), *peers()):
+    for name, call in peers():
         began = time.perf_counter()
         six = call(runs)
         spent = time.perf_counter() - began

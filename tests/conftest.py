@@ -40,3 +40,15 @@ def cameras(root: Path) -> ModuleType:
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="session")
+def campaigns(root: Path) -> ModuleType:
+    """Simulated tows with their truth: the benchmark's own."""
+    spec = importlib.util.spec_from_file_location("identify_cases", root / "benchmarks" / "identify_cases.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module

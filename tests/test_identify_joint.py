@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from dataclasses import replace
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -24,18 +21,6 @@ from towline.identify.response import full_response, linear_response
 from towline.record import EstimationError, Priors
 from towline.simulate import Start, Tow, linear_system, simulate_full
 from towline.simulate.model import alpha_from_y, full_rates
-
-
-@pytest.fixture(scope="module")
-def cases(root: Path) -> ModuleType:
-    """The benchmark's campaigns."""
-    spec = importlib.util.spec_from_file_location("identify_cases", root / "benchmarks" / "identify_cases.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.mark.parametrize("norm", [0.02, 3.0, 40.0])
@@ -100,17 +85,17 @@ def _columns(hull):
     )
 
 
-def test_the_linear_path_over_gaps_and_jitter_is_the_matrix_exponential(cases: ModuleType) -> None:
+def test_the_linear_path_over_gaps_and_jitter_is_the_matrix_exponential(campaigns: ModuleType) -> None:
     """Every sample at its own time: against exp(A t) by eigenvalues, to 1e-11 of the amplitude."""
     rng = np.random.default_rng(3)
-    t = cases.times(25.0, 60.0)
+    t = campaigns.times(25.0, 60.0)
     keep = (t < 20) | (t > 31)
     keep[rng.integers(1, len(t) - 1, 100)] = False
     t = t[keep] + rng.uniform(0, 0.4 / 25, keep.sum())
-    run = cases.still_run(1.649, t)
-    values = np.array([*cases.SIX, 0.15, 0.02, 0.01, -0.02, 3.96, 1.649, 0.91, 1.28])
+    run = campaigns.still_run(1.649, t)
+    values = np.array([*campaigns.SIX, 0.15, 0.02, 0.01, -0.02, 3.96, 1.649, 0.91, 1.28])
     response, _ = linear_response(run, values, 1.28)
-    matrix, _ = linear_system(cases.HULL, run.tow)
+    matrix, _ = linear_system(campaigns.HULL, run.tow)
     np.testing.assert_allclose(system_matrices([run], values[None], 1.28, [])[0][0, :4, :4], matrix, rtol=1e-14)
     roots, shapes = np.linalg.eig(matrix)
     sizes = np.linalg.solve(shapes, values[6:10].astype(complex))
@@ -118,9 +103,9 @@ def test_the_linear_path_over_gaps_and_jitter_is_the_matrix_exponential(cases: M
     np.testing.assert_allclose(response, exact, atol=1e-11)
 
 
-def test_a_run_among_others_answers_as_alone(cases: ModuleType) -> None:
-    runs = [cases.still_run(x, cases.times(rate, 20.0)) for x, rate in ((1.446, 20.0), (1.751, 31.0))]
-    values = np.array([[*cases.SIX, 0.15, 0, 0, 0, 3.96, d.tow.tow_point_m, 0.91, 1.28] for d in runs])
+def test_a_run_among_others_answers_as_alone(campaigns: ModuleType) -> None:
+    runs = [campaigns.still_run(x, campaigns.times(rate, 20.0)) for x, rate in ((1.446, 20.0), (1.751, 31.0))]
+    values = np.array([[*campaigns.SIX, 0.15, 0, 0, 0, 3.96, d.tow.tow_point_m, 0.91, 1.28] for d in runs])
     together = linear_paths(runs, values, 1.28, (0, 3, 7, 11))
     for i, run in enumerate(runs):
         alone = linear_paths([run], values[i : i + 1], 1.28)[0]
@@ -129,20 +114,20 @@ def test_a_run_among_others_answers_as_alone(cases: ModuleType) -> None:
 
 
 @pytest.fixture(scope="module")
-def large(cases: ModuleType):
-    t = cases.times(16.0)
+def large(campaigns: ModuleType):
+    t = campaigns.times(16.0)
     return [
-        cases.still_run(x, t, "full", Start(alpha_rad=float(a)))
-        for x, a in zip(cases.POINTS_M, cases.LARGE_STARTS_RAD, strict=True)
+        campaigns.still_run(x, t, "full", Start(alpha_rad=float(a)))
+        for x, a in zip(campaigns.POINTS_M, campaigns.LARGE_STARTS_RAD, strict=True)
     ]
 
 
-def test_large_swings_are_followed_by_all_steps_at_once(cases: ModuleType, large) -> None:
+def test_large_swings_are_followed_by_all_steps_at_once(campaigns: ModuleType, large) -> None:
     """alpha to 50 degrees: Runge-Kutta at 0.05 s errs by 1e-7 of the amplitude of 0.7 m, also where Newton begins far off."""
     values = np.array(
         [
-            [*cases.SIX, a, 0, 0, 0, 3.96, d.tow.tow_point_m, 0.91, 1.28]
-            for d, a in zip(large, cases.LARGE_STARTS_RAD, strict=True)
+            [*campaigns.SIX, a, 0, 0, 0, 3.96, d.tow.tow_point_m, 0.91, 1.28]
+            for d, a in zip(large, campaigns.LARGE_STARTS_RAD, strict=True)
         ]
     )
     for run, (response, _) in zip(large, full_response(large, values, 1.28), strict=True):
@@ -151,48 +136,48 @@ def test_large_swings_are_followed_by_all_steps_at_once(cases: ModuleType, large
     astray = values.copy()
     astray[:, 0] *= 0.2  # past 90 degrees: no motion, and no exception
     assert any(np.isnan(r).any() for r, _ in full_response(large, astray, 1.28))
-    motion = simulate_full(cases.HULL, large[3].tow, Start(alpha_rad=0.1), cases.times(16.0, 20.0))
+    motion = simulate_full(campaigns.HULL, large[3].tow, Start(alpha_rad=0.1), campaigns.times(16.0, 20.0))
     assert np.isfinite(motion["y_cg_m"]).all()
 
 
-def test_large_swings_give_the_derivatives_without_a_guess(cases: ModuleType, large) -> None:
+def test_large_swings_give_the_derivatives_without_a_guess(campaigns: ModuleType, large) -> None:
     """No noise: back to 1e-5. The linear form on the same records is tens of per cent off."""
     still = [replace(r, priors=Priors()) for r in large]
-    np.testing.assert_allclose(fit_runs(still, "full").six, cases.SIX, rtol=3e-5)
-    assert np.abs(fit_runs(still, "linear").six / cases.SIX - 1).max() > 0.1
+    np.testing.assert_allclose(fit_runs(still, "full").six, campaigns.SIX, rtol=3e-5)
+    assert np.abs(fit_runs(still, "linear").six / campaigns.SIX - 1).max() > 0.1
 
 
-def test_large_swings_are_unbiased(cases: ModuleType, large) -> None:
+def test_large_swings_are_unbiased(campaigns: ModuleType, large) -> None:
     """5 seeds: the mean error of each derivative lies within 4 of its standard errors (the benchmark: 50 seeds, 2)."""
     errors, sds = [], []
     for seed in range(5):
-        fit = fit_runs(cases.campaign(large, np.random.default_rng([4, seed])), "full")
-        errors.append(fit.six - cases.SIX)
+        fit = fit_runs(campaigns.campaign(large, np.random.default_rng([4, seed])), "full")
+        errors.append(fit.six - campaigns.SIX)
         sds.append(np.sqrt(np.diag(fit.covariance)))
     z = np.mean(errors, axis=0) / (np.mean(sds, axis=0) / np.sqrt(len(errors)))
     assert np.abs(z).max() < 4
 
 
 @pytest.mark.parametrize("nuisance", [False, True])
-def test_the_fit_scatters_by_the_bound(cases: ModuleType, nuisance: bool) -> None:
+def test_the_fit_scatters_by_the_bound(campaigns: ModuleType, nuisance: bool) -> None:
     """A slice of the benchmark: 60 campaigns at 16 Hz. The mean square of the standardised errors over six (correlated)
     derivatives is 1 within 4 standard errors, sqrt(2 / 60) each as if all six were one."""
-    t = cases.times(16.0)
-    priors = cases.NUISANCE if nuisance else cases.EXACT
-    still = [cases.still_run(x, t, priors=priors) for x in cases.POINTS_M]
-    bound = np.sqrt(np.diag(cramer_rao(still, cases.SIX)))
+    t = campaigns.times(16.0)
+    priors = campaigns.NUISANCE if nuisance else campaigns.EXACT
+    still = [campaigns.still_run(x, t, priors=priors) for x in campaigns.POINTS_M]
+    bound = np.sqrt(np.diag(cramer_rao(still, campaigns.SIX)))
     errors, inside = [], []
     for seed in range(60):
         rng = np.random.default_rng([5, seed])
-        runs = cases.nuisance_campaign(rng, t) if nuisance else cases.campaign(still, rng)
+        runs = campaigns.nuisance_campaign(rng, t) if nuisance else campaigns.campaign(still, rng)
         fit = fit_runs(runs, "linear")
-        errors.append((fit.six - cases.SIX) / bound)
-        inside.append(np.abs(fit.six - cases.SIX) < 1.96 * np.sqrt(np.diag(fit.covariance)))
+        errors.append((fit.six - campaigns.SIX) / bound)
+        inside.append(np.abs(fit.six - campaigns.SIX) < 1.96 * np.sqrt(np.diag(fit.covariance)))
     assert abs(np.mean(np.square(errors)) - 1) < 4 * np.sqrt(2 / 60)
     assert np.mean(inside) > 0.95 - 4 * np.sqrt(0.95 * 0.05 / 60)
     if nuisance:
-        ignored = fit_runs([cases.unaware(r) for r in runs], "linear")
-        assert np.abs((ignored.six - cases.SIX) / bound).max() > 5
+        ignored = fit_runs([campaigns.unaware(r) for r in runs], "linear")
+        assert np.abs((ignored.six - campaigns.SIX) / bound).max() > 5
 
 
 def test_block_means_keep_time_and_gaps() -> None:
@@ -213,10 +198,10 @@ def test_block_means_keep_time_and_gaps() -> None:
     assert first.t_s[0] == t[0]
 
 
-def test_the_criteria_of_appendix_four(cases: ModuleType) -> None:
+def test_the_criteria_of_appendix_four(campaigns: ModuleType) -> None:
     """det(Q) and tr(S Q) with S the true weights agree with the output-error fit; a wrong S costs efficiency, and says so."""
-    t = cases.times(16.0)
-    runs = cases.campaign([cases.still_run(x, t) for x in cases.POINTS_M], np.random.default_rng(6))
+    t = campaigns.times(16.0)
+    runs = campaigns.campaign([campaigns.still_run(x, t) for x in campaigns.POINTS_M], np.random.default_rng(6))
     fit = fit_runs(runs, "linear")
     sd = np.sqrt(np.diag(fit.covariance))
     for criterion in ("trace", "determinant"):
@@ -232,9 +217,9 @@ def test_the_criteria_of_appendix_four(cases: ModuleType) -> None:
         fit_criterion(runs, "mean")
 
 
-def test_scattered_starts_reach_the_same_optimum_or_a_worse_one(cases: ModuleType) -> None:
-    t = cases.times(16.0)
-    runs = cases.campaign([cases.still_run(x, t) for x in cases.POINTS_M], np.random.default_rng(7))
+def test_scattered_starts_reach_the_same_optimum_or_a_worse_one(campaigns: ModuleType) -> None:
+    t = campaigns.times(16.0)
+    runs = campaigns.campaign([campaigns.still_run(x, t) for x in campaigns.POINTS_M], np.random.default_rng(7))
     found = multistart(fit_runs(runs, "linear"), runs, np.random.default_rng(0), starts=8)
     assert found.reached >= 5
     assert found.better == 0

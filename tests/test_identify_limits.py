@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from dataclasses import replace
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -26,22 +23,10 @@ RATE_HZ = 16.0
 LOST_S = 20.0
 
 
-@pytest.fixture(scope="module")
-def cases(root: Path) -> ModuleType:
-    """The benchmark's campaigns."""
-    spec = importlib.util.spec_from_file_location("identify_cases", root / "benchmarks" / "identify_cases.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-def oscillation(cases: ModuleType, point: float, seed: int):
+def oscillation(campaigns: ModuleType, point: float, seed: int):
     """One run without its first 20 s."""
-    t = cases.times(RATE_HZ)
-    still = cases.still_run(point, t, "modal", priors=Priors())
+    t = campaigns.times(RATE_HZ)
+    still = campaigns.still_run(point, t, "modal", priors=Priors())
     kept = t >= LOST_S
     cut = {n: getattr(still, n)[kept] for n in ("t_s", "y_m", "beta_rad", "covariance")}
     cut["covariance"] = cut["covariance"] * RATE_HZ / 64  # as much is known as at 64 Hz
@@ -56,12 +41,12 @@ def oscillation(cases: ModuleType, point: float, seed: int):
 
 
 @pytest.mark.parametrize("point", [1.446, 1.649, 1.751])
-def test_a_pure_oscillation_is_refused_and_its_combinations_are_true(cases: ModuleType, point: float) -> None:
+def test_a_pure_oscillation_is_refused_and_its_combinations_are_true(campaigns: ModuleType, point: float) -> None:
     """16 seeds: m', I', Y_R and N_v refused in every one; two combinations given, and what is given by itself or combined
     holds the truth in 95 % within 4 binomial standard errors of 16 draws (as if all were one); never 4 sd away."""
     scores = []
     for seed in range(16):
-        run = oscillation(cases, point, seed)
+        run = oscillation(campaigns, point, seed)
         found = examined(fit_runs([run], "linear"), [run])
         parts = found.parts
         assert {0, 1, 3, 4} <= set(parts.refused)
@@ -72,15 +57,15 @@ def test_a_pure_oscillation_is_refused_and_its_combinations_are_true(cases: Modu
         assert leading[3].coefficients[1] == 0.0
         assert leading[4].coefficients[1] == pytest.approx(-0.62, abs=0.06)
         assert leading[3].sd < 0.01 * abs(leading[3].value)
-        scores += [(found.fit.six[i] - cases.SIX[i]) / np.sqrt(found.covariance[i, i]) for i in parts.single]
-        scores += [(c.value - c.coefficients @ cases.SIX) / c.sd for c in parts.combinations]
+        scores += [(found.fit.six[i] - campaigns.SIX[i]) / np.sqrt(found.covariance[i, i]) for i in parts.single]
+        scores += [(c.value - c.coefficients @ campaigns.SIX) / c.sd for c in parts.combinations]
     z = np.abs(scores)
     assert (z < 1.96).mean() > 0.95 - 4 * np.sqrt(0.95 * 0.05 / 16)
     assert z.max() < 5
 
 
-def test_the_report_says_so_and_names_the_run_that_would_cure_it(cases: ModuleType) -> None:
-    run = oscillation(cases, 1.751, 3)
+def test_the_report_says_so_and_names_the_run_that_would_cure_it(campaigns: ModuleType) -> None:
+    run = oscillation(campaigns, 1.751, 3)
     file = derivatives_file(
         fit_runs([run], "linear"), [run], ModelTable(length_pp_m=2.66, mass_kg=78.0), WaterTable(), "t", {}, {}, None
     )
@@ -95,37 +80,37 @@ def test_the_report_says_so_and_names_the_run_that_would_cure_it(cases: ModuleTy
     assert "transient" in words
 
 
-def test_what_is_known_beside_the_record_closes_it(cases: ModuleType) -> None:
+def test_what_is_known_beside_the_record_closes_it(campaigns: ModuleType) -> None:
     """m' from elsewhere to 1 % and K^2 to 1 % leave nothing open in an oscillation; K^2 = I'/m' = 0.4163 m2."""
     known = DerivativePriors(
         m_minus_y_vdot=ValuePrior(value=149.19, std=1.5), k2_m2=ValuePrior(value=62.11 / 149.19, std=0.004)
     )
-    run = replace(oscillation(cases, 1.649, 1), priors=Priors(derivatives=known))
+    run = replace(oscillation(campaigns, 1.649, 1), priors=Priors(derivatives=known))
     fit = fit_runs([run], "linear")
     found = examined(fit, [run])
     assert found.parts.refused == ()
-    assert (np.abs(fit.six - cases.SIX) < 4 * np.sqrt(np.diag(fit.covariance))).all()
+    assert (np.abs(fit.six - campaigns.SIX) < 4 * np.sqrt(np.diag(fit.covariance))).all()
     assert np.sqrt(fit.covariance[1, 1]) / fit.six[1] < 0.02
 
 
-def test_the_proposed_run_does_what_it_promises(cases: ModuleType) -> None:
+def test_the_proposed_run_does_what_it_promises(campaigns: ModuleType) -> None:
     """Made and fitted together with the first: the six lie within 4 of the standard deviations that were predicted."""
-    run = oscillation(cases, 1.649, 0)
+    run = oscillation(campaigns, 1.649, 0)
     found = examined(fit_runs([run], "linear"), [run])
     proposed = cure(found.fit, found.fit.six, found.covariance, [run])
     assert proposed[0].move_m == 0.1
-    t = cases.times(RATE_HZ, 40.0)
-    made = cases.still_run(1.749, t, "modal", priors=Priors())
+    t = campaigns.times(RATE_HZ, 40.0)
+    made = campaigns.still_run(1.749, t, "modal", priors=Priors())
     made = replace(made, covariance=made.covariance * RATE_HZ / 64)
-    bound = np.sqrt(np.diag(cramer_rao([made, run], cases.SIX)))
+    bound = np.sqrt(np.diag(cramer_rao([made, run], campaigns.SIX)))
     # predicted at derivatives that are themselves tens of per cent off along the open directions
     np.testing.assert_allclose(proposed[0].sd, bound, rtol=0.5)
 
 
-def test_four_tow_points_are_determined_and_left_alone(cases: ModuleType) -> None:
-    t = cases.times(RATE_HZ)
-    runs = cases.campaign(
-        [cases.still_run(x, t, "modal", priors=Priors()) for x in cases.POINTS_M], np.random.default_rng(2)
+def test_four_tow_points_are_determined_and_left_alone(campaigns: ModuleType) -> None:
+    t = campaigns.times(RATE_HZ)
+    runs = campaigns.campaign(
+        [campaigns.still_run(x, t, "modal", priors=Priors()) for x in campaigns.POINTS_M], np.random.default_rng(2)
     )
     fit = fit_runs(runs, "linear")
     found = examined(fit, runs)
@@ -158,11 +143,11 @@ def test_combinations_of_a_known_covariance() -> None:
     )
 
 
-def test_profiles_agree_with_the_fishers_interval_and_stay_open_where_the_record_does(cases: ModuleType) -> None:
+def test_profiles_agree_with_the_fishers_interval_and_stay_open_where_the_record_does(campaigns: ModuleType) -> None:
     """Four runs: ends within 5 % of 1.96 sd. One oscillation: m' has no lower end, and N_r has both."""
-    t = cases.times(RATE_HZ)
-    runs = cases.campaign(
-        [cases.still_run(x, t, "modal", priors=Priors()) for x in cases.POINTS_M], np.random.default_rng(2)
+    t = campaigns.times(RATE_HZ)
+    runs = campaigns.campaign(
+        [campaigns.still_run(x, t, "modal", priors=Priors()) for x in campaigns.POINTS_M], np.random.default_rng(2)
     )
     fit = fit_runs(runs, "linear")
     for index in (0, 3):
@@ -173,7 +158,7 @@ def test_profiles_agree_with_the_fishers_interval_and_stay_open_where_the_record
         assert high is not None
         assert (high - low) / 2 == pytest.approx(half, rel=0.1)
         assert (np.diff(found.value) > 0).all()
-    run = oscillation(cases, 1.649, 0)
+    run = oscillation(campaigns, 1.649, 0)
     weak = fit_runs([run], "linear")
     low, high = profile(weak, [run], 0).interval
     assert low is None or high is None or high > 1.5 * low

@@ -65,8 +65,8 @@ def fit_with_noise(
     gap = measured_bic - force_bic
     if noise == "auto" and gap < CLEARLY:
         words = (
-            "the residuals are coloured, and colour of the measurement explains it as well as a force on the hull "
-            f"(BIC {gap:+.0f} for the force): output error, whitened by an autoregression"
+            f"the residuals are coloured, and colour of the measurement explains it {'better than' if gap < 0 else 'as well as'} "
+            f"a force on the hull (BIC {gap:+.0f} for the force): output error, whitened by an autoregression"
         )
         return replace(fit, notes=(words,))
     d = found.disturbance

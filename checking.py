@@ -16,11 +16,10 @@ from .geometry.checks.check import Check, check_geometry, tolerance_names
 from .geometry.checks.refine import refined
 from .geometry.checks.words import found_fault
 from .geometry.mapping import ProjectiveMapping
-from .geometry.motion import motion_from_tracks, poses_from_tracks
+from .geometry.motion import Poses, invariants, motion_from_tracks, poses_from_tracks
 from .identify import fit_runs, run_data
 from .record.check_file import CheckFile, FoundFault, MapOfUncertainty, PointCheck
 from .record.errors import TowlineError
-from .record.results import Measured
 from .record.run import Run
 from .simulate.model import DERIVATIVE_UNITS
 
@@ -42,14 +41,14 @@ class Checked:
     ----------
     file : check.json
     check : the fits behind it
-    runs, tracks : of this set-up
+    runs, poses : of this set-up
     datum : its fit
     """
 
     file: CheckFile
     check: Check
     runs: list[Run]
-    tracks: list[pd.DataFrame]
+    poses: list[Poses]
     datum: DatumFit
 
 
@@ -84,6 +83,7 @@ def checked(
     """
     say = progress or (lambda _: None)
     say("checking the camera")
+    poses = [poses_from_tracks(run, table, datum.mapping) for run, table in zip(runs, tracks, strict=True)]
     check = check_geometry(runs, tracks, datum)
     points = [p.name or f"point {i + 1}" for i, p in enumerate(runs[0].file.datum)]
     marks = [m.name for m in runs[0].file.marker if m.on == "model"]
@@ -116,15 +116,15 @@ def checked(
             )
             for i, name in enumerate(points)
         ],
-        invariants={run.name: _invariants(run, table, datum) for run, table in zip(runs, tracks, strict=True)},
+        invariants={run.name: invariants(run, found) for run, found in zip(runs, poses, strict=True)},
         tolerances={name: float(sd) for name, sd in tolerance_names(check, marks)},
-        uncertainty=_map(runs, tracks, datum),
+        uncertainty=_map(runs, poses, datum),
         effects_percent=changes,
         refined=values,
         refined_words=words,
         notes=list(datum.notes),
     )
-    return Checked(file, check, list(runs), list(tracks), datum)
+    return Checked(file, check, list(runs), poses, datum)
 
 
 def _sentences(
@@ -163,18 +163,10 @@ def _sentences(
     return said
 
 
-def _invariants(run: Run, table: pd.DataFrame, datum: DatumFit) -> dict[str, Measured]:
-    return motion_from_tracks(run, table, datum).camera.invariants
-
-
-def _map(runs: Sequence[Run], tracks: Sequence[pd.DataFrame], datum: DatumFit) -> MapOfUncertainty:
+def _map(runs: Sequence[Run], poses: Sequence[Poses], datum: DatumFit) -> MapOfUncertainty:
     """Common error of places on a grid over what the marks cover."""
-    places, depths = [], []
-    for run, table in zip(runs, tracks, strict=True):
-        found = poses_from_tracks(run, table, datum.mapping)
-        places.append(found.place_m.reshape(-1, 2))
-        depths += [m.depth_m for m in found.markers]
-    seen = np.concatenate(places)
+    depths = [m.depth_m for found in poses for m in found.markers]
+    seen = np.concatenate([found.place_m.reshape(-1, 2) for found in poses])
     low, high = np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)
     margin = 0.05 * (high - low) + 0.02
     x, y = (np.linspace(low[k] - margin[k], high[k] + margin[k], GRID) for k in range(2))

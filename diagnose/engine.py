@@ -12,11 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
+from ..geometry.checks.bundle import half_sine
+from ..geometry.normal import inverse_of_normal
 from ..identify import RunData, fit_runs
 from ..record.errors import EstimationError
 from ..simulate.model import Array
 from .effects import Effect, slack
-from .inference import Fitted, Inference, Linear, with_effects
+from .inference import Fitted, Inference, with_effects
 from .noise import Forces, Noise
 from .tow_data import TowRun
 from .tow_model import Hypothesis, TowModel
@@ -167,7 +169,7 @@ def ranked(
         six, sd, quoted = reference
         ratio = np.where(np.arange(6) < 2, 1.0, speed / quoted)
         inference.six_prior = (six * ratio, np.maximum(sd * ratio, SMALLEST_SD * np.abs(six * ratio)))
-    base = _first_fit(inference, start, runs, speed)
+    base = _first_fit(inference, start)
     inference.noise = Noise(runs, base.hypothesis, speed)
     base = inference.fit([base.hypothesis], [base.forces], 2, (0,))[0]
     usable, excluded = _usable(runs, library)
@@ -198,7 +200,7 @@ def ranked(
     return inference, _ranking(base, candidates, max(free_found, key=lambda c: c.log_evidence, default=None), excluded)
 
 
-def _first_fit(inference: Inference, start: Hypothesis, runs: Sequence[TowRun], speed: float) -> Fitted:
+def _first_fit(inference: Inference, start: Hypothesis) -> Fitted:
     """From the linear fit; where its motion grows beyond bounds, from firmer derivatives: more damping, until it stands."""
     for firmer in FIRMER:
         six = start.six * np.where(np.arange(6) < 2, 1.0, firmer)
@@ -244,9 +246,7 @@ def screened(
         precision, gap, _ = inference.priors(linear.hypothesis)
         matrix, right = part.matrix + np.diag(np.where(np.arange(len(precision)) < fixed, precision, 0)), part.right
         right = right + np.where(np.arange(len(precision)) < fixed, precision * gap, 0)
-        inner = matrix[:fixed, :fixed]
-        scale = 1 / np.sqrt(np.diag(inner))
-        inverse = np.linalg.pinv(inner * np.outer(scale, scale), rcond=1e-13, hermitian=True) * np.outer(scale, scale)
+        inverse = inverse_of_normal(matrix[:fixed, :fixed])
         at = fixed
         for effect in effects:
             own = slice(at, at + len(effect.parameters))
@@ -310,8 +310,7 @@ def _slackest(t_s: Array, rest: Array) -> tuple[float, float, float]:
     """Significance, begin and end of the half sine by which ``rest`` falls short most."""
 
     def short(begin: float, length: float) -> float:
-        share = (t_s - begin) / max(length, 1e-3)
-        shape = np.where((share > 0) & (share < 1), np.sin(np.pi * np.clip(share, 0, 1)), 0.0)
+        shape = half_sine(t_s, begin, begin + max(length, 1e-3))
         size = np.linalg.norm(shape)
         return float(-(shape @ rest) / size) if size > 0 else 0.0
 
@@ -390,4 +389,4 @@ def _ranking(
     )
 
 
-__all__ = ["Candidate", "Linear", "Ranking", "base_hypothesis", "ranked", "screened"]
+__all__ = ["Candidate", "Ranking", "base_hypothesis", "ranked", "screened"]

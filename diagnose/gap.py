@@ -18,6 +18,7 @@ from .inference import Fitted, Inference
 from .next_run import Design, next_run
 from .noise import TIMES_S
 from .tow_data import TowRun
+from .tow_model import OWN
 from .where import Place, where
 
 Verdict = Literal["no_gap", "effect", "unknown"]
@@ -265,7 +266,7 @@ def _when(inference: Inference, best: Candidate | None) -> str:
     """At which size of the motion a hull effect's force reaches the random forces."""
     if best is None or best.effects[0].force is None:
         return ""
-    fastest = max(float(np.abs(own[2]).max()) for own in [best.fitted.hypothesis.own.T])
+    fastest = float(np.abs(best.fitted.hypothesis.own[:, OWN.index("v")]).max())
     speeds = [
         np.abs(np.gradient(r.values[:, 0], inference.model.step_s) - r.data.tow.speed_m_s * r.values[:, 1])
         for r in inference.model.runs

@@ -38,11 +38,7 @@ class Shrink:
 
 def aside(inference: Inference, fitted: Fitted, forces: Forces, noise: Noise, run: int, others: Sequence[int]) -> Array:
     """Whitened residual of y and beta (2n,) of a run that took no part in the fit."""
-    part = inference.reduced(fitted.linear, noise, forces, others)
-    precision, gap, _ = inference.priors(fitted.linear.hypothesis)
-    matrix, right = part.matrix + np.diag(precision), part.right + precision * gap
-    scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    step = scale * (np.linalg.pinv(matrix * np.outer(scale, scale), rcond=1e-13, hermitian=True) @ (scale * right))
+    step = inference.solve(fitted.linear, noise, forces, others).shared
     residual, shared, own, inverse, cross, to_own = inference.reduced(fitted.linear, noise, forces, [run]).kept[run]
     left = residual - shared @ step - own @ (inverse @ (to_own - cross @ step))
     return left[: 2 * len(inference.model.runs[run].centre_s)]

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
+from ..geometry.normal import inverse_of_normal
 from ..record.errors import EstimationError
 from ..simulate.model import Array
 from .effects import Effect
@@ -102,7 +103,6 @@ class Fitted:
     log_evidence : with the noise's prior
     solved : the last linear problem
     linear : the linearisation behind it
-    mode_sizes : (k,)
     """
 
     hypothesis: Hypothesis
@@ -110,7 +110,6 @@ class Fitted:
     log_evidence: float
     solved: Solved
     linear: Linear
-    mode_sizes: Array
 
 
 class Inference:
@@ -190,12 +189,10 @@ class Inference:
         precision, gap, spread = self.priors(linear.hypothesis)
         matrix, right = part.matrix + np.diag(precision), part.right + precision * gap
         known = float(precision @ gap**2)
-        scale = 1 / np.sqrt(np.diag(matrix))
-        scaled = matrix * np.outer(scale, scale)
-        covariance = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) * np.outer(scale, scale)
+        covariance = inverse_of_normal(matrix)
         step = covariance @ right
         chi_square = part.chi_square + known - float(right @ step)
-        log = part.log + spread + np.linalg.slogdet(scaled)[1] - 2 * float(np.log(scale).sum())
+        log = part.log + spread + np.linalg.slogdet(matrix)[1]
         own_step = np.zeros((len(self.model.runs), len(OWN)))
         left: dict[int, Array] = {}
         for i, (r, shared, own, inverse, cross, to_own) in part.kept.items():
@@ -274,8 +271,7 @@ class Inference:
             forces, solved = self.best_forces(linear, noise, forces)
         else:
             solved = self.solve(linear, noise, forces)
-        modes = solved.shared[6 : 6 + self.mode_count]
-        return Fitted(linear.hypothesis, forces, solved.log_evidence + forces.log_prior, solved, linear, modes)
+        return Fitted(linear.hypothesis, forces, solved.log_evidence + forces.log_prior, solved, linear)
 
     def stepped(self, h: Hypothesis, solved: Solved, share: float) -> Hypothesis:
         """The hypothesis after (part of) a step."""

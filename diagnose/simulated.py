@@ -9,7 +9,7 @@ import numpy as np
 
 from ..record.errors import InputError
 from ..record.scenario import ScenarioFile
-from ..simulate.model import Array, ExtraForce, Hull, Tow, line_force
+from ..simulate.model import Array, ExtraForce, Hull, Tow, line_angle_rate, line_force
 from .effects import LIBRARY, Effect, Situation
 
 
@@ -64,7 +64,7 @@ def with_effects(
 
     def extra(t_s, y, beta, v, r, alpha):
         angle = alpha + beta
-        turning = (v + tow.tow_point_m * r + tow.speed_m_s * np.sin(beta)) / (tow.line_length_m * np.cos(angle))
+        turning = line_angle_rate(tow, beta, v, r, np.cos(angle))
         s = Situation(
             t_s, y, beta, v, r, alpha, tow.speed_m_s, tow.line_length_m, tow.tow_point_m, pull, turning,
             length_pp_m=file.model.length_pp_m, density_kg_m3=file.water.density_kg_m3,

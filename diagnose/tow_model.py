@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..simulate.model import Array, Hull, Tow, full_rates, full_x_cg, full_y_cg
+from ..simulate.model import Array, Hull, Tow, full_rates, full_x_cg, full_y_cg, line_angle_rate
 from .effects import Effect, Seen, Situation
 from .tow_data import TowRun, corrected
 
@@ -23,6 +23,7 @@ RELATIVE_STEP = 1e-4
 EFFECT_STEP = 0.02
 """Of an effect's prior standard deviation."""
 LARGEST_ANGLE = 1.4
+SMALLEST_COSINE = 0.05
 BLOW_UP = 1e3
 
 
@@ -323,10 +324,10 @@ class TowModel:
         }
 
         def situation(t, y, beta, v, r, alpha, here: Any, tow: Any, lagged) -> Situation:
-            turning = np.clip(np.cos(alpha + beta), 0.05, None) * tow.line_length_m
+            cosine = np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None)
             return Situation(
                 t, y, beta, v, r, alpha, tow.speed_m_s, tow.line_length_m, tow.tow_point_m, tow.tension_n,
-                (v + tow.tow_point_m * r + tow.speed_m_s * np.sin(beta)) / turning,
+                line_angle_rate(tow, beta, v, r, cosine),
                 v_lag=lagged[0], r_lag=lagged[1], y_v=here.y_v, n_v=here.n_v, n_r=here.n_r, history=history, **fixed,
             )  # fmt: skip
 

@@ -159,7 +159,7 @@ def motion_from_tracks(
             for i, p in enumerate(run.file.datum)
         ],
         uncertainty_mm=_uncertainty_mm(modes, place),
-        invariants=_invariants(run, place, rigid.pose, markers),
+        invariants=invariants(run, found),
         notes=notes,
     )
     return Motion(
@@ -384,20 +384,15 @@ def _alpha(run: Run, pose: Array) -> tuple[Array, Array]:
     return np.arctan2(aside, ahead), slope
 
 
-def _invariants(run: Run, place: Array, pose: Array, markers: Sequence[Marker]) -> dict[str, Measured]:
-    """Marker distances and the taut line's length, mean minus stated, with the scatter over frames (theory.md 4)."""
-    series = _invariant_series(run, place, pose, markers)
-    found = {name: _mean_and_scatter(values) for name, values in series.items()}
+def invariants(run: Run, poses: Poses) -> dict[str, Measured]:
+    """Mean and scatter over frames of what ``invariant_series`` gives."""
+    found = {name: _mean_and_scatter(values) for name, values in invariant_series(run, poses).items()}
     return {name: value for name, value in found.items() if np.isfinite([value.value, value.std]).all()}
 
 
-def invariant_series(run: Run, tracks: pd.DataFrame, fit: DatumFit) -> tuple[Array, dict[str, Array]]:
-    """Marker distances and the taut line's length over time, minus stated, m: t_s (n,) and name -> (n,)."""
-    found = poses_from_tracks(run, tracks, fit.mapping)
-    return found.t_s, _invariant_series(run, found.place_m, found.rigid.pose, found.markers)
-
-
-def _invariant_series(run: Run, place: Array, pose: Array, markers: Sequence[Marker]) -> dict[str, Array]:
+def invariant_series(run: Run, poses: Poses) -> dict[str, Array]:
+    """Marker distances and the taut line's length over time, minus stated, m: name -> (n,) (theory.md 4)."""
+    place, pose, markers = poses.place_m, poses.rigid.pose, poses.markers
     found: dict[str, Array] = {}
     for j in range(len(markers)):
         for i in range(j):

@@ -22,7 +22,8 @@ def _residuals(found: Checked, run: int) -> tuple[Array, dict[str, Array]]:
     """Marker distances and taut line of a run over time, minus stated, mm."""
     from ..geometry.motion import invariant_series
 
-    return invariant_series(found.runs[run], found.tracks[run], found.datum)
+    poses = found.poses[run]
+    return poses.t_s, invariant_series(found.runs[run], poses)
 
 
 def invariants_figure(found: Checked) -> Html:

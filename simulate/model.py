@@ -168,6 +168,13 @@ def line_force(tow: Tow, tension, sine, cosine):
     return -tension * sine, -tension * (tow.tow_point_m * sine + tow.tow_point_offset_m * cosine)
 
 
+def line_angle_rate(tow: Tow, beta, v, r, cosine, post_rate: Array | float = 0.0):
+    """a' = (v + X_T r + U sin b - y_o' cos b)/(L cos(a+b)) (theory.md 9.1), rad/s; ``cosine`` of alpha + beta."""
+    return (v + tow.tow_point_m * r + tow.speed_m_s * np.sin(beta) - post_rate * np.cos(beta)) / (
+        tow.line_length_m * cosine
+    )
+
+
 def full_rates(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = None):
     """Rates of (alpha, beta, v, r), full sine and kinematics (2.9), inextensible line (theory.md 9.1).
 
@@ -182,9 +189,7 @@ def full_rates(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = None
     alpha, beta, v, r = state
     _, post_rate = tow.post_motion(t_s)
     sine, cosine = np.sin(alpha + beta), np.cos(alpha + beta)
-    alpha_rate = (v + tow.tow_point_m * r + tow.speed_m_s * np.sin(beta) - post_rate * np.cos(beta)) / (
-        tow.line_length_m * cosine
-    )
+    alpha_rate = line_angle_rate(tow, beta, v, r, cosine, post_rate)
     side, moment = line_force(tow, tow.tension(alpha), sine, cosine)
     y_0, n_0 = constant_force(hull, tow.rudder_rad)
     side, moment = side + y_0, moment + n_0

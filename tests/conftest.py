@@ -30,25 +30,30 @@ def shared() -> Path:
     return SHARED
 
 
-@pytest.fixture(scope="session")
-def cameras(root: Path) -> ModuleType:
-    """Random cameras with their truth and planted faults: the benchmark's own."""
-    spec = importlib.util.spec_from_file_location("geometry_cases", root / "benchmarks" / "geometry_cases.py")
+def _cases(root: Path, name: str) -> ModuleType:
+    """A module of cases with their truth, the benchmarks' own."""
+    spec = importlib.util.spec_from_file_location(name, root / "benchmarks" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="session")
+def cameras(root: Path) -> ModuleType:
+    """Random cameras and planted faults."""
+    return _cases(root, "geometry_cases")
 
 
 @pytest.fixture(scope="session")
 def campaigns(root: Path) -> ModuleType:
-    """Simulated tows with their truth: the benchmark's own."""
-    spec = importlib.util.spec_from_file_location("identify_cases", root / "benchmarks" / "identify_cases.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    """Simulated tows."""
+    return _cases(root, "identify_cases")
+
+
+@pytest.fixture(scope="session")
+def cases(root: Path) -> ModuleType:
+    """Filmed campaigns with a planted effect."""
+    return _cases(root, "gap_cases")

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -23,18 +21,6 @@ from towline.record import InputError, read_run
 from towline.record.tables import write_table
 from towline.simulate.model import Hull, Tow
 from towline.simulate.motion import Start, simulate_full
-
-
-@pytest.fixture(scope="module")
-def cases(root: Path) -> ModuleType:
-    """The benchmark's own campaigns."""
-    spec = importlib.util.spec_from_file_location("gap_cases", root / "benchmarks" / "gap_cases.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 def written(campaign, folder: Path) -> list[Path]:

@@ -10,8 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from .base import Effect, Parameter, Seen, Situation
 
-DATUM_EFFECTS = ("lens_distortion", "deck_height", "camera_shift", "datum_scale")
-
 
 def _changed(run, **tables):
     return replace(run, file=run.file.model_copy(update=tables))

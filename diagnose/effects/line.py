@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...geometry.checks.bundle import half_sine
 from .base import Effect, Parameter, Seen, Situation
 
 RUB_RATE = 0.004
@@ -67,12 +68,10 @@ FRICTION = Effect(
 
 def slack(windows: Sequence[tuple[float, float] | None]) -> Effect:
     """A slack line in a window of each run (or none); the engine finds the windows in the taut-line residual."""
-    begin = np.array([[np.nan if w is None else w[0]] for w in windows])
-    length = np.array([[np.nan if w is None else w[1] - w[0]] for w in windows])
+    begin, end = (np.array([[np.nan if w is None else w[k]] for w in windows]) for k in range(2))
 
     def bump(t_s):
-        share = (t_s - begin) / length
-        return np.where((share > 0) & (share < 1), np.sin(np.pi * np.clip(share, 0, 1)), 0.0)
+        return half_sine(t_s, begin, end)
 
     def tension(s: Situation, loss, _):
         return -np.clip(loss, -0.2, 1) * s.tension_n * bump(s.t_s)

@@ -8,13 +8,14 @@ facts that hold whatever the water does, constant marker distances and the taut-
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...record.errors import GeometryError
 from ..camera import Array, Lens
+from ..normal import inverse_of_normal
 
 LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 TURN = ("camera turn right", "camera turn down", "camera turn ahead")
@@ -26,6 +27,12 @@ LINE = ("line length", "tow point", "post ahead")
 STEPS = 12
 SETTLED = 1e-4
 """A step that changes no parameter by more than this share of its standard deviation ends the iteration."""
+
+
+def half_sine(t_s: Array, begin_s: Array | float, end_s: Array | float) -> Array:
+    """The usual course of a line that goes slack and tautens again: 0 outside, 1 in the middle."""
+    share = (t_s - begin_s) / (end_s - begin_s)
+    return np.where((share > 0) & (share < 1), np.sin(np.pi * np.clip(share, 0, 1)), 0.0)
 
 
 @dataclass(frozen=True)
@@ -102,8 +109,7 @@ class Extra:
         begin, end = self.span_s
         if self.kind == "turn":
             return (t_s >= begin).astype(float)
-        inside = (t_s > begin) & (t_s < end)
-        return np.where(inside, np.sin(np.pi * np.clip((t_s - begin) / (end - begin), 0, 1)), 0.0)
+        return half_sine(t_s, begin, end)
 
 
 @dataclass(frozen=True)
@@ -213,10 +219,7 @@ class Bundle:
         for _ in range(STEPS):
             normal = self.normal(theta, rotation, translation, poses, kinds)
             inner = normal.matrix[np.ix_(free, free)] + np.diag(precision[free])
-            scale = 1.0 / np.sqrt(np.diag(inner))
-            covariance[np.ix_(free, free)] = np.linalg.pinv(
-                inner * np.outer(scale, scale), rcond=1e-13, hermitian=True
-            ) * np.outer(scale, scale)
+            covariance[np.ix_(free, free)] = inverse_of_normal(inner)
             gradient = normal.right - precision * theta
             step = covariance @ gradient
             chi_square = normal.chi_square + float((precision * theta**2).sum())
@@ -431,19 +434,3 @@ class _Seen:
         per_camera[:, :, 10:13] = per_seen @ cross
         per_camera[:, :, 13:16] = per_seen
         return pixel, per_camera, per_seen @ self.rotation
-
-
-def moved_rig(rig: Rig, solution: Solution) -> Rig:
-    """The rig as a solution has it (without extras)."""
-    theta = solution.theta
-    m = len(rig.depth_m)
-    return replace(
-        rig,
-        lens=Lens.from_vector(rig.lens.vector + theta[:9]),
-        skew=rig.skew + float(theta[9]),
-        rotation=solution.rotation,
-        translation=solution.translation,
-        datum_m=rig.datum_m * np.array([1 + theta[17], 1 + theta[18], 1.0]),
-        body_m=rig.body_m + np.column_stack([theta[22 + m : 22 + 2 * m], theta[22 + 2 * m : 22 + 3 * m]]),
-        depth_m=rig.depth_m + theta[16] + theta[22 : 22 + m],
-    )

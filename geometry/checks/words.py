@@ -11,10 +11,6 @@ from ...record.results import Measured
 from .check import Check
 from .faults import Scored
 
-UNITS = {"fx": "px", "fy": "px", "cx": "px", "cy": "px", "datum length": "", "datum width": "", "skew": "px"}
-"""Of parameters; k1 .. k3 have none, all others are metres."""
-LENGTHS = ("deck height", "line length", "tow point", "post ahead", "depth", "ahead", "aside")
-
 
 def found_fault(
     check: Check, scored: Scored, points: Sequence[str], marks: Sequence[str], runs: Sequence[str]

@@ -11,23 +11,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.special import log_ndtr
 
 from ..geometry.checks.bundle import half_sine
 from ..geometry.normal import inverse_of_normal
-from ..identify import RunData, fit_runs
 from ..record.errors import EstimationError
 from ..simulate.model import Array
 from .effects import Effect, slack
-from .inference import Fitted, Inference, with_effects
+from .grams import Grams
+from .hypothesis import Hypothesis, with_effects
+from .inference import Fitted, Inference
 from .noise import Forces, Noise
 from .tow_data import TowRun
-from .tow_model import Hypothesis, TowModel
+from .tow_model import TowModel
+from .tow_start import base_hypothesis
 from .unknown import free_forms
 
 P_NO_GAP, P_SINGLE, P_PAIR, P_UNKNOWN = 0.5, 0.36, 0.07, 0.07
 """Prior shares."""
 TRIED_SINGLE, TRIED_PAIR = 6, 3
-BASE_STEPS, REFIT_STEPS, GROSS_STEPS = 8, 3, 5
+BASE_STEPS, OPEN_STEPS, REFIT_STEPS, GROSS_STEPS = 8, 3, 3, 5
 WORTH_PAIRS = 3.0
 """Log evidence a second effect must promise by its score."""
 WORTH_PAIRS_BELOW = 30.0
@@ -36,15 +39,13 @@ TWINS = 3.0
 """Effects within this log evidence of the best are not told from it."""
 CLEAR = 3.0
 """The headline must beat no gap by this."""
-WIDE = 0.35
-"""Sine of the tow line angle from which the linear form is no start any more."""
-FIRMER = (1.0, 1.3, 2.0)
+LARGEST_FORCE_SHARE = 0.05
+"""Of the line's pull: random forces above this are a gap, not noise."""
 SLACK_Z = 8.0
 LEAST_BLOCKS = 10
 SMALLEST_SD = 0.003
 """Of a reference derivative, relative: no simulator is surer of itself."""
 SLACK_LENGTHS_S = (1.0, 2.0, 3.0, 4.5, 7.0)
-SAMPLES_FOR_START = 250
 Progress = Callable[[str], None]
 
 
@@ -108,39 +109,6 @@ class Ranking:
         return kept
 
 
-def base_hypothesis(runs: Sequence[TowRun], speed_m_s: float) -> Hypothesis:
-    """The linear fit of all runs, as a start."""
-    few = []
-    for run in runs:
-        data = run.data
-        thin = slice(None, None, max(1, len(data.t_s) // SAMPLES_FOR_START))
-        few.append(
-            replace(
-                data,
-                t_s=data.t_s[thin],
-                y_m=data.y_m[thin],
-                beta_rad=data.beta_rad[thin],
-                covariance=data.covariance[thin],
-                common=data.common[:0, thin],
-                tension=None,
-                speed=None,
-            )
-        )
-    wide = max(float(np.abs(_reach(d.y_m, d.beta_rad, d)).max()) for d in few) > WIDE
-    fit = fit_runs(few, "full" if wide else "linear", speed_m_s)
-    own = []
-    for state, run in zip(fit.own, runs, strict=True):
-        tow = run.data.tow
-        alpha = state[0] if wide else np.arcsin(np.clip(_reach(state[0], state[1], run.data), -0.95, 0.95))
-        own.append([alpha, *state[1:4], 0.0, 0.0, tow.tension_n, tow.tow_point_m, tow.line_length_m, tow.speed_m_s])
-    return Hypothesis(fit.six, np.array(own, dtype=float))
-
-
-def _reach(y_m: Array, beta_rad: Array, data: RunData) -> Array:
-    """Sine of the tow line angle."""
-    return (y_m + data.tow.tow_point_m * np.sin(beta_rad)) / data.tow.line_length_m
-
-
 def ranked(
     runs: Sequence[TowRun],
     library: Sequence[Effect],
@@ -197,21 +165,20 @@ def ranked(
     candidates.sort(key=lambda c: -c.log_evidence)
     candidates = _settled(inference, candidates, base)
     candidates += _pairs(inference, candidates, base, usable, len(names), say, gross)
-    return inference, _ranking(base, candidates, max(free_found, key=lambda c: c.log_evidence, default=None), excluded)
+    most = LARGEST_FORCE_SHARE * float(np.mean([run.data.tow.tension_n or 1.0 for run in runs]))
+    free_form = max(free_found, key=lambda c: c.log_evidence, default=None)
+    return inference, _ranking(base, candidates, free_form, excluded, most)
 
 
 def _first_fit(inference: Inference, start: Hypothesis) -> Fitted:
-    """From the linear fit; where its motion grows beyond bounds, from firmer derivatives: more damping, until it stands."""
-    for firmer in FIRMER:
-        six = start.six * np.where(np.arange(6) < 2, 1.0, firmer)
-        try:
-            return inference.fit([replace(start, six=six)], [Forces()], BASE_STEPS)[0]
-        except EstimationError:
-            continue
-    raise EstimationError(
-        "the simulator without effects cannot follow these runs at all: its motion grows beyond bounds; is the tow stable "
-        "(X_T > X_v), and are tow_point_m and tension_n right?"
-    )
+    """From the measured motion, at first without asking that it is one motion."""
+    try:
+        return inference.fit([start], [Forces()], BASE_STEPS, (OPEN_STEPS,), OPEN_STEPS)[0]
+    except EstimationError:
+        raise EstimationError(
+            "the simulator without effects cannot follow these runs at all: its motion grows beyond bounds; is the tow stable "
+            "(X_T > X_v), and are tow_point_m and tension_n right?"
+        ) from None
 
 
 def _settled(inference: Inference, candidates: list[Candidate], base: Fitted) -> list[Candidate]:
@@ -237,12 +204,12 @@ def screened(
     """
     here = base.hypothesis
     linear = inference.linear([with_effects(here, list(effects))])[0]
-    noise = inference.noise or Noise(inference.model.runs, here, inference.model.speed_m_s)
+    grams = Grams(linear.columns, inference.noise_about(linear))
     fixed = 6 + inference.mode_count + here.size
     answers: dict[str, float] = {}
     for share in shares:
         forces = replace(base.forces, side_n=share * base.forces.side_n, moment_n_m=share * base.forces.moment_n_m)
-        part = inference.reduced(linear, noise, forces)
+        part = inference.reduced(grams, linear.hypothesis, forces)
         precision, gap, _ = inference.priors(linear.hypothesis)
         matrix, right = part.matrix + np.diag(np.where(np.arange(len(precision)) < fixed, precision, 0)), part.right
         right = right + np.where(np.arange(len(precision)) < fixed, precision * gap, 0)
@@ -258,6 +225,11 @@ def screened(
             scaled = np.eye(len(sd)) + sd[:, None] * left * sd[None, :]
             gain = float((sd * pull) @ np.linalg.solve(scaled, sd * pull))
             value = 0.5 * gain - 0.5 * np.linalg.slogdet(scaled)[1]
+            spread = np.linalg.inv(scaled)
+            for k, parameter in enumerate(effect.parameters):
+                if parameter.one_sided:
+                    z = float(spread[k] @ (sd * pull)) / np.sqrt(spread[k, k])
+                    value += np.log(2) + float(log_ndtr(z))
             answers[effect.label] = max(answers.get(effect.label, -np.inf), float(value))
     return answers
 
@@ -364,8 +336,9 @@ def _pairs(
 
 
 def _ranking(
-    base: Fitted, candidates: Sequence[Candidate], free: Candidate | None, excluded: dict[str, str]
+    base: Fitted, candidates: Sequence[Candidate], free: Candidate | None, excluded: dict[str, str], most_n: float
 ) -> Ranking:
+    """Probabilities; what leaves random forces above ``most_n`` explains nothing: its share is the unknown's."""
     best: dict[frozenset[str], Candidate] = {}
     for c in candidates:
         key = frozenset(c.names)
@@ -377,16 +350,20 @@ def _ranking(
     logs = np.array(logs)
     shares = np.exp(logs - logs.max())
     shares /= shares.sum()
-    order = np.argsort(-shares[2:], kind="stable")
+    explains = np.array([f.forces.side_n <= most_n for f in (base, *(c.fitted for c in kept))])
+    explains = np.concatenate([explains[:1], [False], explains[1:]])
+    unknown = float(shares[~explains].sum())
+    shares = np.where(explains, shares, 0.0)
+    order = np.lexsort((-logs[2:], -shares[2:]))
     return Ranking(
         base,
         tuple(kept[i] for i in order),
         shares[2:][order],
         float(shares[0]),
-        float(shares[1]),
+        unknown,
         free,
         excluded,
     )
 
 
-__all__ = ["Candidate", "Ranking", "base_hypothesis", "ranked", "screened"]
+__all__ = ["Candidate", "Ranking", "ranked", "screened"]

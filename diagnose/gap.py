@@ -18,13 +18,12 @@ from .inference import Fitted, Inference
 from .next_run import Design, next_run
 from .noise import TIMES_S
 from .tow_data import TowRun
-from .tow_model import OWN
+from .tow_rates import OWN
 from .where import Place, where
 
 Verdict = Literal["no_gap", "effect", "unknown"]
 SHOWN = 8
 """Rows of the ranking that are worked out in full."""
-LARGEST_FORCE_SHARE = 0.05
 LARGEST_D = 1000.0
 SYMMETRIES = (
     ["tension scale", "all derivatives together"],
@@ -105,7 +104,7 @@ def diagnosed(
     say = progress or (lambda _: None)
     rng = rng or np.random.default_rng()
     inference, ranking = ranked(runs, library, progress, reference)
-    verdict, best = _verdict(ranking, float(np.mean([run.data.tow.tension_n or 1.0 for run in runs])))
+    verdict, best = _verdict(ranking)
     say("where it lies, and how far it shrinks")
     place = where(inference, ranking, best)
     rows, headline = _rows(inference, ranking, held, rng, best)
@@ -145,16 +144,14 @@ def diagnosed(
     return Diagnosis(file, inference, ranking, best, place, headline)
 
 
-def _verdict(ranking: Ranking, pull_n: float) -> tuple[Verdict, Candidate | None]:
-    """An effect that leaves random forces as large as a share of the tension explains nothing."""
+def _verdict(ranking: Ranking) -> tuple[Verdict, Candidate | None]:
+    """What holds most of the probability: no gap, the effects together, or none of them."""
     top = ranking.candidates[0] if ranking.candidates else None
     mass = float(ranking.probabilities.sum()) if len(ranking.probabilities) else 0.0
     if ranking.p_unknown > max(ranking.p_no_gap, mass):
         return "unknown", None
     if top is None or ranking.p_no_gap >= mass:
         return "no_gap", None
-    if top.fitted.forces.side_n > LARGEST_FORCE_SHARE * pull_n:
-        return "unknown", None
     return "effect", top
 
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..simulate.model import Array
+from .grams import Grams
 from .inference import Fitted, Inference
-from .noise import Forces, Noise
+from .noise import Forces
 
 FITTED = 6
 """Numbers of a run that its own start takes: alpha, beta, v, r and what little the biases are free."""
@@ -36,11 +37,12 @@ class Shrink:
     residuals: dict[int, tuple[Array, Array]]
 
 
-def aside(inference: Inference, fitted: Fitted, forces: Forces, noise: Noise, run: int, others: Sequence[int]) -> Array:
+def aside(inference: Inference, fitted: Fitted, forces: Forces, grams: Grams, run: int, others: Sequence[int]) -> Array:
     """Whitened residual of y and beta (2n,) of a run that took no part in the fit."""
-    step = inference.solve(fitted.linear, noise, forces, others).shared
-    residual, shared, own, inverse, cross, to_own = inference.reduced(fitted.linear, noise, forces, [run]).kept[run]
-    left = residual - shared @ step - own @ (inverse @ (to_own - cross @ step))
+    h = fitted.hypothesis
+    step = inference.solve(grams, h, forces, others).shared
+    own = inference.reduced(grams, h, forces, [run]).own_step(step)[0]
+    left = inference.left(fitted.linear, forces, step, own, run)
     return left[: 2 * len(inference.model.runs[run].centre_s)]
 
 
@@ -54,15 +56,14 @@ def shrink(
     held : runs kept aside (all at once); None: each in turn
     """
     count = len(inference.model.runs)
-    noise = inference.noise
-    assert noise is not None
     forces = best.forces
+    both = [(f, Grams(f.linear.columns, inference.noise_about(f.linear))) for f in (base, best)]
     turns = [(i, [j for j in range(count) if j != i]) for i in range(count)]
     if held:
         turns = [(i, [j for j in range(count) if j not in held]) for i in held]
     residuals: dict[int, tuple[Array, Array]] = {}
     for run, others in turns:
-        residuals[run] = tuple(aside(inference, f, forces, noise, run, others) for f in (base, best))  # pyright: ignore
+        residuals[run] = tuple(aside(inference, f, forces, g, run, others) for f, g in both)  # pyright: ignore
     before, after = (_gap([r[k] for r in residuals.values()]) for k in (0, 1))
     draws = [_drawn(list(residuals.values()), rng) for _ in range(DRAWS)]
     values = np.array([_share(b, a) for b, a in draws])

@@ -7,18 +7,20 @@ run by run. Evidence is Laplace's approximation with the restricted likelihood o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.special import log_ndtr
 
 from ..geometry.normal import inverse_of_normal
 from ..record.errors import EstimationError
 from ..simulate.model import Array
-from .effects import Effect
+from .grams import Columns, Grams, Reduced, reduced
+from .hypothesis import Hypothesis
 from .noise import SMALLEST, TIMES_S, Forces, Noise
-from .tow_model import OWN, Hypothesis, TowModel
+from .shooting import MOST_CLOSINGS
+from .tow_model import Slopes, TowModel
 
 PRIORS = {"y_b": 1.5e-3, "beta_b": 1.5e-3, "tension": 5e-3, "tow_point": 7e-4, "line": 7e-4, "speed": 1.5e-3}
 """Of each run's own numbers where [priors] is silent: m, rad; tension and speed relative."""
@@ -27,7 +29,9 @@ LARGEST_SHARE = 0.4
 """No derivative changes by more than this share in a step."""
 SHORTER = 0.3
 FORCE_TRIALS = 16
-THREADS = 2
+ALL_TIMES = tuple(range(len(TIMES_S)))
+NEAR = 25.0
+"""Log evidence behind the best from which the noise is not estimated once more."""
 GONE = 5.0
 """m or rad: a simulated motion this far from the measured one has grown beyond bounds."""
 LARGEST_SD = 3.0
@@ -36,37 +40,22 @@ LARGEST_SD = 3.0
 
 @dataclass(frozen=True)
 class Linear:
-    """A hypothesis with residuals and slopes, and priors on what it may change.
+    """A hypothesis with residuals and slopes.
 
     Attributes
     ----------
-    rows : per run: residual (n, 4), slopes (n, 4, 16 + p)
-    modes : per run (n, 4, k): camera modes
+    slopes : of the simulation
+    columns : residual, slopes by shared numbers (derivatives, camera modes, effects), slopes by own ones
     """
 
     hypothesis: Hypothesis
-    rows: list[tuple[Array, Array]]
-    modes: list[Array]
+    slopes: Slopes
+    columns: Columns
 
-
-@dataclass(frozen=True)
-class Reduced:
-    """Normal equations of the shared numbers, without their priors.
-
-    Attributes
-    ----------
-    matrix, right : of six, modes, effects
-    before, chi_square : whitened residuals as they stand, and with each run's own numbers fitted
-    log : log determinants of the noise and of the own numbers
-    kept : run -> whitened residual, slopes by shared and own numbers, own inverse, cross and right side
-    """
-
-    matrix: Array
-    right: Array
-    before: float
-    chi_square: float
-    log: float
-    kept: dict[int, tuple[Array, ...]]
+    @property
+    def rows(self) -> list[tuple[Array, Array]]:
+        """Per run: residual (n, 4), slopes (n, 4, 16 + p)."""
+        return self.slopes.rows
 
 
 @dataclass(frozen=True)
@@ -81,7 +70,6 @@ class Solved:
     shared : (6 + k + p,) step of six, modes, effects
     own : (runs, 10) step
     covariance : of ``shared``
-    left : run -> (N,): whitened residuals after the step
     """
 
     log_evidence: float
@@ -90,7 +78,6 @@ class Solved:
     shared: Array
     own: Array
     covariance: Array
-    left: dict[int, Array]
 
 
 @dataclass(frozen=True)
@@ -100,7 +87,7 @@ class Fitted:
     Attributes
     ----------
     hypothesis, forces : the optimum
-    log_evidence : with the noise's prior
+    log_evidence : with the noise's prior and one-sided ones
     solved : the last linear problem
     linear : the linearisation behind it
     """
@@ -121,6 +108,7 @@ class Inference:
 
     Attributes
     ----------
+    noise : of the base; None: not known yet
     six_prior : mean and standard deviation of the six derivatives, where the simulator's own are to be judged
     """
 
@@ -142,36 +130,26 @@ class Inference:
                 table[:, :, at : at + len(run.modes)] = run.modes.transpose(1, 2, 0)
             self.modes.append(table)
 
-    def linear(self, hypotheses: Sequence[Hypothesis]) -> list[Linear]:
-        """Linearise hypotheses, all in one integration."""
-        return [Linear(h, rows, self.modes) for h, rows in zip(hypotheses, self.model.linear(hypotheses), strict=True)]
+    def linear(self, hypotheses: Sequence[Hypothesis], closings: int = MOST_CLOSINGS) -> list[Linear]:
+        """Linearise hypotheses, all together; ``closings`` 0: about paths that may be open."""
+        found = self.model.linear(hypotheses, closings)
+        return [Linear(h, slopes, self._columns(h, slopes)) for h, slopes in zip(hypotheses, found, strict=True)]
 
-    def reduced(self, linear: Linear, noise: Noise, forces: Forces, only: Sequence[int] | None = None) -> Reduced:
+    def _columns(self, h: Hypothesis, slopes: Slopes) -> Columns:
+        tables = []
+        for (residual, slope), modes in zip(slopes.rows, self.modes, strict=True):
+            parts = [residual[..., None], slope[:, :, :6], modes, slope[:, :, 16:], slope[:, :, 6:16]]
+            tables.append(np.concatenate(parts, axis=2))
+        return Columns(tables, 6 + self.mode_count + h.size)
+
+    def noise_about(self, linear: Linear) -> Noise:
+        """The noise: the base's, once it is known."""
+        # the dynamics that carry the random forces are the base's: near enough, and the same for all hypotheses
+        return self.noise or Noise(self.model.runs, linear.hypothesis, self.model.speed_m_s)
+
+    def reduced(self, grams: Grams, h: Hypothesis, forces: Forces, only: Sequence[int] | None = None) -> Reduced:
         """Normal equations of the shared numbers, the runs' own eliminated; ``only``: these runs."""
-        h = linear.hypothesis
-        size = 6 + self.mode_count + h.size
-        matrix, right = np.zeros((size, size)), np.zeros(size)
-        before = chi_square = log = 0.0
-        kept = {}
-        for i in range(len(self.model.runs)) if only is None else only:
-            residual, slope = linear.rows[i]
-            every = np.concatenate([slope[:, :, :6], linear.modes[i], slope[:, :, 16:], slope[:, :, 6:16]], axis=2)
-            (r, j), determinant = noise.whitened(i, forces, (residual, every))
-            shared, own = j[:, :size], j[:, size:]
-            sd = self.own_sd[i]
-            away = self.stated[i] - h.own[i]
-            inner = own.T @ own + np.diag(1 / sd**2)
-            to_own = own.T @ r + away / sd**2
-            inverse = np.linalg.inv(inner)
-            cross = own.T @ shared
-            matrix += shared.T @ shared - cross.T @ inverse @ cross
-            right += shared.T @ r - cross.T @ inverse @ to_own
-            here = float(r @ r + away**2 @ (1 / sd**2))
-            before += here
-            chi_square += here - float(to_own @ inverse @ to_own)
-            log += determinant + np.linalg.slogdet(inner)[1] + 2 * float(np.log(sd).sum())
-            kept[i] = (r, shared, own, inverse, cross, to_own)
-        return Reduced(matrix, right, before, chi_square, log, kept)
+        return reduced(grams, forces, self.stated - h.own, self.own_sd, only)
 
     def priors(self, h: Hypothesis) -> tuple[Array, Array, float]:
         """Of six, modes and effects: precision, gap to the prior's mean, log of the variances."""
@@ -183,36 +161,47 @@ class Inference:
         precision = np.concatenate([known, np.ones(k), 1 / sd**2])
         return precision, np.concatenate([mean - h.six, np.zeros(k), none - here]), 2 * float(np.log(sd).sum())
 
-    def solve(self, linear: Linear, noise: Noise, forces: Forces, only: Sequence[int] | None = None) -> Solved:
+    def solve(self, grams: Grams, h: Hypothesis, forces: Forces, only: Sequence[int] | None = None) -> Solved:
         """One Gauss-Newton step with its evidence."""
-        part = self.reduced(linear, noise, forces, only)
-        precision, gap, spread = self.priors(linear.hypothesis)
+        part = self.reduced(grams, h, forces, only)
+        precision, gap, spread = self.priors(h)
         matrix, right = part.matrix + np.diag(precision), part.right + precision * gap
         known = float(precision @ gap**2)
         covariance = inverse_of_normal(matrix)
         step = covariance @ right
         chi_square = part.chi_square + known - float(right @ step)
         log = part.log + spread + np.linalg.slogdet(matrix)[1]
-        own_step = np.zeros((len(self.model.runs), len(OWN)))
-        left: dict[int, Array] = {}
-        for i, (r, shared, own, inverse, cross, to_own) in part.kept.items():
-            own_step[i] = inverse @ (to_own - cross @ step)
-            left[i] = r - shared @ step - own @ own_step[i]
         here = -0.5 * (part.before + known + log)
-        return Solved(-0.5 * (chi_square + log), here, chi_square, step, own_step, covariance, left)
+        return Solved(-0.5 * (chi_square + log), here, chi_square, step, part.own_step(step), covariance)
 
-    def best_forces(self, linear: Linear, noise: Noise, first: Forces) -> tuple[Forces, Solved]:
-        """Sizes and time constant of the random forces by the restricted likelihood."""
+    def one_sided(self, h: Hypothesis, solved: Solved) -> float:
+        """What one-sided priors add to the log evidence: twice the probability that the numbers are on their side."""
+        at, total = 6 + self.mode_count, 0.0
+        for effect, numbers in zip(h.effects, h.numbers, strict=True):
+            for parameter, number in zip(effect.parameters, numbers, strict=True):
+                if parameter.one_sided:
+                    sd = np.sqrt(max(solved.covariance[at, at], 1e-300))
+                    total += np.log(2) + float(log_ndtr((number + solved.shared[at] - parameter.none) / sd))
+                at += 1
+        return total
+
+    def left(self, linear: Linear, forces: Forces, shared: Array, own: Array, run: int) -> Array:
+        """(N,) whitened residual of a run after a step of shared and own numbers."""
+        table = linear.columns.tables[run]
+        rest = table[:, :, 0] - table[:, :, 1:] @ np.concatenate([shared, own])
+        return self.noise_about(linear).whitened(run, forces, [rest])[0]
+
+    def best_forces(self, grams: Grams, h: Hypothesis, first: Forces, times: Sequence[int]) -> tuple[Forces, Solved]:
+        """Sizes and time constant (of ``times``) of the random forces by the restricted likelihood."""
 
         def cost(logs: Array, time: int) -> float:
             forces = Forces(max(np.exp(logs[0]), SMALLEST), max(np.exp(logs[1]), SMALLEST), time)
             try:
-                return -self.solve(linear, noise, forces).log_evidence - forces.log_prior
+                return -self.solve(grams, h, forces).log_evidence - forces.log_prior
             except np.linalg.LinAlgError:
                 return 1e12
 
         start = np.log([first.side_n, first.moment_n_m])
-        times = [first.time] if first.time != 1 else [1, 0, 2]
         best: tuple[float, Array, int] | None = None
         for time in times:
             found = minimize(
@@ -224,10 +213,15 @@ class Inference:
             start = best[1]
         assert best is not None
         forces = Forces(max(np.exp(best[1][0]), SMALLEST), max(np.exp(best[1][1]), SMALLEST), best[2])
-        return forces, self.solve(linear, noise, forces)
+        return forces, self.solve(grams, h, forces)
 
     def fit(
-        self, hypotheses: Sequence[Hypothesis], forces: Sequence[Forces], steps: int, noise_turns: Sequence[int] = ()
+        self,
+        hypotheses: Sequence[Hypothesis],
+        forces: Sequence[Forces],
+        steps: int,
+        noise_turns: Sequence[int] = (),
+        open_turns: int = 0,
     ) -> list[Fitted]:
         """Fit several hypotheses side by side; a step that makes one worse is shortened.
 
@@ -235,19 +229,19 @@ class Inference:
         ----------
         forces : start of the noise
         steps : Gauss-Newton steps
-        noise_turns : steps after which the noise is estimated anew
+        noise_turns : steps after which the noise is estimated anew; it is again at the end, for all that come near the best
+        open_turns : the first steps, in which paths stay open and every step is taken
         """
         current, sizes = list(hypotheses), list(forces)
         answers: list[Fitted | None] = [None] * len(hypotheses)
         shares = [1.0] * len(hypotheses)
         for turn in range(steps + 1):
-            estimate = turn in noise_turns or turn == steps
-            linears = self.linear(current)
-            with ThreadPoolExecutor(min(THREADS, len(current))) as pool:
-                found = list(pool.map(self._fitted, linears, sizes, [estimate] * len(linears)))
+            linears = self.linear(current, 0 if turn < open_turns else MOST_CLOSINGS)
+            found = self._all_fitted(linears, sizes, turn in noise_turns, turn == steps)
             for index, fitted in enumerate(found):
                 old = answers[index]
-                if fitted is not None and (old is None or turn in noise_turns or fitted.solved.here >= old.solved.here):
+                free = turn <= open_turns or turn in noise_turns
+                if fitted is not None and (old is None or free or fitted.solved.here >= old.solved.here):
                     answers[index], shares[index] = fitted, 1.0
                     sizes[index] = fitted.forces
                 else:
@@ -258,24 +252,47 @@ class Inference:
                         "the motion simulated from the first fit grows beyond bounds; is the tow stable?"
                     )
                 if turn < steps:
-                    current[index] = self.stepped(kept.hypothesis, kept.solved, shares[index])
+                    current[index] = self.stepped(kept, shares[index])
         return [a for a in answers if a is not None]
 
-    def _fitted(self, linear: Linear, forces: Forces, estimate: bool) -> Fitted | None:
-        for (residual, _), run in zip(linear.rows, self.model.runs, strict=True):
-            if not (np.abs(residual[np.isfinite(run.values)]) < GONE).all():
-                return None
-        # the dynamics that carry the random forces are the base's: near enough, and the same for all hypotheses
-        noise = self.noise or Noise(self.model.runs, linear.hypothesis, self.model.speed_m_s)
-        if estimate:
-            forces, solved = self.best_forces(linear, noise, forces)
-        else:
-            solved = self.solve(linear, noise, forces)
-        return Fitted(linear.hypothesis, forces, solved.log_evidence + forces.log_prior, solved, linear)
+    def _all_fitted(
+        self, linears: Sequence[Linear], sizes: Sequence[Forces], estimate: bool, last: bool
+    ) -> list[Fitted | None]:
+        """Linear problems solved; the noise estimated for all, or at last for those near the best."""
+        grams = [Grams(one.columns, self.noise_about(one)) if self._stands(one) else None for one in linears]
+        found: list[Fitted | None] = []
+        for one, gram, forces in zip(linears, grams, sizes, strict=True):
+            fitted = None
+            if gram is not None:
+                h = one.hypothesis
+                solved = self.solve(gram, h, forces)
+                if estimate and not last:
+                    forces, solved = self.best_forces(
+                        gram, h, forces, ALL_TIMES if len(linears) == 1 else (forces.time,)
+                    )
+                log_evidence = solved.log_evidence + forces.log_prior + self.one_sided(h, solved)
+                fitted = Fitted(h, forces, log_evidence, solved, one)
+            found.append(fitted)
+        if not last:
+            return found
+        best = max((f.log_evidence for f in found if f is not None), default=0.0)
+        for index, (old, gram) in enumerate(zip(found, grams, strict=True)):
+            if old is not None and gram is not None and old.log_evidence > best - NEAR:
+                h, first = old.hypothesis, old.forces
+                forces, solved = self.best_forces(gram, h, first, sorted(ALL_TIMES, key=lambda k: k != first.time))
+                log_evidence = solved.log_evidence + forces.log_prior + self.one_sided(h, solved)
+                found[index] = replace(old, forces=forces, solved=solved, log_evidence=log_evidence)
+        return found
 
-    def stepped(self, h: Hypothesis, solved: Solved, share: float) -> Hypothesis:
-        """The hypothesis after (part of) a step."""
-        k = self.mode_count
+    def _stands(self, linear: Linear) -> bool:
+        return all(
+            (np.abs(residual[np.isfinite(run.values)]) < GONE).all()
+            for (residual, _), run in zip(linear.rows, self.model.runs, strict=True)
+        )
+
+    def stepped(self, fitted: Fitted, share: float) -> Hypothesis:
+        """The hypothesis after (part of) a step, its path taken along."""
+        h, solved, k = fitted.hypothesis, fitted.solved, self.mode_count
         six, effects = solved.shared[:6], solved.shared[6 + k :]
         limit = np.abs(six) / (LARGEST_SHARE * np.maximum(np.abs(h.six), 1.0))
         if len(effects):
@@ -286,13 +303,8 @@ class Inference:
         for n in h.numbers:
             numbers.append(n + share * effects[at : at + len(n)])
             at += len(n)
-        return replace(h, six=h.six + share * six, own=h.own + share * solved.own, numbers=tuple(numbers))
-
-
-def with_effects(h: Hypothesis, effects: Sequence[Effect]) -> Hypothesis:
-    """The hypothesis with more effects, absent at first."""
-    numbers = tuple(np.array([q.none for q in e.parameters]) for e in effects)
-    return replace(h, effects=(*h.effects, *effects), numbers=(*h.numbers, *numbers))
+        path = fitted.linear.slopes.moved(share * np.concatenate([six, effects]), share * solved.own)
+        return replace(h, six=h.six + share * six, own=h.own + share * solved.own, numbers=tuple(numbers), path=path)
 
 
 def own_sds(model: TowModel) -> Array:
@@ -323,4 +335,4 @@ def _stated(run) -> Array:
     return np.array([0, 0, 0, 0, 0, 0, tow.tension_n, tow.tow_point_m, tow.line_length_m, tow.speed_m_s], dtype=float)
 
 
-__all__ = ["TIMES_S", "Fitted", "Inference", "Linear", "Solved", "own_sds", "with_effects"]
+__all__ = ["TIMES_S", "Fitted", "Inference", "Linear", "Solved", "own_sds"]

@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..simulate.model import alpha_from_y
+from .hypothesis import Hypothesis
 from .inference import Fitted, Inference
 from .noise import Noise
 from .tow_data import TowRun
-from .tow_model import OWN, Hypothesis, TowModel
+from .tow_model import TowModel
+from .tow_rates import OWN
 
 LINES = (0.55, 1.0, 1.6)
 SPEEDS = (0.7, 1.0, 1.4)
@@ -57,12 +59,12 @@ def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | No
     noise = Noise(runs, one, model.speed_m_s)
     trial_inference = Inference(trial)
     for index, (x_t, line, speed, y, beta) in enumerate(settings):
-        residual, slope = linear[0][index]
-        other = linear[1][index][0]
+        residual, slope = linear[0].rows[index]
+        other = linear[1].rows[index][0]
         if not np.isfinite(residual).all() or np.abs(residual[:, 1]).max() > TURNED_OVER:
             continue
         apart = other - residual
-        (white, j), _ = noise.whitened(index, first.forces, (apart, slope))
+        white, j = noise.whitened(index, first.forces, (apart, slope))
         n = 2 * len(pattern.centre_s)
         white, own, shared = white[:n], j[:n, 6:16], j[:n, :6]
         # the new run's own numbers are fitted to it, the derivatives as far as they are not known
@@ -112,7 +114,7 @@ def _taken_over(h: Hypothesis, settings: Sequence[tuple[float, ...]]) -> Hypothe
     for i, (x_t, line, speed, y, beta) in enumerate(settings):
         alpha = float(np.arcsin(np.clip((y + x_t * np.sin(beta)) / line, -0.99, 0.99)))
         own[i] = [alpha, beta, 0, 0, 0, 0, pull * speed**2, x_t, line, speed]
-    return replace(h, own=own)
+    return replace(h, own=own, path=None)
 
 
 def _without_camera(h: Hypothesis) -> Hypothesis:

@@ -15,16 +15,17 @@ import numpy as np
 from scipy.linalg import expm, solve_triangular, toeplitz
 
 from ..simulate.model import Array, Hull, linear_system
+from .hypothesis import Hypothesis
 from .tow_data import TowRun
-from .tow_model import OWN, Hypothesis
+from .tow_rates import OWN
 
 TIMES_S = (0.6, 2.0, 6.0)
 FORCE_SD_N, MOMENT_SD_N_M = 0.01, 0.01
 """Usual sizes; their logarithms have the prior standard deviation LOG_SD about these."""
 LOG_SD = 2.0
 SMALLEST = 1e-5
-KEPT = 12
-"""Factors kept for each run."""
+UNSEEN = 1e-3
+"""Of the measurement's variance: where forces show less, they are left out."""
 
 
 @dataclass(frozen=True)
@@ -49,27 +50,58 @@ class Forces:
 
 
 @dataclass(frozen=True)
+class Space:
+    """Where forces of one time constant show beside a run's measurement noise.
+
+    Attributes
+    ----------
+    base : (2n, 2n), orthonormal, in whitened y and beta; the directions that forces move most come first
+    by_force : (2, 2n, 2n), covariance there by a unit side force and a unit moment
+    shown : (2n,), variance by both, falling
+    """
+
+    base: Array
+    by_force: Array
+    shown: Array
+
+    def wide(self, forces: Forces) -> int:
+        """How many directions are needed for forces of this size (up to the next power of 2)."""
+        level = np.ceil(np.log2(max(forces.side_n, forces.moment_n_m)))
+        return max(1, int(np.searchsorted(-self.shown, -UNSEEN / 4.0**level)))
+
+    def covariance(self, forces: Forces) -> Array:
+        """(k, k) of all that shows there, the measurement's own part (1) with it."""
+        k = self.wide(forces)
+        total = forces.side_n**2 * self.by_force[0, :k, :k] + forces.moment_n_m**2 * self.by_force[1, :k, :k]
+        total[np.diag_indices(k)] += 1.0
+        return total
+
+
+@dataclass(frozen=True)
 class RunNoise:
     """What does not change while the sizes are estimated.
 
     Attributes
     ----------
     measured : (2n, 2n) of y and beta
-    by_force : per time constant, (2, 2n, 2n): covariance of y and beta by a unit side force and a unit moment
+    white : inverse Cholesky factor of it
     still : per channel without hydrodynamics (line, distance), the inverse Cholesky factor (n, n), or None
-    still_log : log determinant of those
+    log : log determinant of all that is measured
     good : (n, 4)
     """
 
     measured: Array
-    by_force: list[Array]
+    white: Array
     still: list[Array | None]
-    still_log: float
+    log: float
     good: Array
 
 
 class Noise:
     """Noise of all runs about one hypothesis (its linear dynamics carry the forces).
+
+    Forces move a model slowly: beside the measurement's noise small ones show in a part of the 260 directions, and trying other
+    sizes costs that much only.
 
     Parameters
     ----------
@@ -78,46 +110,56 @@ class Noise:
     """
 
     def __init__(self, runs: Sequence[TowRun], hypothesis: Hypothesis, speed_m_s: float) -> None:
-        self._roots: dict[tuple[int, Forces], tuple[Array, float]] = {}
+        self.runs = [_run_noise(run) for run in runs]
+        self._tows = list(zip(runs, hypothesis.own, strict=True))
+        self._six, self._speed_m_s = hypothesis.six, speed_m_s
+        self._spaces: dict[tuple[int, int], Space] = {}
         self._lock = Lock()
-        self.runs = [
-            _run_noise(run, hypothesis.six, own, speed_m_s) for run, own in zip(runs, hypothesis.own, strict=True)
-        ]
 
-    def _root(self, index: int, forces: Forces) -> tuple[Array, float]:
-        """Cholesky factor of y and beta, and the log determinant of all channels; the last few are kept."""
-        key = (index, forces)
-        known = self._roots.get(key)
-        if known is not None:
-            return known
-        noise = self.runs[index]
-        total = noise.measured + forces.side_n**2 * noise.by_force[forces.time][0]
-        total = total + forces.moment_n_m**2 * noise.by_force[forces.time][1]
-        lower = np.linalg.cholesky(total)
-        made = lower, 2 * float(np.log(np.diag(lower)).sum()) + noise.still_log
+    def by_force(self, index: int, time: int) -> Array:
+        """(2, 2n, 2n): covariance of a run's y and beta by a unit side force and a unit moment."""
+        run, own = self._tows[index]
+        return np.array([r @ r.T for r in _roots(run, self._six, own, self._speed_m_s, self.runs[index].good, time)])
+
+    def space(self, index: int, time: int) -> Space:
+        """Where forces of TIMES_S[time] show in a run."""
         with self._lock:
-            while len(self._roots) >= KEPT * len(self.runs):
-                self._roots.pop(next(iter(self._roots)))
-            self._roots[key] = made
-        return made
+            if (index, time) not in self._spaces:
+                run, own = self._tows[index]
+                roots = _roots(run, self._six, own, self._speed_m_s, self.runs[index].good, time)
+                self._spaces[index, time] = _space(self.runs[index].white, roots)
+            return self._spaces[index, time]
 
-    def whitened(self, index: int, forces: Forces, values: Sequence[Array]) -> tuple[list[Array], float]:
-        """Arrays (n, 4) or (n, 4, k) of a run as white numbers (N,) or (N, k), and the log determinant of the covariance."""
+    def white(self, index: int, values: Array) -> tuple[Array, Array]:
+        """(n, 4, k) beside the measurement's noise alone: y and beta (2n, k), and the other channels (m, k)."""
         noise = self.runs[index]
-        n = len(noise.good)
-        lower, log = self._root(index, forces)
+        flat = np.where(noise.good[..., None], values, 0.0)
+        still = [root @ flat[:, c] for c, root in zip((2, 3), noise.still, strict=True) if root is not None]
+        moving = noise.white @ np.concatenate([flat[:, 0], flat[:, 1]])
+        return moving, np.concatenate(still) if still else np.zeros((0, values.shape[2]))
+
+    def whitened(self, index: int, forces: Forces, values: Sequence[Array]) -> list[Array]:
+        """Arrays (n, 4) or (n, 4, k) of a run as white numbers (N,) or (N, k)."""
+        space = self.space(index, forces.time)
+        size, turn = np.linalg.eigh(space.covariance(forces))
+        shrink, base = (turn * (size**-0.5 - 1)) @ turn.T, space.base[:, : len(size)]
         answers = []
         for value in values:
-            flat = np.where(noise.good[..., None], value.reshape(n, 4, -1), 0.0)
-            parts = [solve_triangular(lower, np.concatenate([flat[:, 0], flat[:, 1]]), lower=True, check_finite=False)]
-            for channel, root in zip((2, 3), noise.still, strict=True):
-                if root is not None:
-                    parts.append(root @ flat[:, channel])
-            answers.append(np.concatenate(parts).reshape(-1, *value.shape[2:]))
-        return answers, log
+            moving, still = self.white(index, value.reshape(*value.shape[:2], -1))
+            moving = moving + base @ (shrink @ (base.T @ moving))
+            answers.append(np.concatenate([moving, still]).reshape(-1, *value.shape[2:]))
+        return answers
 
 
-def _run_noise(run: TowRun, six: Array, own: Array, speed_m_s: float) -> RunNoise:
+def _space(white: Array, roots: Sequence[Array]) -> Space:
+    shown = [white @ root for root in roots]
+    both = np.concatenate(shown, axis=1)
+    size, turn = np.linalg.eigh(both @ both.T)
+    base = np.ascontiguousarray(turn[:, ::-1])
+    return Space(base, np.array([part @ part.T for part in (base.T @ root for root in shown)]), size[::-1])
+
+
+def _run_noise(run: TowRun) -> RunNoise:
     good = np.isfinite(run.values)
     n = len(good)
     covariance = run.covariance.copy()
@@ -129,20 +171,26 @@ def _run_noise(run: TowRun, six: Array, own: Array, speed_m_s: float) -> RunNois
         covariance[channel][lost, lost] = usual
     measured = np.zeros((2 * n, 2 * n))
     measured[:n, :n], measured[n:, n:] = covariance[0], covariance[1]
+    white, log = _inverse_root(measured)
     still: list[Array | None] = []
-    log = 0.0
     for channel in (2, 3):
         if not good[:, channel].any():
             still.append(None)
             continue
-        lower = np.linalg.cholesky(covariance[channel])
-        log += 2 * float(np.log(np.diag(lower)).sum())
-        still.append(solve_triangular(lower, np.eye(n), lower=True))
-    return RunNoise(measured, _by_force(run, six, own, speed_m_s, good), still, log, good)
+        root, own = _inverse_root(covariance[channel])
+        log += own
+        still.append(root)
+    return RunNoise(measured, white, still, log, good)
 
 
-def _by_force(run: TowRun, six: Array, own: Array, speed_m_s: float, good: Array) -> list[Array]:
-    """Covariance of y and beta by unit forces, for every time constant."""
+def _inverse_root(covariance: Array) -> tuple[Array, float]:
+    lower = np.linalg.cholesky(covariance)
+    root = solve_triangular(lower, np.eye(len(lower)), lower=True)
+    return root, 2 * float(np.log(np.diag(lower)).sum())
+
+
+def _roots(run: TowRun, six: Array, own: Array, speed_m_s: float, good: Array, time: int) -> list[Array]:
+    """(2n, n) roots of the covariance of y and beta by a unit side force and a unit moment."""
     n, step = len(good), run.step_s
     numbers = dict(zip(OWN, own, strict=True))
     tow = run.data.tow
@@ -159,14 +207,7 @@ def _by_force(run: TowRun, six: Array, own: Array, speed_m_s: float, good: Array
         state = go @ state
     response = np.array([c[0] for c in columns])  # (n, 2 outputs, 2 inputs)
     lag = np.abs(np.arange(n)[:, None] - np.arange(n)[None, :]) * step
-    answers = []
     lowers = [[toeplitz(response[:, o, i], np.zeros(n)) for i in range(2)] for o in range(2)]
     keep = np.concatenate([good[:, 0], good[:, 1]]).astype(float)
-    for time in TIMES_S:
-        colour = np.linalg.cholesky(np.exp(-lag / time) + 1e-9 * np.eye(n))
-        pair = []
-        for i in range(2):
-            root = np.concatenate([lowers[0][i] @ colour, lowers[1][i] @ colour]) * keep[:, None]
-            pair.append(root @ root.T)
-        answers.append(np.array(pair))
-    return answers
+    colour = np.linalg.cholesky(np.exp(-lag / TIMES_S[time]) + 1e-9 * np.eye(n))
+    return [np.concatenate([lowers[0][i] @ colour, lowers[1][i] @ colour]) * keep[:, None] for i in range(2)]

@@ -16,6 +16,7 @@ import pandas as pd
 from ..geometry import DatumFit
 from ..geometry.motion import poses_from_tracks
 from ..identify.data import RunData, run_data
+from ..identify.still import scatter
 from ..record.run import Run
 from ..simulate.model import Array
 
@@ -29,7 +30,6 @@ SLOW_UNSEEN_PX = 0.12
 SLOW_S = 4.0
 LINE_SD_M = 2e-4
 """A taut line's length is not steadier than this."""
-SMALLEST_COLOUR = 0.12
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,14 @@ class Marks:
     ----------
     run, tracks, fit : run, its tracks, its datum
     few : about one frame of each block
+    seen : times (k,) and values (k, 4) of those
     """
 
     run: Run
     tracks: pd.DataFrame
     fit: DatumFit
     few: pd.DataFrame
+    seen: tuple[Array, Array] = (np.zeros(0), np.zeros((0, 4)))
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,11 @@ def tow_run(
     step_s : of the blocks, the same for all runs
     """
     data = run_data(run, motion, common)
-    marks = Marks(run, tracks, fit, _few(tracks, step_s)) if tracks is not None and fit is not None else None
+    marks = None
+    if tracks is not None and fit is not None:
+        few = _few(tracks, step_s)
+        there = _from_pixels(Marks(run, few, fit, few))
+        marks = Marks(run, tracks, fit, few, (there.t_s, there.values))
     series = _from_pixels(marks) if marks is not None else _from_motion(run, data, motion)
     start = float(series.t_s[0])
     centre, values, count = _blocks(series.t_s - start, series.values, step_s)
@@ -148,11 +154,10 @@ def block_step(durations_s: Sequence[float]) -> float:
 def corrected(tow: TowRun, run: Run, mapping: Any) -> Array:
     """Change of the run's values (n, 4) with another run.toml or mapping: a frame of each block stands for it."""
     assert tow.marks is not None
-    marks = replace(tow.marks, tracks=tow.marks.few)
-    before = _from_pixels(marks)
-    after = _from_pixels(replace(marks, run=run, fit=replace(marks.fit, mapping=mapping)))
-    t_s = before.t_s - tow.start_s
-    change = after.values - before.values
+    marks, (t_s, before) = tow.marks, tow.marks.seen
+    after = _from_pixels(replace(marks, tracks=marks.few, run=run, fit=replace(marks.fit, mapping=mapping)))
+    t_s = t_s - tow.start_s
+    change = after.values - before
     good = np.isfinite(change).all(axis=1)
     return np.column_stack([np.interp(tow.centre_s, t_s[good], c) for c in change[good].T])
 
@@ -269,7 +274,7 @@ def _covariances(centre: Array, variance: Array, series: _Series, still: _Series
         own = np.where(np.isfinite(own) & (own > 0), own, np.nanmedian(own))
         share, time = 1.0, 0.0
         if still is not None:
-            size, share, time = _scatter(still, channel, step_s)
+            size, share, time = scatter(_blocks(still.t_s - still.t_s[0], still.values, step_s)[1][:, channel], step_s)
             # the stated sigmas say how the noise changes over the picture, the static record how large it is there
             there = float(np.nanmedian(_mean(still.t_s - still.t_s[0], still.variance, step_s)[:, channel]))
             frames = len(still.t_s) / max(still.t_s[-1] - still.t_s[0], step_s) * step_s
@@ -283,23 +288,6 @@ def _covariances(centre: Array, variance: Array, series: _Series, still: _Series
             slow = np.hypot(slow, LINE_SD_M)
         answer[channel] = root[:, None] * colour * root[None, :] + slow**2 * np.exp(-lag / SLOW_S)
     return answer
-
-
-def _scatter(still: _Series, channel: int, step_s: float) -> tuple[float, float, float]:
-    """Variance of a block's mean, the white share of it, and the time constant of the rest."""
-    _, values, _ = _blocks(still.t_s - still.t_s[0], still.values, step_s)
-    x = values[:, channel]
-    x = x[np.isfinite(x)]
-    x = x - x.mean()
-    n = len(x)
-    variance = float(x @ x) / max(n - 1, 1)
-    if n < 12:
-        return variance, 1.0, 0.0
-    rho = [float(x[k:] @ x[:-k]) / float(x @ x) + 1.0 / n for k in (1, 2, 3)]
-    if rho[0] < SMALLEST_COLOUR + 1.0 / np.sqrt(n):
-        return variance, 1.0, 0.0
-    decay = np.clip(np.mean([rho[1] / rho[0], np.sqrt(max(rho[2], 0.0) / rho[0])]), 0.2, 0.95)
-    return variance, float(np.clip(1 - rho[0] / decay, 0.0, 1.0)), float(-step_s / np.log(decay))
 
 
 __all__ = ["CHANNELS", "Marks", "TowRun", "block_step", "corrected", "tow_run"]

@@ -9,6 +9,7 @@ import numpy as np
 from ..simulate.model import Array
 from .effects import STAGES, Effect
 from .engine import Candidate, Ranking
+from .grams import Grams
 from .inference import Fitted, Inference
 
 MOST = 0.6
@@ -88,14 +89,19 @@ def _stages(candidate: Candidate, effect: Effect) -> dict[str, float]:
 
 def _drops(inference: Inference, base: Fitted, after: Fitted) -> dict[str, Array]:
     """Squared whitened residuals before minus after, (n,) per run, all channels; at the after's noise."""
-    assert inference.noise is not None
-    one = inference.solve(base.linear, inference.noise, after.forces)
-    two = inference.solve(after.linear, inference.noise, after.forces)
+    forces = after.forces
+    solved = []
+    for fitted in (base, after):
+        linear = fitted.linear
+        solved.append(inference.solve(Grams(linear.columns, inference.noise_about(linear)), fitted.hypothesis, forces))
     answers = {}
     for index, run in enumerate(inference.model.runs):
-        n = len(run.centre_s)
-        change = one.left[index] ** 2 - two.left[index] ** 2
-        answers[run.name] = change.reshape(-1, n).sum(axis=0)
+        one, two = (
+            inference.left(f.linear, forces, s.shared, s.own[index], index)
+            for f, s in zip((base, after), solved, strict=True)
+        )
+        change = one**2 - two**2
+        answers[run.name] = change.reshape(-1, len(run.centre_s)).sum(axis=0)
     return answers
 
 

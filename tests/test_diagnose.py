@@ -15,7 +15,8 @@ from towline.cli import main
 from towline.diagnose.effects import LIBRARY, STAGES, Effect, load_effects
 from towline.diagnose.noise import Forces, Noise
 from towline.diagnose.tow_data import block_step
-from towline.diagnose.tow_model import Hypothesis, TowModel
+from towline.diagnose.hypothesis import Hypothesis
+from towline.diagnose.tow_model import TowModel
 from towline.diagnosing import diagnose_folders
 from towline.record import InputError, read_run
 from towline.record.tables import write_table
@@ -101,7 +102,7 @@ def model(cases: ModuleType, tmp_path_factory: pytest.TempPathFactory):
 def test_the_side_by_side_integration_is_the_simulators(model) -> None:
     """Against DOP853 at 1e-10: Runge-Kutta over half blocks of 0.17 s errs by less than a tenth of the noise of a block's mean."""
     tow_model, hypothesis = model
-    simulated = tow_model.linear([hypothesis])[0]
+    simulated = tow_model.linear([hypothesis])[0].rows
     for i, run in enumerate(tow_model.runs):
         tow = Tow(*hypothesis.own[i, [9, 8, 7, 6]])
         step = run.step_s
@@ -118,11 +119,11 @@ def test_the_side_by_side_integration_is_the_simulators(model) -> None:
 
 def test_an_absent_effect_changes_nothing(model) -> None:
     tow_model, hypothesis = model
-    alone = tow_model.linear([hypothesis])[0]
+    alone = tow_model.linear([hypothesis])[0].rows
     with_all = Hypothesis(
         hypothesis.six, hypothesis.own, LIBRARY, tuple(np.array([p.none for p in e.parameters]) for e in LIBRARY)
     )
-    beside = tow_model.linear([with_all])[0]
+    beside = tow_model.linear([with_all])[0].rows
     for (one, _), (two, slope) in zip(alone, beside, strict=True):
         np.testing.assert_allclose(one, two, atol=1e-12)
         moved = [np.abs(slope[:, :, 16 + k]).max() for k in range(slope.shape[2] - 16)]
@@ -142,12 +143,13 @@ def test_noise_is_whitened(model) -> None:
     count = 0
     run = noise.runs[0]
     n = len(run.good)
-    root = np.linalg.cholesky(run.measured + 0.01**2 * run.by_force[1][0] + 0.02**2 * run.by_force[1][1])
+    by_force = noise.by_force(0, 1)
+    root = np.linalg.cholesky(run.measured + 0.01**2 * by_force[0] + 0.02**2 * by_force[1])
     for _ in range(20):
         values = np.zeros((n, 4))
         both = root @ rng.normal(size=2 * n)
         values[:, 0], values[:, 1] = both[:n], both[n:]
-        (white,), _ = noise.whitened(0, forces, (values,))
+        (white,) = noise.whitened(0, forces, (values,))
         total += float((white[: 2 * n] ** 2).sum())
         count += 2 * n
     assert abs(total / count - 1) < 5 * np.sqrt(2 / count)
@@ -156,9 +158,10 @@ def test_noise_is_whitened(model) -> None:
 def test_a_force_of_known_size_has_the_stated_covariance(model) -> None:
     """A constant unit force is the limit of a slow one: its response is the simulator's own."""
     tow_model, hypothesis = model
-    run = Noise(tow_model.runs, hypothesis, tow_model.speed_m_s).runs[0]
-    assert np.linalg.eigvalsh(run.by_force[2][0]).min() > -1e-9 * np.abs(run.by_force[2][0]).max()
-    assert np.diag(run.by_force[2][0])[60] > np.diag(run.by_force[0][0])[60]  # slower forces move the model farther
+    noise = Noise(tow_model.runs, hypothesis, tow_model.speed_m_s)
+    fast, slow = noise.by_force(0, 0)[0], noise.by_force(0, 2)[0]
+    assert np.linalg.eigvalsh(slow).min() > -1e-9 * np.abs(slow).max()
+    assert np.diag(slow)[60] > np.diag(fast)[60]  # slower forces move the model farther
 
 
 MINE = """

@@ -29,12 +29,14 @@ class Parameter:
     name, unit : as in gap.json
     sd : prior standard deviation about ``none``: how large the effect usually is where it exists
     none : value at which the effect is absent
+    one_sided : physics lets it only be larger than ``none``
     """
 
     name: str
     unit: str
     sd: float
     none: float = 0.0
+    one_sided: bool = False
 
 
 @dataclass(frozen=True)

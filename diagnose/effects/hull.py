@@ -54,7 +54,7 @@ def _no_width(run) -> str:
 CROSSFLOW = Effect(
     "crossflow_drag",
     "sway",
-    (Parameter("drag_depth_m", "m", 0.15), Parameter("trim_depth_m", "m", 0.05)),
+    (Parameter("drag_depth_m", "m", 0.15, one_sided=True), Parameter("trim_depth_m", "m", 0.05)),
     "Each section of a hull that moves sideways leaves a wake and drags with the square of its own speed.",
     "Add Y_v|v|, N_v|v|, N_r|r| (or strip theory) to the simulator; keep the tow's angles small for the linear derivatives.",
     "theory.md 2; Faltinsen (1990), ch. 6",
@@ -103,7 +103,7 @@ CURRENT = Effect(
 BANK = Effect(
     "bank_suction",
     "sway",
-    (Parameter("suction_m2", "m2", 0.01), Parameter("moment_m2", "m2", 0.005)),
+    (Parameter("suction_m2", "m2", 0.01, one_sided=True), Parameter("moment_m2", "m2", 0.005)),
     "Water runs faster between hull and the near wall; its pressure falls and the hull is pulled there.",
     "Tow in a wider tank or nearer to its middle; add the wall force to the simulator.",
     "Norrbin (1974)",
@@ -114,7 +114,7 @@ MEMORY = tuple(
     Effect(
         "fluid_memory",
         "sway",
-        (Parameter("share_sway", "", 0.3), Parameter("share_yaw", "", 0.3)),
+        (Parameter("share_sway", "", 0.3, one_sided=True), Parameter("share_yaw", "", 0.3, one_sided=True)),
         "Part of the damping comes from vortices and waves shed a little earlier: it lags behind the motion.",
         "Use damping with memory (a first-order lag) in the simulator.",
         "Cummins (1962)",

@@ -39,7 +39,7 @@ TENSION = Effect(
 ELASTIC = Effect(
     "elastic_line",
     "line",
-    (Parameter("compliance_m_n", "m/N", 0.003), Parameter("follows", "", 1.0)),
+    (Parameter("compliance_m_n", "m/N", 0.003, one_sided=True), Parameter("follows", "", 1.0)),
     "The line is a spring: it is longer the harder it pulls, and the model surges on it.",
     "Use a stiffer line (thin steel), or measure its length under load.",
     "theory.md 4",
@@ -58,7 +58,7 @@ OFFSET = Effect(
 FRICTION = Effect(
     "swivel_friction",
     "line",
-    (Parameter("moment_n_m", "N m", 0.05),),
+    (Parameter("moment_n_m", "N m", 0.05, one_sided=True),),
     "The swivel at the tow point rubs with a moment of constant size against the line's turning.",
     "Use a ball bearing swivel, or add the dry friction moment.",
     "Coulomb friction",
@@ -83,7 +83,7 @@ def slack(windows: Sequence[tuple[float, float] | None]) -> Effect:
     return Effect(
         "slack_line",
         "line",
-        (Parameter("loss", "", 0.7), Parameter("nearer_m", "m", 0.02)),
+        (Parameter("loss", "", 0.7, one_sided=True), Parameter("nearer_m", "m", 0.02, one_sided=True)),
         "The carriage slows or the model surges ahead: the line goes slack and pulls no more for a while.",
         "Tow faster or add drag astern so that the line stays taut; cut those seconds out.",
         "theory.md 4",

@@ -1,0 +1,120 @@
+"""Normal equations of a campaign under one noise, for many sizes of its random forces at the cost of a few."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from ..simulate.model import Array
+from .noise import Forces, Noise
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What a run says: one residual column, then slopes by shared numbers, then by the run's own.
+
+    Attributes
+    ----------
+    tables : per run (n, 4, 1 + shared + own)
+    shared : how many shared numbers
+    """
+
+    tables: list[Array]
+    shared: int
+
+
+class Grams:
+    """Inner products of all columns, whitened.
+
+    Parameters
+    ----------
+    columns, noise : of one linearisation
+    only : these runs; None: all
+    """
+
+    def __init__(self, columns: Columns, noise: Noise, only: Sequence[int] | None = None) -> None:
+        self.runs = list(range(len(columns.tables)) if only is None else only)
+        self.shared, self._noise = columns.shared, noise
+        parts = [noise.white(i, columns.tables[i]) for i in self.runs]
+        self._moving = [moving for moving, _ in parts]
+        self._whole = np.array([m.T @ m + s.T @ s for m, s in parts])
+        self._measured = np.array([noise.runs[i].log for i in self.runs])
+        self._shown: dict[int, list[Array]] = {}
+        self._rest: dict[tuple[int, tuple[int, ...]], Array] = {}
+
+    def at(self, forces: Forces) -> tuple[Array, Array]:
+        """Inner products (runs, m, m) and log determinants of the noise (runs,)."""
+        time = forces.time
+        spaces = [self._noise.space(i, time) for i in self.runs]
+        if time not in self._shown:
+            self._shown[time] = [s.base.T @ moving for s, moving in zip(spaces, self._moving, strict=True)]
+        wide = tuple(s.wide(forces) for s in spaces)
+        shown = [p[:k] for p, k in zip(self._shown[time], wide, strict=True)]
+        if (time, wide) not in self._rest:
+            self._rest[time, wide] = self._whole - np.array([p.T @ p for p in shown])
+        whole, logs = self._rest[time, wide].copy(), self._measured.copy()
+        for k, space in enumerate(spaces):
+            lower = np.linalg.cholesky(space.covariance(forces))
+            logs[k] += 2 * float(np.log(np.diag(lower)).sum())
+            white = solve_triangular(lower, shown[k], lower=True, check_finite=False)
+            whole[k] += white.T @ white
+        return whole, logs
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Normal equations of the shared numbers, the runs' own eliminated; without the shared numbers' priors.
+
+    Attributes
+    ----------
+    matrix, right : of the shared numbers, summed over the runs
+    before, chi_square : whitened residuals as they stand, and with each run's own numbers fitted
+    log : log determinants of the noise and of the own numbers
+    inverse, cross, to_own : per run: how the own numbers follow from the shared ones
+    """
+
+    matrix: Array
+    right: Array
+    before: float
+    chi_square: float
+    log: float
+    inverse: Array
+    cross: Array
+    to_own: Array
+
+    def own_step(self, shared: Array) -> Array:
+        """(runs, own) step of the own numbers beside a step of the shared ones."""
+        return np.einsum("nij,nj->ni", self.inverse, self.to_own - self.cross @ shared)
+
+
+def reduced(grams: Grams, forces: Forces, away: Array, sd: Array, only: Sequence[int] | None = None) -> Reduced:
+    """Eliminate the runs' own numbers.
+
+    Parameters
+    ----------
+    away, sd : (runs, own) of all runs: from the numbers to their priors' means, and the priors' standard deviations
+    only : positions among the grams' runs; None: all
+    """
+    whole, logs = grams.at(forces)
+    chosen = np.arange(len(grams.runs)) if only is None else np.asarray(only)
+    whole, logs = whole[chosen], logs[chosen]
+    at = np.asarray(grams.runs)[chosen]
+    away, sd = away[at], sd[at]
+    shared, own = slice(1, 1 + grams.shared), slice(1 + grams.shared, None)
+    inner = whole[:, own, own] + np.einsum("ni,ij->nij", sd**-2.0, np.eye(sd.shape[1]))
+    to_own = whole[:, own, 0] + away / sd**2
+    cross = whole[:, own, shared]
+    inverse = np.linalg.inv(inner)
+    followed = inverse @ cross
+    matrix = (whole[:, shared, shared] - cross.transpose(0, 2, 1) @ followed).sum(axis=0)
+    right = (whole[:, shared, 0] - np.einsum("nij,ni->nj", followed, to_own)).sum(axis=0)
+    before = float(whole[:, 0, 0].sum() + (away**2 / sd**2).sum())
+    left = before - float(np.einsum("ni,nij,nj->", to_own, inverse, to_own))
+    log = float(logs.sum() + np.linalg.slogdet(inner)[1].sum() + 2 * np.log(sd).sum())
+    return Reduced(matrix, right, before, left, log, inverse, cross, to_own)
+
+
+__all__ = ["Columns", "Grams", "Reduced", "reduced"]

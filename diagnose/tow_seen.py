@@ -1,0 +1,166 @@
+"""What would be measured of a simulated tow: means over blocks of y, heading, taut-line radius and marker distance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..simulate.model import Array, full_x_cg, full_y_cg, line_angle_rate
+from .effects import Seen
+from .shooting import STATE_STEP
+from .tow_data import TowRun
+from .tow_rates import SMALLEST_COSINE, Fields, Numbers, columns_of, tow_of
+from .variations import Variations, joined
+
+
+class TowSeen:
+    """The measurement of a campaign.
+
+    Parameters
+    ----------
+    runs : with one block length
+    fields : of the runs
+    node_s : (nodes,), every half block
+    """
+
+    def __init__(self, runs: Sequence[TowRun], fields: Fields, node_s: Array) -> None:
+        self._runs, self._fields, self._node_s = list(runs), fields, node_s
+        self._step_s = runs[0].step_s
+        tows = [r.data.tow for r in runs]
+        self._stated = np.array(
+            [[t.line_length_m, t.tow_point_m, t.tow_point_offset_m, t.post_m[0]] for t in tows], dtype=float
+        )
+        self._shutter = np.zeros((len(node_s), len(runs), 4, 3))
+        for i, run in enumerate(runs):
+            nodes = np.clip((np.arange(len(node_s)) - 1) // 2, 0, len(run.shutter) - 1)
+            self._shutter[:, i] = np.nan_to_num(run.shutter[nodes])
+
+    def slopes(
+        self, group: Variations, path: Array, changes: Array, lags_s: tuple[float, ...]
+    ) -> list[tuple[Array, Array]]:
+        """Values (n, 4) and slopes (n, 4, numbers) of every run.
+
+        Parameters
+        ----------
+        path : (states, nodes, runs); changes : (nodes, runs, states, numbers) of it
+        """
+        size, direct = len(path), group.seen()
+        numbers, _ = joined([group.columns(direct, size)], lags_s)
+        whole = np.repeat(path[..., None], numbers.six.shape[1], axis=3)
+        for s in range(size):
+            whole[s, ..., 1 + s] += STATE_STEP
+        with np.errstate(all="ignore"):
+            series = self._series(numbers, whole)
+            by_state = ((series[..., 1 : 1 + size] - series[..., :1]) / STATE_STEP).transpose(0, 2, 1, 3)
+            slope = by_state @ changes  # (nodes, runs, 4, numbers)
+            own = (series[..., 1 + size :] - series[..., :1]) / group.steps[None, None][..., direct]
+            slope[..., direct] += own.transpose(0, 2, 1, 3)
+        answers = []
+        for i, run in enumerate(self._runs):
+            late = _late(numbers, run)
+            moved = _Moved((run.centre_s + late[:, 0]) / (self._step_s / 2), len(series))
+            mean, rate = _means(series[:, :, i, :1], self._step_s)
+            change, _ = _means(slope[:, i], self._step_s)
+            change, rate = moved(change), moved(rate)
+            for column, k in enumerate(direct, start=1 + size):
+                change[:, :, k] += rate[..., 0] * (late[:, column, None] - late[:, :1]) / group.steps[i, k]
+            answers.append((moved(mean)[..., 0], change))
+        return answers
+
+    def values(self, numbers: Numbers, path: Array) -> list[list[Array]]:
+        """Values of every column and run (n, 4) along paths (states, nodes, runs, columns)."""
+        with np.errstate(all="ignore"):
+            series = self._series(numbers, path)
+        answers: list[list[Array]] = [[] for _ in range(series.shape[3])]
+        for i, run in enumerate(self._runs):
+            mean, _ = _means(series[:, :, i], self._step_s)
+            late = _late(numbers, run)
+            for column, found in enumerate(answers):
+                place = (run.centre_s + late[:, column]) / (self._step_s / 2)
+                found.append(_Moved(place, len(series))(mean[..., column]))
+        return answers
+
+    def _series(self, numbers: Numbers, path: Array) -> Array:
+        """(nodes, 4, runs, columns) at every node."""
+        tow: Any = tow_of(self._fields, numbers)
+        t_s = self._node_s[:, None, None]
+        seen = self._see(t_s, path, tow)
+        x, y, beta = seen.pose
+        more = np.zeros((4, *y.shape))
+        for a in numbers.active:
+            if a.effect.stretch is None and a.effect.observe is None:
+                continue
+            here = columns_of(seen, a.columns)
+            if a.effect.stretch is not None:
+                longer = a.effect.stretch(here, *a.numbers)
+                more[0][..., a.columns] -= longer * np.cos(here.alpha_rad)
+                more[1][..., a.columns] += longer * np.sin(here.alpha_rad)
+            if a.effect.observe is not None:
+                for channel, change in enumerate(a.effect.observe(here, *a.numbers)):
+                    more[channel][..., a.columns] += change
+        x, y, beta = x + more[0], y + more[1] + numbers.own[:, 4], beta + more[2] + numbers.own[:, 5]
+        return np.stack([y, beta, self._line(x, y, beta), more[3]], axis=1)
+
+    def _line(self, x: Array, y: Array, beta: Array) -> Array:
+        """Radius of the stated tow point about the stated post, minus the stated length."""
+        length, x_t, y_t, post = (self._stated[:, k, None] for k in range(4))
+        cosine, sine = np.cos(beta), np.sin(beta)
+        return np.hypot(x + x_t * cosine - y_t * sine - post, y + x_t * sine + y_t * cosine) - length
+
+    def _see(self, t_s: Array, path: Array, tow: Any) -> Seen:
+        alpha, beta, v, r = path[:4]
+        x, y = full_x_cg(alpha, beta, tow), full_y_cg(0.0, alpha, beta, tow)
+        turn = line_angle_rate(tow, beta, v, r, np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None))
+        swing = (tow.tow_point_m * np.sin(beta) + tow.tow_point_offset_m * np.cos(beta)) * r
+        x_rate = tow.line_length_m * np.sin(alpha) * turn + swing
+        y_rate = tow.speed_m_s * np.sin(beta) + v * np.cos(beta)
+        rates = (x_rate, y_rate, r)
+        return Seen(t_s, (x, y, beta), rates, np.sin(alpha + beta), alpha, tow.tension_n, self._shutter)
+
+
+def _late(numbers: Numbers, run: TowRun) -> Array:
+    """By how much every block of a run is seen later, (n, columns) s."""
+    late = np.zeros((len(run.centre_s), numbers.six.shape[1]))
+    for a in numbers.active:
+        if a.effect.clock is not None:
+            late[:, a.columns] += a.effect.clock(run.centre_s[:, None], *a.numbers)
+    return late
+
+
+def _means(series: Array, step_s: float) -> tuple[Array, Array]:
+    """Means of blocks about every node but the first and the last (Simpson's rule), and their rates."""
+    begin, middle, end = series[:-2], series[1:-1], series[2:]
+    return (begin + 4 * middle + end) / 6, (end - begin) / step_s
+
+
+class _Moved:
+    """Means about the nodes taken to other times by cubics through four of them.
+
+    Parameters
+    ----------
+    place : (n,) times in nodes
+    nodes : how many there are
+    """
+
+    def __init__(self, place: Array, nodes: int) -> None:
+        at = np.clip(place - 1, -1, nodes - 2)
+        self._first = np.clip(np.floor(at).astype(int) - 1, 0, nodes - 6)
+        u = at - self._first
+        self._weights = np.stack(
+            [
+                -(u - 1) * (u - 2) * (u - 3) / 6,
+                u * (u - 2) * (u - 3) / 2,
+                -u * (u - 1) * (u - 3) / 2,
+                u * (u - 1) * (u - 2) / 6,
+            ]
+        )
+
+    def __call__(self, means: Array) -> Array:
+        """(nodes - 2, ...) to (n, ...)."""
+        shape = (-1, *[1] * (means.ndim - 1))
+        return sum(w.reshape(shape) * means[self._first + k] for k, w in enumerate(self._weights))  # pyright: ignore
+
+
+__all__ = ["TowSeen"]

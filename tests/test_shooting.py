@@ -1,0 +1,194 @@
+"""The diagnosis's linearisation and noise against slower, plainer ways to the same numbers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import ModuleType
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from towline.diagnose.effects import LIBRARY
+from towline.diagnose.grams import Columns, Grams, reduced
+from towline.diagnose.hypothesis import Hypothesis, Path
+from towline.diagnose.noise import Forces, Noise
+from towline.diagnose.shooting import between, carried
+from towline.diagnose.tow_data import block_step, tow_run
+from towline.diagnose.tow_model import TowModel
+from towline.diagnose.tow_start import base_hypothesis, measured_path
+
+SLOPE_SHARE = 0.03
+"""Rates' slopes are straight between nodes 0.17 s apart: an error of (rate h)^2/12, 2 % for what decays at 3 a second after
+a release, 0.2 % for a swing of 1 rad/s."""
+PUSHED = tuple(e for e in LIBRARY if e.correct is None and e.name != "sync_delay")
+
+
+@pytest.fixture(scope="module")
+def runs(cases: ModuleType) -> list:
+    from towline.geometry import motion_from_tracks, run_datum
+
+    made = []
+    for run, tracks, static in cases.campaign("none", np.random.default_rng(2)).runs[:2]:
+        fit = run_datum(run, None)
+        motion = motion_from_tracks(run, tracks, fit)
+        made.append(tow_run(run, motion.motion, motion.common, tracks, fit, static, block_step([45.0])))
+    return made
+
+
+@pytest.fixture(scope="module")
+def hypothesis(cases: ModuleType, runs: list) -> Hypothesis:
+    tows = [r.data.tow for r in runs]
+    own = [[0.1, 0.02, 0, 0, 0, 0, t.tension_n, t.tow_point_m, t.line_length_m, t.speed_m_s] for t in tows]
+    return Hypothesis(np.array(cases.SIX), np.array(own))
+
+
+def test_slopes_are_differences_of_motions(runs: list, hypothesis: Hypothesis) -> None:
+    """Every number, all effects present, against central differences of motions (to 1e-6 m or rad per prior sd)."""
+    model = TowModel(runs, 1.28)
+    sizes = tuple(np.array([p.none + 0.3 * p.sd for p in e.parameters]) for e in PUSHED)
+    h = replace(hypothesis, effects=PUSHED, numbers=sizes)
+    found = model.linear([h])[0]
+    slopes, at = np.array([slope for _, slope in found.rows]), 16
+    # closed paths are motions, however the Newton steps that close them were made
+    h = replace(h, path=found.path)
+
+    moved: list[tuple[int, float, str, Hypothesis]] = []
+    for k in range(6):
+        step = 1e-3 * abs(h.six[k])
+        moved += [(k, step, f"six {k}", replace(h, six=h.six + sign * step * np.eye(6)[k])) for sign in (1, -1)]
+    for k in range(10):
+        step = 1e-4 * max(float(np.abs(h.own[:, k]).max()), 1.0)
+        moved += [(6 + k, step, f"own {k}", replace(h, own=h.own + sign * step * np.eye(10)[k])) for sign in (1, -1)]
+    for index, effect in enumerate(PUSHED):
+        for k, parameter in enumerate(effect.parameters):
+            step = 0.01 * parameter.sd
+            for sign in (1, -1):
+                numbers = [n.copy() for n in sizes]
+                numbers[index][k] += sign * step
+                name = f"{effect.label} {parameter.name}"
+                moved.append((at, step, name, replace(h, numbers=tuple(numbers))))
+            at += 1
+    values = np.array(model.values([hypothesis for *_, hypothesis in moved]))
+    for (column, step, name, _), up, down in zip(moved[::2], values[::2], values[1::2], strict=True):
+        plain = (up - down) / (2 * step)
+        for channel in range(4):
+            most = np.abs(plain[:, :, channel]).max()
+            wrong = np.abs(slopes[..., channel, column] - plain[:, :, channel]).max()
+            assert wrong < SLOPE_SHARE * most + 1e-8 / step, (name, channel)
+
+
+def test_a_clock_that_runs_off_is_seen_at_its_own_times(runs: list, hypothesis: Hypothesis) -> None:
+    """Half a second late at the end: against the motion of a finer clock, to a tenth of a block mean's noise."""
+    from towline.simulate import Start, simulate_full
+    from towline.simulate.model import Hull, Tow
+
+    model, rate = TowModel(runs, 1.28), 0.012
+    clock = next(e for e in LIBRARY if e.name == "frame_rate")
+    seen = model.values([replace(hypothesis, effects=(clock,), numbers=(np.array([rate]),))])[0]
+    for i, run in enumerate(runs):
+        step = run.step_s
+        tow = Tow(*hypothesis.own[i, [9, 8, 7, 6]])
+        start = Start(alpha_rad=0.1, beta_rad=0.02)
+        late_s = np.linspace(0, (len(run.centre_s) + 3) * step, 8001)
+        truth = simulate_full(Hull(*hypothesis.six, speed_m_s=1.28), tow, start, late_s)["y_cg_m"].to_numpy()
+        total = np.concatenate([[0.0], np.cumsum((truth[1:] + truth[:-1]) / 2 * np.diff(late_s))])
+        centre = run.centre_s * (1 + rate)
+        edges = [np.interp(np.maximum(centre + side * step / 2, 0), late_s, total) for side in (-1, 1)]
+        mean = (edges[1] - edges[0]) / step
+        sd = np.sqrt(np.diag(run.covariance[0]))
+        assert (np.abs(seen[i][:, 0] - mean)[1:] < 0.1 * sd[1:] + 1e-5).all()
+
+
+def test_a_path_is_closed_from_the_measured_motion(runs: list, hypothesis: Hypothesis) -> None:
+    """Newton from splines through the measurement ends on the motion that is integrated step by step."""
+    model = TowModel(runs, 1.28)
+    plain = model.linear([hypothesis])[0].path.states
+    begun = np.stack([measured_path(run, plain.shape[1]) for run in runs], axis=-1)
+    assert np.abs(begun - plain).max() > 0.01
+    closed = model.linear([replace(hypothesis, path=Path((), begun))])[0].path.states
+    np.testing.assert_allclose(closed, plain, atol=1e-7)
+
+
+def test_the_start_is_the_measured_motion(runs: list) -> None:
+    """The splines pass the measured means within their noise (5 sd for the largest of 260), and their rates are the path's."""
+    h = base_hypothesis(runs, 1.28)
+    assert h.path is not None
+    for i, run in enumerate(runs):
+        node_s = np.arange(h.path.states.shape[1]) * run.step_s / 2
+        alpha, beta, v, r = CubicSpline(node_s, h.path.states[..., i], axis=1)(run.centre_s)
+        tow = run.data.tow
+        y = tow.line_length_m * np.sin(alpha) - tow.tow_point_m * np.sin(beta)
+        for value, channel in ((y, 0), (beta, 1)):
+            sd = np.sqrt(np.diag(run.covariance[channel]))
+            # means of a block differ from its middle by curvature, y'' h^2 / 24: 0.1 mm of a swing of 0.2 m at 1 rad/s
+            assert (np.abs(value - run.values[:, channel]) < 5 * sd + 2e-4).all()
+        step = run.centre_s
+        assert np.abs(np.gradient(beta, step) - r)[2:-2].max() < 0.05 * np.abs(r).max()
+        sway = np.gradient(y, step) - tow.speed_m_s * np.sin(beta)
+        assert np.abs(sway / np.cos(beta) - v)[2:-2].max() < 0.05 * np.abs(v).max()
+
+
+def test_between_nodes_is_exact_for_constant_rates() -> None:
+    """x' = A x + f with f straight: against the closed form; the Runge-Kutta step errs by (|A| h)^5/120."""
+    from scipy.linalg import expm
+
+    a, h = np.array([[-0.3, 1.0], [-0.8, -0.5]]), 0.2
+    x, early, late = between(np.tile(a, (2, 1, 1)), h)
+    whole = expm(np.block([[a, np.eye(2), np.zeros((2, 2))], [np.zeros((2, 4)), np.eye(2)], [np.zeros((2, 6))]]) * h)
+    error = (np.linalg.norm(a) * h) ** 4 / 24 * h
+    np.testing.assert_allclose(x[0], whole[:2, :2], atol=error)
+    growing = whole[:2, 4:] / h
+    np.testing.assert_allclose(late[0], growing, atol=error)
+    np.testing.assert_allclose(early[0], whole[:2, 2:4] - growing, atol=error)
+    np.testing.assert_allclose(carried(x, np.zeros((1, 2, 1)), np.ones((2, 1)))[1], x[0] @ np.ones((2, 1)))
+
+
+def test_inner_products_are_those_of_the_whole_covariance(runs: list, hypothesis: Hypothesis) -> None:
+    """Against the dense covariance, at three sizes; what is left out holds less than UNSEEN of the noise in any direction."""
+    rng = np.random.default_rng(3)
+    noise = Noise(runs, hypothesis, 1.28)
+    tables = [rng.normal(size=(len(r.centre_s), 4, 13)) * 1e-3 for r in runs]
+    grams = Grams(Columns(tables, 2), noise)
+    for forces in (Forces(1e-4, 3e-4, 0), Forces(0.01, 0.02, 1), Forces(0.3, 0.05, 2)):
+        whole, logs = grams.at(forces)
+        for i, run in enumerate(runs):
+            n = len(run.centre_s)
+            side, moment = noise.by_force(i, forces.time)
+            dense = noise.runs[i].measured + forces.side_n**2 * side + forces.moment_n_m**2 * moment
+            moving = np.concatenate([tables[i][:, 0], tables[i][:, 1]])
+            plain = moving.T @ np.linalg.solve(dense, moving)
+            log = np.linalg.slogdet(dense)[1]
+            for channel in (2, 3):
+                plain = plain + tables[i][:, channel].T @ np.linalg.solve(
+                    run.covariance[channel], tables[i][:, channel]
+                )
+                log += np.linalg.slogdet(run.covariance[channel])[1]
+            np.testing.assert_allclose(whole[i], plain, atol=2e-3 * np.diag(plain).max())
+            assert abs(logs[i] - log) < 1e-3 * 2 * n / 2
+            white = noise.whitened(i, forces, [tables[i]])[0]
+            np.testing.assert_allclose(white.T @ white, whole[i], rtol=1e-6, atol=1e-9 * np.diag(plain).max())
+
+
+def test_own_numbers_are_eliminated(runs: list, hypothesis: Hypothesis) -> None:
+    """The reduced normal equations give the step that the whole least-squares problem gives."""
+    rng = np.random.default_rng(4)
+    noise, forces = Noise(runs, hypothesis, 1.28), Forces(0.01, 0.01, 1)
+    tables = [rng.normal(size=(len(r.centre_s), 4, 1 + 3 + 2)) * 1e-3 for r in runs]
+    away, sd = rng.normal(size=(len(runs), 2)), np.full((len(runs), 2), 2.0)
+    part = reduced(Grams(Columns(tables, 3), noise), forces, away, sd)
+    step = np.linalg.solve(part.matrix, part.right)
+    rows, rights = [], []
+    for i, table in enumerate(tables):
+        white = noise.whitened(i, forces, [table])[0]
+        wide = np.zeros((len(white), 3 + 2 * len(runs)))
+        wide[:, :3], wide[:, 3 + 2 * i : 5 + 2 * i] = white[:, 1:4], white[:, 4:]
+        prior = np.zeros((2, wide.shape[1]))
+        prior[:, 3 + 2 * i : 5 + 2 * i] = np.eye(2) / sd[i]
+        rows += [wide, prior]
+        rights += [white[:, 0], away[i] / sd[i]]
+    whole = np.linalg.lstsq(np.concatenate(rows), np.concatenate(rights), rcond=None)[0]
+    np.testing.assert_allclose(step, whole[:3], rtol=1e-6)
+    np.testing.assert_allclose(part.own_step(step).ravel(), whole[3:], rtol=1e-6)
+    rest = np.concatenate(rights) - np.concatenate(rows) @ whole
+    assert np.isclose(part.chi_square - part.right @ step, rest @ rest, rtol=1e-6)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -17,7 +18,11 @@ from .record.priors import Priors
 from .record.results import DerivativesFile, SteadyFile
 from .record.run import RUN_FILE, read_run
 from .simulate.model import DERIVATIVE_UNITS, Hull, alpha_from_y
-from .stages import Moved, Progress, moved, truth_of
+from .stages import Moved, Progress, moved, static_motion, truth_of
+
+if TYPE_CHECKING:
+    from .identify.reference import Comparison
+    from .report.identify_page import FitPage
 
 
 @dataclass(frozen=True)
@@ -78,10 +83,14 @@ class Identified:
     ----------
     result : derivatives.json
     fitted : run name -> t_s, y_cg_m, beta_rad, alpha_rad of the fit, biases included
+    fit, data, runs : the fit, what it was given, and the runs in the same order
     """
 
     result: DerivativesFile
     fitted: dict[str, pd.DataFrame]
+    fit: Fit
+    data: list[RunData]
+    runs: list[Moved]
 
 
 def identified(
@@ -103,7 +112,7 @@ def identified(
     used: list[Moved] = []
     for m in batch.runs:
         try:
-            data.append(run_data(m.run, m.motion, m.common, priors))
+            data.append(run_data(m.run, m.motion, m.common, priors, static_motion(m.run)))
             used.append(m)
         except TowlineError as error:
             failed[m.run.name] = str(error)
@@ -119,7 +128,27 @@ def identified(
     result = derivatives_file(
         fit, data, first.model, first.water, __version__, all_inputs(used), failed, _true_six(used, fit.speed_m_s)
     )
-    return Identified(result, {d.name: _fitted(fit, d, m, i) for i, (d, m) in enumerate(zip(data, used, strict=True))})
+    fitted = {d.name: _fitted(fit, d, m, i) for i, (d, m) in enumerate(zip(data, used, strict=True))}
+    return Identified(result, fitted, fit, data, used)
+
+
+def fit_page(
+    answer: Identified, compared: Comparison | None = None, progress: Callable[[str], None] | None = None
+) -> FitPage:
+    """What the page of a fit shows: beside the fit, whether the runs agree, and what it left."""
+    from .identify.consistency import consistency, judged
+    from .report.identify_page import FitPage
+
+    return FitPage(
+        result=answer.result,
+        fit=answer.fit,
+        data=answer.data,
+        motion={m.run.name: m.motion for m in answer.runs},
+        fitted=answer.fitted,
+        agreed=consistency(answer.fit, answer.data, progress),
+        judged=judged(answer.fit, answer.data),
+        compared=compared,
+    )
 
 
 def _fitted(fit: Fit, data: RunData, m: Moved, index: int) -> pd.DataFrame:

@@ -100,7 +100,13 @@ def _parser() -> argparse.ArgumentParser:
     _add_runs(sub)
     _add_method(sub)
     _add_fit(sub)
-    sub.add_argument("-o", "--out", type=Path, help="where derivatives.json goes")
+    sub.add_argument(
+        "--reference",
+        metavar="ittc|southampton|FILE.csv",
+        help="compare with a reference set of primes, as towline compare",
+    )
+    sub.add_argument("--no-page", action="store_true", help="write no HTML page")
+    sub.add_argument("-o", "--out", type=Path, help="where derivatives.json and derivatives.html go (default: RUN/out)")
 
     sub = command("steady", _steady, "neutral point X_v from steady tows at two or more tow points (out/steady.json)")
     _add_runs(sub)
@@ -342,12 +348,30 @@ def _truth_lines(runs: Sequence[Any]) -> None:
 
 def _identify(options: argparse.Namespace) -> int:
     from .analysis import output_folder
+    from .identify.reference import compare_to_reference, comparison_lines, reference_set
 
+    reference = None if options.reference is None else reference_set(options.reference)
     batch = _batch(options)
     out = options.out or output_folder(options.runs)
-    result = _fit_and_write(options, batch, out).result
-    say_failed(result.failed)
-    return _code(result.failed)
+    answer = _fit_and_write(options, batch, out)
+    compared = None
+    if reference is not None:
+        from .report.format import SYMBOLS_TEXT
+
+        compared = compare_to_reference(answer.result, reference)
+        print("\n".join(comparison_lines(compared, SYMBOLS_TEXT)))
+        _notes(compared.notes)
+    if not options.no_page:
+        from .analysis import fit_page
+        from .report.identify_page import write_identify_page
+
+        with show_progress() as show:
+            shown = fit_page(answer, compared, lambda text: show(text, 0, None))
+        page = out / "derivatives.html"
+        write_identify_page(page, shown)
+        print(f"page: {page}")
+    say_failed(answer.result.failed)
+    return _code(answer.result.failed)
 
 
 def _fit_and_write(options: argparse.Namespace, batch: Any, out: Path) -> Any:

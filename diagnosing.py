@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from . import __version__
 from .diagnose.effects import LIBRARY, Effect, installed_effects, load_effects
 from .diagnose.gap import Diagnosis, diagnosed
+from .diagnose.tow import TowSimulator
 from .diagnose.tow_data import TowRun, block_step, tow_run
 from .record.errors import InputError, TowlineError
 from .record.files import write_text
 from .record.results import DerivativesFile, read_result
 from .record.run import RUN_FILE, Run, read_run
-from .record.tables import read_tracks
 from .simulate.model import DERIVATIVE_UNITS
-from .stages import Moved, datum_of, moved, tracked
+from .stages import Moved, datum_of, moved, static_tracks
 
-TABLES = (".csv", ".parquet")
 Progress = Callable[[str, int, int | None], None]
 
 
@@ -91,25 +89,14 @@ def diagnose_folders(
     tows: list[TowRun] = []
     for run, m in zip(runs, motions, strict=True):
         fit = datum_of(run) if m.tracks is not None else None
-        tows.append(tow_run(run, m.motion, m.common, m.tracks, fit, _static(run, progress), step))
+        tows.append(tow_run(run, m.motion, m.common, m.tracks, fit, static_tracks(run, progress), step))
     inputs = {f"{run.name}/{name}": digest for run in runs for name, digest in run.input_hashes().items()}
     say = None if progress is None else lambda text: progress(text, 0, None)
     known = None if reference is None else _reference(reference)
     # the bootstrap of an interval: the same runs give the same answer
     rng = np.random.default_rng(int.from_bytes("".join(sorted(inputs.values())).encode()[:8].ljust(8, b"0"), "big"))
-    found = diagnosed(tows, library, __version__, inputs, held or None, rng, say, known)
+    found = diagnosed(TowSimulator(tows, known), library, __version__, inputs, held or None, rng, say)
     return Diagnosed(found, runs, failed)
-
-
-def _static(run: Run, progress: Progress | None) -> pd.DataFrame | None:
-    if run.file.noise is None:
-        return None
-    name = run.file.noise.static
-    if Path(name).suffix in TABLES:
-        return read_tracks(run.path(name))
-    source = run.file.source.model_copy(update={"video": name, "tracks": None, "span_s": None})
-    still = replace(run, file=run.file.model_copy(update={"source": source, "name": f"{run.name} (held still)"}))
-    return tracked(still, progress).table
 
 
 def _reference(path: Path) -> tuple[np.ndarray, np.ndarray, float]:
@@ -130,9 +117,11 @@ def write_model(path: Path, found: Diagnosed) -> None:
         tomlkit.comment("Derivatives and unmodelled effects that reproduce these runs; put both into a scenario.toml.")
     )
     hull = tomlkit.table()
-    for name, value in zip(DERIVATIVE_UNITS, fitted.hypothesis.six, strict=True):
+    for name, value in zip(DERIVATIVE_UNITS, fitted.hypothesis.shared, strict=True):
         hull[name] = float(value)
-    hull["speed_m_s"] = diagnosis.inference.model.speed_m_s
+    simulator = diagnosis.inference.simulator
+    assert isinstance(simulator, TowSimulator)
+    hull["speed_m_s"] = simulator.speed_m_s
     document["hull"] = hull
     tables = tomlkit.aot()
     for effect, numbers in zip(fitted.hypothesis.effects, fitted.hypothesis.numbers, strict=True):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from sys import getswitchinterval, setswitchinterval
@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from .vision import ClipInfo, Frame, Tracking
 
 TRACKS, MARKS, MOTION, COMMON, CAMERA = "tracks.csv", "marks.csv", "motion.csv", "motion_common.npy", "camera.json"
-DATUM = "datum.csv"
+DATUM, STATIC = "datum.csv", "static.csv"
+TABLES = (".csv", ".parquet")
 OVERLAY, SHEET = "overlay.mp4", "worst.png"
 # fmt: off
 LOSSLESS = frozenset({
@@ -123,6 +124,40 @@ def tracked(run: Run, progress: Progress | None = None, fresh: bool = False, dev
         write_table(run.out / DATUM, found.datum, stamp.result())
     write_table(target, found.table, stamp.result())  # last: its stamp vouches for both
     return Tracked(run, found.table, True, (AMBIGUOUS,) if found.ambiguous else ())
+
+
+def static_tracks(run: Run, progress: Progress | None = None) -> pd.DataFrame | None:
+    """Tracks of the model held still ([noise] static): the run's own table, or of the video, kept in out/; None without one.
+
+    Raises
+    ------
+    TowlineError : the table or the video cannot be used
+    """
+    if run.file.noise is None:
+        return None
+    name = run.file.noise.static
+    if Path(name).suffix in TABLES:
+        return read_tracks(run.path(name))
+    from .vision.backend import backend_for
+
+    source = run.file.source.model_copy(update={"video": name, "tracks": None, "motion": None, "span_s": None})
+    still = replace(run, file=run.file.model_copy(update={"source": source, "name": f"{run.name} (held still)"}))
+    target, stamp = run.out / STATIC, still.input_hash("static", _code_hash())
+    if input_hash_of(target) != stamp:
+        write_table(target, _follow_marks(still, backend_for("cpu"), progress).table, stamp)
+    return read_tracks(target)
+
+
+def static_motion(run: Run, progress: Progress | None = None) -> pd.DataFrame | None:
+    """Motion of the model held still, seen by the run's camera; None without a static record, or where the run came as motion."""
+    if run.file.source.motion is not None or run.file.noise is None:
+        return None
+    tracks = static_tracks(run, progress)
+    if tracks is None:
+        return None
+    from .geometry import motion_from_tracks
+
+    return motion_from_tracks(run, tracks, datum_of(run)).motion
 
 
 def _tracks_hash(run: Run) -> str:

@@ -17,6 +17,7 @@ from gap_cases import EFFECTS, campaign
 from towline import __version__
 from towline.diagnose.effects import LIBRARY
 from towline.diagnose.gap import diagnosed
+from towline.diagnose.tow import TowSimulator
 from towline.diagnose.tow_data import block_step, tow_run
 from towline.geometry import motion_from_tracks, run_datum
 from towline.record import TowlineError
@@ -40,7 +41,7 @@ def main() -> None:
                 made = motion_from_tracks(run, tracks, fit)
                 runs.append(tow_run(run, made.motion, made.common, tracks, fit, static, block_step([45.0])))
             try:
-                file = diagnosed(runs, LIBRARY, __version__, {}, rng=np.random.default_rng(seed)).file
+                file = diagnosed(TowSimulator(runs), LIBRARY, __version__, {}, rng=np.random.default_rng(seed)).file
             except TowlineError as error:
                 print(f"{planted:22}{EFFECTS[planted]:8g} {error}", flush=True)
                 continue

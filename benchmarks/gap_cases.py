@@ -242,7 +242,8 @@ def _geometry(
     pose = pose.copy()
     if planted == "slack_line":
         share = (t_s - 20.0) / 3.0
-        pose[:, 0] += np.where((share > 0) & (share < 1), 0.02 * np.sin(np.pi * np.clip(share, 0, 1)), 0.0)
+        ahead = np.where((share > 0) & (share < 1), 0.02 * np.sin(np.pi * np.clip(share, 0, 1)), 0.0)
+        pose[:, :2] += ahead[:, None] * np.column_stack([np.cos(pose[:, 2]), np.sin(pose[:, 2])])
     if planted == "datum_bias":
         pose[:, :2] += [0.5 * size, size]
     if planted == "marker_roll":

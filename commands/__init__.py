@@ -8,6 +8,6 @@ from types import ModuleType
 
 def modules() -> tuple[ModuleType, ...]:
     """The commands' modules, in the order of ``towline --help``."""
-    from . import check, compare, datum, diagnose, lens, plan, rectify
+    from . import blind, check, compare, datum, diagnose, lens, plan, rectify
 
-    return (check, diagnose, compare, datum, lens, plan, rectify)
+    return (check, diagnose, blind, compare, datum, lens, plan, rectify)

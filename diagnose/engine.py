@@ -10,27 +10,31 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.special import log_ndtr
 
-from ..geometry.checks.bundle import half_sine
 from ..geometry.normal import inverse_of_normal
 from ..record.errors import EstimationError
 from ..simulate.model import Array
-from .effects import Effect, slack
+from .effects import Effect
 from .grams import Grams
 from .hypothesis import Hypothesis, with_effects
 from .inference import Fitted, Inference
-from .noise import Forces, Noise
-from .tow_data import TowRun
-from .tow_model import TowModel
-from .tow_start import base_hypothesis
-from .unknown import free_forms
+from .noise import Forces
+from .scan import Leftover, leftover
+from .simulator import Simulator
 
 P_NO_GAP, P_SINGLE, P_PAIR, P_UNKNOWN = 0.5, 0.36, 0.07, 0.07
 """Prior shares."""
 TRIED_SINGLE, TRIED_PAIR = 6, 3
 BASE_STEPS, OPEN_STEPS, REFIT_STEPS, GROSS_STEPS = 8, 3, 3, 5
+FORM_SHARE = 0.03
+"""No effect's form is truer than this: what is left over below this share of what it explains is no second effect, nor unknown."""
+AT_MOST = 0.9
+"""Random forces within this of the most that counts as noise explain nothing."""
+FIRM_SHARE = 0.05
+"""Random forces of which size are tried beside those that stand."""
+SCANNED, SCANNED_BELOW = 4, 12.0
+"""Effects whose remainder is looked at, and how near to the best (log evidence and prior) they must come."""
 WORTH_PAIRS = 3.0
 """Log evidence a second effect must promise by its score."""
 WORTH_PAIRS_BELOW = 30.0
@@ -39,13 +43,6 @@ TWINS = 3.0
 """Effects within this log evidence of the best are not told from it."""
 CLEAR = 3.0
 """The headline must beat no gap by this."""
-LARGEST_FORCE_SHARE = 0.05
-"""Of the line's pull: random forces above this are a gap, not noise."""
-SLACK_Z = 8.0
-LEAST_BLOCKS = 10
-SMALLEST_SD = 0.003
-"""Of a reference derivative, relative: no simulator is surer of itself."""
-SLACK_LENGTHS_S = (1.0, 2.0, 3.0, 4.5, 7.0)
 Progress = Callable[[str], None]
 
 
@@ -83,6 +80,7 @@ class Ranking:
     probabilities : of the candidates
     p_no_gap, p_unknown : of the rest
     free : the best free form, or None
+    rest : what the best hypothesis leaves over
     excluded : effect -> why it could not be judged
     """
 
@@ -92,6 +90,7 @@ class Ranking:
     p_no_gap: float
     p_unknown: float
     free: Candidate | None
+    rest: Leftover
     excluded: dict[str, str]
 
     @property
@@ -110,41 +109,30 @@ class Ranking:
 
 
 def ranked(
-    runs: Sequence[TowRun],
-    library: Sequence[Effect],
-    progress: Progress | None = None,
-    reference: tuple[Array, Array, float] | None = None,
+    simulator: Simulator, library: Sequence[Effect], progress: Progress | None = None
 ) -> tuple[Inference, Ranking]:
     """Rank every effect and pair.
 
     Parameters
     ----------
-    runs : with one block length
+    simulator : with its runs
     library : effects to try
-    reference : the simulator's own six derivatives, their standard deviations and the speed they are quoted at, judged as they
-        are; None: fitted to these runs
 
     Raises
     ------
     EstimationError : the base cannot be fitted
     """
     say = progress or (lambda _: None)
-    speed = float(np.mean([r.data.tow.speed_m_s for r in runs]))
     say("the simulator as it is")
-    start = base_hypothesis(runs, speed)
-    inference = Inference(TowModel(runs, speed))
-    if reference is not None:
-        six, sd, quoted = reference
-        ratio = np.where(np.arange(6) < 2, 1.0, speed / quoted)
-        inference.six_prior = (six * ratio, np.maximum(sd * ratio, SMALLEST_SD * np.abs(six * ratio)))
-    base = _first_fit(inference, start)
-    inference.noise = Noise(runs, base.hypothesis, speed)
-    base = inference.fit([base.hypothesis], [base.forces], 2, (0,))[0]
-    usable, excluded = _usable(runs, library)
-    usable = [*usable, *_slack_effects(inference, base)]
+    inference = Inference(simulator)
+    base = _first_fit(inference, simulator.starts())
+    inference.noise = simulator.noise(base.hypothesis)
+    base = _taken_on(inference, inference.fit([base.hypothesis], [base.forces], 2, (0,)))[0]
+    usable, excluded = simulator.usable(library)
+    usable = [*usable, *simulator.suggested(base)]
     say(f"{len(usable)} effects by their scores")
     names = {e.name for e in usable}
-    free = list(free_forms())
+    free = list(simulator.free_forms())
     scores = screened(inference, base, [*usable, *free])
     singles = _best_variants(scores, usable, TRIED_SINGLE)
     best_free = _best_variants(scores, free, 2)
@@ -165,20 +153,24 @@ def ranked(
     candidates.sort(key=lambda c: -c.log_evidence)
     candidates = _settled(inference, candidates, base)
     candidates += _pairs(inference, candidates, base, usable, len(names), say, gross)
-    most = LARGEST_FORCE_SHARE * float(np.mean([run.data.tow.tension_n or 1.0 for run in runs]))
     free_form = max(free_found, key=lambda c: c.log_evidence, default=None)
-    return inference, _ranking(base, candidates, free_form, excluded, most)
+    return inference, _ranking(inference, base, candidates, free_form, excluded)
 
 
-def _first_fit(inference: Inference, start: Hypothesis) -> Fitted:
-    """From the measured motion, at first without asking that it is one motion."""
-    try:
-        return inference.fit([start], [Forces()], BASE_STEPS, (OPEN_STEPS,), OPEN_STEPS)[0]
-    except EstimationError:
+def _first_fit(inference: Inference, starts: Sequence[Hypothesis]) -> Fitted:
+    """From the measured motion, at first without asking that it is one motion; the best end of all starts."""
+    found: list[Fitted] = []
+    for start in starts:
+        try:
+            found += inference.fit([start], [Forces()], BASE_STEPS, (OPEN_STEPS,), OPEN_STEPS)
+        except (EstimationError, np.linalg.LinAlgError):
+            continue
+    if not found:
         raise EstimationError(
-            "the simulator without effects cannot follow these runs at all: its motion grows beyond bounds; is the tow stable "
-            "(X_T > X_v), and are tow_point_m and tension_n right?"
-        ) from None
+            "the simulator without effects cannot follow these runs at all: its motion grows beyond bounds; for a tow: is it "
+            "stable (X_T > X_v), and are tow_point_m and tension_n right?"
+        )
+    return max(found, key=lambda f: f.log_evidence)
 
 
 def _settled(inference: Inference, candidates: list[Candidate], base: Fitted) -> list[Candidate]:
@@ -186,13 +178,30 @@ def _settled(inference: Inference, candidates: list[Candidate], base: Fitted) ->
     few = [c for c in candidates[:3] if c.log_evidence > max(CLEAR, candidates[0].log_evidence - WORTH_PAIRS_BELOW)]
     if not few:
         return candidates
-    again = inference.fit([c.fitted.hypothesis for c in few], [c.fitted.forces for c in few], REFIT_STEPS, ())
+    fitted = _taken_on(inference, [c.fitted for c in few])
     better = [
-        replace(c, fitted=f, log_evidence=f.log_evidence - base.log_evidence) for c, f in zip(few, again, strict=True)
+        replace(c, fitted=f, log_evidence=f.log_evidence - base.log_evidence) for c, f in zip(few, fitted, strict=True)
     ]
-    better = [b if b.log_evidence > c.log_evidence else c for b, c in zip(better, few, strict=True)]
     rest = [c for c in candidates if c not in few]
     return sorted((*better, *rest), key=lambda c: -c.log_evidence)
+
+
+def _taken_on(inference: Inference, fitted: Sequence[Fitted]) -> list[Fitted]:
+    """A few steps more, with the random forces as they are and with far smaller ones; the better end of each.
+
+    Large forces excuse what the numbers could explain, and numbers that are off ask for large forces: from there neither moves.
+    """
+    shares = (1.0, FIRM_SHARE)
+    starts = [(f, share) for f in fitted for share in shares]
+    forces = [
+        replace(f.forces, side_n=share * f.forces.side_n, moment_n_m=share * f.forces.moment_n_m) for f, share in starts
+    ]
+    ends = inference.fit([f.hypothesis for f, _ in starts], forces, REFIT_STEPS, ())
+    answers = []
+    for k, old in enumerate(fitted):
+        both = [old, *ends[k * len(shares) : (k + 1) * len(shares)]]
+        answers.append(max(both, key=lambda f: f.log_evidence))
+    return answers
 
 
 def screened(
@@ -205,7 +214,7 @@ def screened(
     here = base.hypothesis
     linear = inference.linear([with_effects(here, list(effects))])[0]
     grams = Grams(linear.columns, inference.noise_about(linear))
-    fixed = 6 + inference.mode_count + here.size
+    fixed = inference.fixed(here) + here.size
     answers: dict[str, float] = {}
     for share in shares:
         forces = replace(base.forces, side_n=share * base.forces.side_n, moment_n_m=share * base.forces.moment_n_m)
@@ -234,20 +243,6 @@ def screened(
     return answers
 
 
-def _usable(runs: Sequence[TowRun], library: Sequence[Effect]) -> tuple[list[Effect], dict[str, str]]:
-    usable, excluded = [], {}
-    for effect in library:
-        if any(run.marks is None for run in runs) and effect.correct is not None and effect.name != "datum_bias":
-            excluded[effect.name] = "a motion holds no pixels"
-            continue
-        why = next((w for run in runs if run.marks is not None and (w := effect.needs(run.marks.run))), "")
-        if why:
-            excluded[effect.name] = why
-        else:
-            usable.append(effect)
-    return usable, excluded
-
-
 def _best_variants(scores: dict[str, float], effects: Sequence[Effect], count: int) -> list[Effect]:
     """The best variant of each name, the best ``count`` names."""
     best: dict[str, Effect] = {}
@@ -258,50 +253,13 @@ def _best_variants(scores: dict[str, float], effects: Sequence[Effect], count: i
     return sorted(best.values(), key=lambda e: -scores[e.label])[:count]
 
 
-def _slack_effects(inference: Inference, base: Fitted) -> list[Effect]:
-    """The most likely slack windows, from the taut line's residual alone: in the run that shows most, and in all that show any."""
-    windows: list[tuple[float, float] | None] = []
-    sure: list[float] = []
-    for index, run in enumerate(inference.model.runs):
-        radius = base.linear.rows[index][0][:, 2]
-        good = np.isfinite(radius)
-        best = (0.0, 0.0, 0.0)
-        if good.sum() >= LEAST_BLOCKS:
-            sd = np.sqrt(np.median(np.diag(run.covariance[2])))
-            best = _slackest(run.centre_s, np.where(good, radius - np.nanmedian(radius), 0.0) / sd)
-        sure.append(best[0])
-        windows.append((best[1], best[2]) if best[0] > SLACK_Z else None)
-    if not any(windows):
-        return []
-    most = int(np.argmax(sure))
-    alone = slack([w if i == most else None for i, w in enumerate(windows)])
-    return [alone] if sum(w is not None for w in windows) == 1 else [alone, slack(windows)]
-
-
-def _slackest(t_s: Array, rest: Array) -> tuple[float, float, float]:
-    """Significance, begin and end of the half sine by which ``rest`` falls short most."""
-
-    def short(begin: float, length: float) -> float:
-        shape = half_sine(t_s, begin, begin + max(length, 1e-3))
-        size = np.linalg.norm(shape)
-        return float(-(shape @ rest) / size) if size > 0 else 0.0
-
-    grid = [(short(b, n), b, n) for n in SLACK_LENGTHS_S for b in np.arange(t_s[0], t_s[-1] - n, n / 5)]
-    z, begin, length = max(grid, default=(0.0, 0.0, 1.0))
-    if z > SLACK_Z:
-        finer = minimize(
-            lambda x: -short(x[0], x[1]), [begin, length], method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02}
-        )
-        z, (begin, length) = -float(finer.fun), finer.x
-    return z, float(begin), float(begin + length)
-
-
 def _fit_all(
     inference: Inference, base: Fitted, sets: Sequence[tuple[Effect, ...]], gross: bool
 ) -> list[tuple[tuple[Effect, ...], Fitted]]:
     hypotheses = [with_effects(base.hypothesis, list(effects)) for effects in sets]
-    steps = GROSS_STEPS if gross else REFIT_STEPS
-    found = inference.fit(hypotheses, [base.forces] * len(sets), steps, (1,))
+    share, steps, turns = (FIRM_SHARE, GROSS_STEPS, (GROSS_STEPS - 1,)) if gross else (1.0, REFIT_STEPS, (1,))
+    forces = replace(base.forces, side_n=share * base.forces.side_n, moment_n_m=share * base.forces.moment_n_m)
+    found = inference.fit(hypotheses, [forces] * len(sets), steps, turns)
     return list(zip(sets, found, strict=True))
 
 
@@ -331,28 +289,44 @@ def _pairs(
         say(f"{first.names[0]} with " + ", ".join(e.name for e in second))
         for (effect,), fitted in _fit_all(inference, first.fitted, [(e,) for e in second], gross):
             pair = (*first.effects, effect)
-            found.append(Candidate(pair, fitted, fitted.log_evidence - base.log_evidence, prior))
+            form = FORM_SHARE * max(first.log_evidence, 0.0)
+            found.append(Candidate(pair, fitted, fitted.log_evidence - base.log_evidence, prior - form))
     return found
 
 
 def _ranking(
-    base: Fitted, candidates: Sequence[Candidate], free: Candidate | None, excluded: dict[str, str], most_n: float
+    inference: Inference,
+    base: Fitted,
+    candidates: Sequence[Candidate],
+    free: Candidate | None,
+    excluded: dict[str, str],
 ) -> Ranking:
-    """Probabilities; what leaves random forces above ``most_n`` explains nothing: its share is the unknown's."""
+    """Probabilities; what leaves large random forces explains nothing: its share is the unknown's.
+
+    The unknown is a free form, or something left over by no gap or by one of the best effects.
+    """
     best: dict[frozenset[str], Candidate] = {}
     for c in candidates:
         key = frozenset(c.names)
         if key not in best or c.log_evidence > best[key].log_evidence:
             best[key] = c
     kept = sorted(best.values(), key=lambda c: -(c.log_evidence + c.log_prior))
-    logs = [np.log(P_NO_GAP), np.log(P_UNKNOWN) + (free.log_evidence if free is not None else -np.inf)]
-    logs += [c.log_evidence + c.log_prior for c in kept]
+    known = [np.log(P_NO_GAP), *(c.log_evidence + c.log_prior for c in kept)]
+    scanned = [(base, known[0]), *((c.fitted, k) for c, k in zip(kept[:SCANNED], known[1:], strict=False))]
+    rests = [(leftover(inference, fitted), log) for fitted, log in scanned if log > max(known) - SCANNED_BELOW]
+    rest, beside = max(rests, key=lambda found: found[0].log_evidence + found[1])
+    unknown = [rest.log_evidence + beside, *([free.log_evidence] if free is not None else [])]
+    form = FORM_SHARE * max((c.log_evidence for c in kept), default=0.0)
+    logs = [known[0], np.log(P_UNKNOWN) + max(unknown) - max(form, 0.0), *known[1:]]
     logs = np.array(logs)
     shares = np.exp(logs - logs.max())
     shares /= shares.sum()
-    explains = np.array([f.forces.side_n <= most_n for f in (base, *(c.fitted for c in kept))])
+    most = inference.simulator.most_force
+    explains = np.array(
+        [max(f.forces.side_n, f.forces.moment_n_m) < AT_MOST * most for f in (base, *(c.fitted for c in kept))]
+    )
     explains = np.concatenate([explains[:1], [False], explains[1:]])
-    unknown = float(shares[~explains].sum())
+    p_unknown = float(shares[~explains].sum())
     shares = np.where(explains, shares, 0.0)
     order = np.lexsort((-logs[2:], -shares[2:]))
     return Ranking(
@@ -360,8 +334,9 @@ def _ranking(
         tuple(kept[i] for i in order),
         shares[2:][order],
         float(shares[0]),
-        unknown,
+        p_unknown,
         free,
+        rest,
         excluded,
     )
 

@@ -12,8 +12,6 @@ from .grams import Grams
 from .inference import Fitted, Inference
 from .noise import Forces
 
-FITTED = 6
-"""Numbers of a run that its own start takes: alpha, beta, v, r and what little the biases are free."""
 BLOCKS_TOGETHER = 12
 DRAWS = 400
 LOW, HIGH = 5.0, 95.0
@@ -38,12 +36,12 @@ class Shrink:
 
 
 def aside(inference: Inference, fitted: Fitted, forces: Forces, grams: Grams, run: int, others: Sequence[int]) -> Array:
-    """Whitened residual of y and beta (2n,) of a run that took no part in the fit."""
+    """Whitened residual (m n,) of what moves, of a run that took no part in the fit."""
     h = fitted.hypothesis
     step = inference.solve(grams, h, forces, others).shared
     own = inference.reduced(grams, h, forces, [run]).own_step(step)[0]
     left = inference.left(fitted.linear, forces, step, own, run)
-    return left[: 2 * len(inference.model.runs[run].centre_s)]
+    return left[: len(inference.noise_about(fitted.linear).runs[run].white)]
 
 
 def shrink(
@@ -55,7 +53,8 @@ def shrink(
     ----------
     held : runs kept aside (all at once); None: each in turn
     """
-    count = len(inference.model.runs)
+    count, free = len(inference.simulator.runs), inference.simulator.free
+    lengths = [len(run.centre_s) for run in inference.simulator.runs]
     forces = best.forces
     both = [(f, Grams(f.linear.columns, inference.noise_about(f.linear))) for f in (base, best)]
     turns = [(i, [j for j in range(count) if j != i]) for i in range(count)]
@@ -64,16 +63,17 @@ def shrink(
     residuals: dict[int, tuple[Array, Array]] = {}
     for run, others in turns:
         residuals[run] = tuple(aside(inference, f, forces, g, run, others) for f, g in both)  # pyright: ignore
-    before, after = (_gap([r[k] for r in residuals.values()]) for k in (0, 1))
-    draws = [_drawn(list(residuals.values()), rng) for _ in range(DRAWS)]
+    before, after = (_gap([r[k] for r in residuals.values()], free) for k in (0, 1))
+    parts = [(b, a, lengths[i]) for i, (b, a) in residuals.items()]
+    draws = [_drawn(parts, free, rng) for _ in range(DRAWS)]
     values = np.array([_share(b, a) for b, a in draws])
     interval = (float(np.percentile(values, LOW)), float(np.percentile(values, HIGH)))
     return Shrink(before, after, _share(before, after), interval, residuals)
 
 
-def _gap(parts: Sequence[Array]) -> float:
+def _gap(parts: Sequence[Array], free: int) -> float:
     total = sum(float(p @ p) for p in parts)
-    return float(np.sqrt(total / max(sum(len(p) for p in parts) - FITTED * len(parts), 1)))
+    return float(np.sqrt(total / max(sum(len(p) for p in parts) - free * len(parts), 1)))
 
 
 def _share(before: float, after: float) -> float:
@@ -81,17 +81,17 @@ def _share(before: float, after: float) -> float:
     return float(np.clip(1 - max(after**2 - 1, 0.0) / excess, 0.0, 1.0)) if excess > 0 else 0.0
 
 
-def _drawn(parts: Sequence[tuple[Array, Array]], rng: np.random.Generator) -> tuple[float, float]:
-    """A bootstrap draw over runs, and stretches of time within them."""
+def _drawn(parts: Sequence[tuple[Array, Array, int]], free: int, rng: np.random.Generator) -> tuple[float, float]:
+    """A bootstrap draw over runs, and stretches of time within them; parts are before, after, values per channel."""
     chosen = rng.integers(len(parts), size=len(parts))
-    before, after = [], []
+    sums, total = np.zeros(2), 0
     for index in chosen:
-        b, a = parts[index]
-        n = len(b) // 2
+        *both, n = parts[index]
         starts = rng.integers(0, max(n - BLOCKS_TOGETHER, 1), size=max(n // BLOCKS_TOGETHER, 1))
         rows = np.concatenate([np.arange(s, min(s + BLOCKS_TOGETHER, n)) for s in starts])
-        rows = np.concatenate([rows, rows + n])
-        before.append(b[rows] * np.sqrt(2 * n / len(rows)))
-        after.append(a[rows] * np.sqrt(2 * n / len(rows)))
-    total = sum(2 * len(parts[i][0]) // 2 for i in chosen) - FITTED * len(chosen)
-    return tuple(float(np.sqrt(sum(float(p @ p) for p in side) / max(total, 1))) for side in (before, after))  # pyright: ignore
+        for k, values in enumerate(both):
+            drawn = values.reshape(-1, n)[:, rows]
+            sums[k] += float((drawn**2).sum()) * values.size / drawn.size
+        total += both[0].size - free
+    before, after = np.sqrt(sums / max(total, 1))
+    return float(before), float(after)

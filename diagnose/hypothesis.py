@@ -31,14 +31,14 @@ class Hypothesis:
 
     Attributes
     ----------
-    six : (6,) linear derivatives at the reference speed (shared numbers of another simulator)
+    shared : (s,), of all runs: the six linear derivatives at the reference speed, or another simulator's numbers
     own : (runs, k), each run's own numbers
     effects : which
     numbers : per effect (p,)
     path : a motion near its own, or None
     """
 
-    six: Array
+    shared: Array
     own: Array
     effects: tuple[Effect, ...] = ()
     numbers: tuple[Array, ...] = ()
@@ -50,10 +50,34 @@ class Hypothesis:
         return sum(len(n) for n in self.numbers)
 
 
+@dataclass(frozen=True)
+class Slopes:
+    """A hypothesis beside the data.
+
+    Attributes
+    ----------
+    rows : per run: residual (n, c), slopes (n, c, shared + own + p) of the simulation by shared numbers, own ones, effects
+    path : the motion itself, where the simulator keeps one
+    carried : (nodes, runs, states, shared + own + p): its change with every number
+    """
+
+    rows: list[tuple[Array, Array]]
+    path: Path | None = None
+    carried: Array | None = None
+
+    def moved(self, shared: Array, own: Array, effects: Array) -> Path | None:
+        """The path after a step of shared numbers, (runs, own) ones and the effects', to first order."""
+        if self.path is None or self.carried is None:
+            return None
+        runs = len(own)
+        step = np.concatenate([np.tile(shared, (runs, 1)), own, np.tile(effects, (runs, 1))], axis=1)
+        return Path(self.path.lags_s, self.path.states + np.einsum("nrsp,rp->snr", self.carried, step))
+
+
 def with_effects(h: Hypothesis, effects: Sequence[Effect]) -> Hypothesis:
     """The hypothesis with more effects, absent at first."""
     numbers = tuple(np.array([q.none for q in e.parameters]) for e in effects)
     return replace(h, effects=(*h.effects, *effects), numbers=(*h.numbers, *numbers))
 
 
-__all__ = ["Hypothesis", "Path", "with_effects"]
+__all__ = ["Hypothesis", "Path", "Slopes", "with_effects"]

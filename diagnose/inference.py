@@ -17,23 +17,19 @@ from ..geometry.normal import inverse_of_normal
 from ..record.errors import EstimationError
 from ..simulate.model import Array
 from .grams import Columns, Grams, Reduced, reduced
-from .hypothesis import Hypothesis
+from .hypothesis import Hypothesis, Slopes
 from .noise import SMALLEST, TIMES_S, Forces, Noise
 from .shooting import MOST_CLOSINGS
-from .tow_model import Slopes, TowModel
+from .simulator import Simulator
 
-PRIORS = {"y_b": 1.5e-3, "beta_b": 1.5e-3, "tension": 5e-3, "tow_point": 7e-4, "line": 7e-4, "speed": 1.5e-3}
-"""Of each run's own numbers where [priors] is silent: m, rad; tension and speed relative."""
-FREE = 1e6
 LARGEST_SHARE = 0.4
-"""No derivative changes by more than this share in a step."""
+"""No shared number changes by more than this share in a step."""
 SHORTER = 0.3
 FORCE_TRIALS = 16
+SMALLER_TRIED, LEAST_TRIED = (1.0, 0.25, 0.06, 0.015), 3e-4
 ALL_TIMES = tuple(range(len(TIMES_S)))
 NEAR = 25.0
 """Log evidence behind the best from which the noise is not estimated once more."""
-GONE = 5.0
-"""m or rad: a simulated motion this far from the measured one has grown beyond bounds."""
 LARGEST_SD = 3.0
 """No effect's number changes by more prior standard deviations in a step."""
 
@@ -54,7 +50,7 @@ class Linear:
 
     @property
     def rows(self) -> list[tuple[Array, Array]]:
-        """Per run: residual (n, 4), slopes (n, 4, 16 + p)."""
+        """Per run: residual (n, c), slopes (n, c, shared + own + p)."""
         return self.slopes.rows
 
 
@@ -67,8 +63,8 @@ class Solved:
     log_evidence : up to a constant of the data
     here : the same without the step: what the hypothesis as it stands reaches
     chi_square : whitened residuals after the step, and the priors
-    shared : (6 + k + p,) step of six, modes, effects
-    own : (runs, 10) step
+    shared : (s + k + p,) step of shared numbers, modes, effects
+    own : (runs, own) step
     covariance : of ``shared``
     """
 
@@ -104,62 +100,57 @@ class Inference:
 
     Parameters
     ----------
-    model : all runs
+    simulator : of all runs
 
     Attributes
     ----------
     noise : of the base; None: not known yet
-    six_prior : mean and standard deviation of the six derivatives, where the simulator's own are to be judged
+    mode_count : of camera modes, over all runs
     """
 
-    def __init__(self, model: TowModel) -> None:
-        self.model = model
-        self.own_sd = own_sds(model)
-        self.stated = np.array([_stated(run) for run in model.runs])
-        keys = list(dict.fromkeys(run.data.common_key for run in model.runs if len(run.modes)))
-        counts = {k: next(len(r.modes) for r in model.runs if r.data.common_key == k and len(r.modes)) for k in keys}
-        offsets = dict(zip(keys, np.cumsum([0, *counts.values()])[:-1], strict=True))
-        self.mode_count = sum(counts.values())
+    def __init__(self, simulator: Simulator) -> None:
+        self.simulator = simulator
+        self.own_sd, self.stated = simulator.own_sd, simulator.stated
+        self.own_count = simulator.own_sd.shape[1]
+        self.mode_count = simulator.modes[0].shape[2]
         self.noise: Noise | None = None
-        self.six_prior: tuple[Array, Array] | None = None
-        self.modes = []
-        for run in model.runs:
-            table = np.zeros((len(run.centre_s), 4, self.mode_count))
-            if len(run.modes):
-                at = offsets[run.data.common_key]
-                table[:, :, at : at + len(run.modes)] = run.modes.transpose(1, 2, 0)
-            self.modes.append(table)
 
     def linear(self, hypotheses: Sequence[Hypothesis], closings: int = MOST_CLOSINGS) -> list[Linear]:
         """Linearise hypotheses, all together; ``closings`` 0: about paths that may be open."""
-        found = self.model.linear(hypotheses, closings)
+        found = self.simulator.linear(hypotheses, closings)
         return [Linear(h, slopes, self._columns(h, slopes)) for h, slopes in zip(hypotheses, found, strict=True)]
 
     def _columns(self, h: Hypothesis, slopes: Slopes) -> Columns:
-        tables = []
-        for (residual, slope), modes in zip(slopes.rows, self.modes, strict=True):
-            parts = [residual[..., None], slope[:, :, :6], modes, slope[:, :, 16:], slope[:, :, 6:16]]
+        tables, first = [], len(h.shared)
+        last = first + self.own_count
+        for (residual, slope), modes in zip(slopes.rows, self.simulator.modes, strict=True):
+            parts = [residual[..., None], slope[:, :, :first], modes, slope[:, :, last:], slope[:, :, first:last]]
             tables.append(np.concatenate(parts, axis=2))
-        return Columns(tables, 6 + self.mode_count + h.size)
+        return Columns(tables, self.fixed(h) + h.size)
+
+    def fixed(self, h: Hypothesis) -> int:
+        """Shared numbers and modes: what stands before the effects' numbers."""
+        return len(h.shared) + self.mode_count
 
     def noise_about(self, linear: Linear) -> Noise:
         """The noise: the base's, once it is known."""
         # the dynamics that carry the random forces are the base's: near enough, and the same for all hypotheses
-        return self.noise or Noise(self.model.runs, linear.hypothesis, self.model.speed_m_s)
+        return self.noise or self.simulator.noise(linear.hypothesis)
 
     def reduced(self, grams: Grams, h: Hypothesis, forces: Forces, only: Sequence[int] | None = None) -> Reduced:
         """Normal equations of the shared numbers, the runs' own eliminated; ``only``: these runs."""
         return reduced(grams, forces, self.stated - h.own, self.own_sd, only)
 
     def priors(self, h: Hypothesis) -> tuple[Array, Array, float]:
-        """Of six, modes and effects: precision, gap to the prior's mean, log of the variances."""
+        """Of shared numbers, modes and effects: precision, gap to the prior's mean, log of the variances."""
         sd = np.array([q.sd for e in h.effects for q in e.parameters])
         none = np.array([q.none for e in h.effects for q in e.parameters])
         here = np.concatenate(h.numbers) if h.numbers else np.zeros(0)
         k = self.mode_count
-        mean, known = (h.six, np.zeros(6)) if self.six_prior is None else (self.six_prior[0], self.six_prior[1] ** -2.0)
+        prior = self.simulator.shared_prior
+        mean, known = (h.shared, np.zeros(len(h.shared))) if prior is None else (prior[0], prior[1] ** -2.0)
         precision = np.concatenate([known, np.ones(k), 1 / sd**2])
-        return precision, np.concatenate([mean - h.six, np.zeros(k), none - here]), 2 * float(np.log(sd).sum())
+        return precision, np.concatenate([mean - h.shared, np.zeros(k), none - here]), 2 * float(np.log(sd).sum())
 
     def solve(self, grams: Grams, h: Hypothesis, forces: Forces, only: Sequence[int] | None = None) -> Solved:
         """One Gauss-Newton step with its evidence."""
@@ -176,7 +167,7 @@ class Inference:
 
     def one_sided(self, h: Hypothesis, solved: Solved) -> float:
         """What one-sided priors add to the log evidence: twice the probability that the numbers are on their side."""
-        at, total = 6 + self.mode_count, 0.0
+        at, total = self.fixed(h), 0.0
         for effect, numbers in zip(h.effects, h.numbers, strict=True):
             for parameter, number in zip(effect.parameters, numbers, strict=True):
                 if parameter.one_sided:
@@ -197,11 +188,18 @@ class Inference:
         def cost(logs: Array, time: int) -> float:
             forces = Forces(max(np.exp(logs[0]), SMALLEST), max(np.exp(logs[1]), SMALLEST), time)
             try:
-                return -self.solve(grams, h, forces).log_evidence - forces.log_prior
+                return -self.solve(grams, h, forces).log_evidence - forces.log_prior(self.simulator.most_force)
             except np.linalg.LinAlgError:
                 return 1e12
 
-        start = np.log([first.side_n, first.moment_n_m])
+        begun = np.log(np.minimum([first.side_n, first.moment_n_m], self.simulator.most_force))
+        # an effect that explains much leaves far smaller forces than those it began with
+        tried = [
+            begun + np.log(share)
+            for share in SMALLER_TRIED
+            if share == 1.0 or share * max(first.side_n, first.moment_n_m) > LEAST_TRIED
+        ]
+        start = min(tried, key=lambda logs: cost(logs, times[0]))
         best: tuple[float, Array, int] | None = None
         for time in times:
             found = minimize(
@@ -248,9 +246,7 @@ class Inference:
                     shares[index] *= SHORTER
                 kept = answers[index]
                 if kept is None:
-                    raise EstimationError(
-                        "the motion simulated from the first fit grows beyond bounds; is the tow stable?"
-                    )
+                    raise EstimationError("the motion simulated from the first fit grows beyond bounds")
                 if turn < steps:
                     current[index] = self.stepped(kept, shares[index])
         return [a for a in answers if a is not None]
@@ -270,7 +266,9 @@ class Inference:
                     forces, solved = self.best_forces(
                         gram, h, forces, ALL_TIMES if len(linears) == 1 else (forces.time,)
                     )
-                log_evidence = solved.log_evidence + forces.log_prior + self.one_sided(h, solved)
+                log_evidence = (
+                    solved.log_evidence + forces.log_prior(self.simulator.most_force) + self.one_sided(h, solved)
+                )
                 fitted = Fitted(h, forces, log_evidence, solved, one)
             found.append(fitted)
         if not last:
@@ -280,21 +278,24 @@ class Inference:
             if old is not None and gram is not None and old.log_evidence > best - NEAR:
                 h, first = old.hypothesis, old.forces
                 forces, solved = self.best_forces(gram, h, first, sorted(ALL_TIMES, key=lambda k: k != first.time))
-                log_evidence = solved.log_evidence + forces.log_prior + self.one_sided(h, solved)
+                log_evidence = (
+                    solved.log_evidence + forces.log_prior(self.simulator.most_force) + self.one_sided(h, solved)
+                )
                 found[index] = replace(old, forces=forces, solved=solved, log_evidence=log_evidence)
         return found
 
     def _stands(self, linear: Linear) -> bool:
+        gone = self.simulator.gone
         return all(
-            (np.abs(residual[np.isfinite(run.values)]) < GONE).all()
-            for (residual, _), run in zip(linear.rows, self.model.runs, strict=True)
+            (np.abs(residual[np.isfinite(run.values)]) < gone).all()
+            for (residual, _), run in zip(linear.rows, self.simulator.runs, strict=True)
         )
 
     def stepped(self, fitted: Fitted, share: float) -> Hypothesis:
         """The hypothesis after (part of) a step, its path taken along."""
-        h, solved, k = fitted.hypothesis, fitted.solved, self.mode_count
-        six, effects = solved.shared[:6], solved.shared[6 + k :]
-        limit = np.abs(six) / (LARGEST_SHARE * np.maximum(np.abs(h.six), 1.0))
+        h, solved = fitted.hypothesis, fitted.solved
+        shared, effects = solved.shared[: len(h.shared)], solved.shared[self.fixed(h) :]
+        limit = np.abs(shared) / (LARGEST_SHARE * np.maximum(np.abs(h.shared), self.simulator.least))
         if len(effects):
             sd = np.concatenate([[q.sd for q in e.parameters] for e in h.effects])
             limit = np.concatenate([limit, np.abs(effects) / (LARGEST_SD * sd)])
@@ -303,36 +304,10 @@ class Inference:
         for n in h.numbers:
             numbers.append(n + share * effects[at : at + len(n)])
             at += len(n)
-        path = fitted.linear.slopes.moved(share * np.concatenate([six, effects]), share * solved.own)
-        return replace(h, six=h.six + share * six, own=h.own + share * solved.own, numbers=tuple(numbers), path=path)
-
-
-def own_sds(model: TowModel) -> Array:
-    """Prior standard deviations of each run's own numbers, (runs, 10)."""
-    rows = []
-    for run in model.runs:
-        tow, priors = run.data.tow, run.data.priors
-        tension, speed = float(tow.tension_n or 1.0), tow.speed_m_s
-        rows.append(
-            [
-                FREE,
-                FREE,
-                FREE,
-                FREE,
-                priors.y_bias_sd_m or PRIORS["y_b"],
-                priors.beta_bias_sd_rad or PRIORS["beta_b"],
-                tension * float(np.hypot(priors.tension_sd_rel or PRIORS["tension"], priors.tension_common_sd_rel)),
-                priors.tow_point_sd_m or PRIORS["tow_point"],
-                priors.line_length_sd_m or PRIORS["line"],
-                speed * (priors.speed_sd_rel or PRIORS["speed"]),
-            ]
+        path = fitted.linear.slopes.moved(share * shared, share * solved.own, share * effects)
+        return replace(
+            h, shared=h.shared + share * shared, own=h.own + share * solved.own, numbers=tuple(numbers), path=path
         )
-    return np.array(rows)
 
 
-def _stated(run) -> Array:
-    tow = run.data.tow
-    return np.array([0, 0, 0, 0, 0, 0, tow.tension_n, tow.tow_point_m, tow.line_length_m, tow.speed_m_s], dtype=float)
-
-
-__all__ = ["TIMES_S", "Fitted", "Inference", "Linear", "Solved", "own_sds"]
+__all__ = ["TIMES_S", "Fitted", "Inference", "Linear", "Solved"]

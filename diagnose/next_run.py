@@ -10,9 +10,10 @@ import numpy as np
 from ..simulate.model import alpha_from_y
 from .hypothesis import Hypothesis
 from .inference import Fitted, Inference
-from .noise import Noise
+from .tow import TowSimulator, own_sds
 from .tow_data import TowRun
 from .tow_model import TowModel
+from .tow_noise import tow_noise
 from .tow_rates import OWN
 
 LINES = (0.55, 1.0, 1.6)
@@ -46,7 +47,9 @@ class Design:
 
 def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | None:
     """The design with the largest expected distance, what the runs made already tell taken into account."""
-    model = inference.model
+    model = inference.simulator
+    if not isinstance(model, TowSimulator):
+        return None
     pattern = max(model.runs, key=lambda r: len(r.centre_s))
     runs, settings = _designs(model.runs, pattern)
     trial = TowModel(runs, model.speed_m_s)
@@ -56,8 +59,7 @@ def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | No
     except (FloatingPointError, np.linalg.LinAlgError):
         return None
     best: Design | None = None
-    noise = Noise(runs, one, model.speed_m_s)
-    trial_inference = Inference(trial)
+    noise, own_sd = tow_noise(runs, one, model.speed_m_s), own_sds(runs)
     for index, (x_t, line, speed, y, beta) in enumerate(settings):
         residual, slope = linear[0].rows[index]
         other = linear[1].rows[index][0]
@@ -70,7 +72,7 @@ def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | No
         # the new run's own numbers are fitted to it, the derivatives as far as they are not known
         spread = first.solved.covariance[:6, :6]
         known = np.linalg.cholesky(spread + 1e-12 * np.diag(np.diag(spread)))
-        columns = np.concatenate([own * trial_inference.own_sd[index], shared @ known], axis=1)
+        columns = np.concatenate([own * own_sd[index], shared @ known], axis=1)
         inner = np.eye(columns.shape[1]) + columns.T @ columns
         pull = columns.T @ white
         distance = float(white @ white - pull @ np.linalg.solve(inner, pull))

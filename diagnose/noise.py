@@ -7,22 +7,20 @@ restricted likelihood.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from threading import Lock
 
 import numpy as np
-from scipy.linalg import expm, solve_triangular, toeplitz
+from scipy.linalg import block_diag, solve_triangular, toeplitz
 
-from ..simulate.model import Array, Hull, linear_system
-from .hypothesis import Hypothesis
-from .tow_data import TowRun
-from .tow_rates import OWN
+from ..simulate.model import Array
 
 TIMES_S = (0.6, 2.0, 6.0)
 FORCE_SD_N, MOMENT_SD_N_M = 0.01, 0.01
 """Usual sizes; their logarithms have the prior standard deviation LOG_SD about these."""
 LOG_SD = 2.0
+EDGE = 0.02
+"""Width (logarithm) of the edge above which no random force goes."""
 SMALLEST = 1e-5
 UNSEEN = 1e-3
 """Of the measurement's variance: where forces show less, they are left out."""
@@ -42,11 +40,12 @@ class Forces:
     moment_n_m: float = MOMENT_SD_N_M
     time: int = 1
 
-    @property
-    def log_prior(self) -> float:
-        """Log density of the sizes."""
-        logs = np.log([self.side_n / FORCE_SD_N, self.moment_n_m / MOMENT_SD_N_M])
-        return float(-0.5 * (logs @ logs) / LOG_SD**2)
+    def log_prior(self, most: float) -> float:
+        """Log density of the sizes; above ``most`` a force is no noise any more, and the density falls off at once."""
+        sizes = np.array([self.side_n, self.moment_n_m])
+        logs = np.log(sizes / [FORCE_SD_N, MOMENT_SD_N_M])
+        above = np.maximum(np.log(sizes / most), 0.0) / EDGE
+        return float(-0.5 * (logs @ logs) / LOG_SD**2 - 0.5 * above @ above)
 
 
 @dataclass(frozen=True)
@@ -55,9 +54,9 @@ class Space:
 
     Attributes
     ----------
-    base : (2n, 2n), orthonormal, in whitened y and beta; the directions that forces move most come first
-    by_force : (2, 2n, 2n), covariance there by a unit side force and a unit moment
-    shown : (2n,), variance by both, falling
+    base : (m n, m n), orthonormal, in what moves, whitened; the directions that forces move most come first
+    by_force : (2, m n, m n), covariance there by a unit side force and a unit moment
+    shown : (m n,), variance by both, falling
     """
 
     base: Array
@@ -83,11 +82,11 @@ class RunNoise:
 
     Attributes
     ----------
-    measured : (2n, 2n) of y and beta
+    measured : (m n, m n) of what moves
     white : inverse Cholesky factor of it
-    still : per channel without hydrodynamics (line, distance), the inverse Cholesky factor (n, n), or None
+    still : per channel without dynamics (line, distance), the inverse Cholesky factor (n, n), or None
     log : log determinant of all that is measured
-    good : (n, 4)
+    good : (n, c)
     """
 
     measured: Array
@@ -97,49 +96,64 @@ class RunNoise:
     good: Array
 
 
+Roots = Callable[[int], list[Array]]
+"""Time constant -> (m n, n) roots of the covariance of what moves by a unit force of either kind."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The noise of a run's measurement.
+
+    Attributes
+    ----------
+    good : (n, c)
+    covariance : (c, n, n)
+    moving : channels that forces move, the first ones; the others (line, marker distance) hold no dynamics
+    roots : how forces move those
+    """
+
+    good: Array
+    covariance: Array
+    moving: int
+    roots: Roots
+
+
 class Noise:
-    """Noise of all runs about one hypothesis (its linear dynamics carry the forces).
+    """Noise of all runs.
 
     Forces move a model slowly: beside the measurement's noise small ones show in a part of the 260 directions, and trying other
     sizes costs that much only.
 
     Parameters
     ----------
-    runs, hypothesis : of the model
-    speed_m_s : of the hypothesis's derivatives
+    measured : of each run
     """
 
-    def __init__(self, runs: Sequence[TowRun], hypothesis: Hypothesis, speed_m_s: float) -> None:
-        self.runs = [_run_noise(run) for run in runs]
-        self._tows = list(zip(runs, hypothesis.own, strict=True))
-        self._six, self._speed_m_s = hypothesis.six, speed_m_s
+    def __init__(self, measured: Sequence[Measured]) -> None:
+        self.measured = list(measured)
+        self.runs = [_run_noise(run) for run in measured]
         self._spaces: dict[tuple[int, int], Space] = {}
-        self._lock = Lock()
 
     def by_force(self, index: int, time: int) -> Array:
-        """(2, 2n, 2n): covariance of a run's y and beta by a unit side force and a unit moment."""
-        run, own = self._tows[index]
-        return np.array([r @ r.T for r in _roots(run, self._six, own, self._speed_m_s, self.runs[index].good, time)])
+        """(2, m n, m n): covariance of what moves by a unit side force and a unit moment."""
+        return np.array([r @ r.T for r in self.measured[index].roots(time)])
 
     def space(self, index: int, time: int) -> Space:
         """Where forces of TIMES_S[time] show in a run."""
-        with self._lock:
-            if (index, time) not in self._spaces:
-                run, own = self._tows[index]
-                roots = _roots(run, self._six, own, self._speed_m_s, self.runs[index].good, time)
-                self._spaces[index, time] = _space(self.runs[index].white, roots)
-            return self._spaces[index, time]
+        if (index, time) not in self._spaces:
+            self._spaces[index, time] = _space(self.runs[index].white, self.measured[index].roots(time))
+        return self._spaces[index, time]
 
     def white(self, index: int, values: Array) -> tuple[Array, Array]:
-        """(n, 4, k) beside the measurement's noise alone: y and beta (2n, k), and the other channels (m, k)."""
-        noise = self.runs[index]
+        """(n, c, k) beside the measurement's noise alone: what moves (m n, k), and the other channels."""
+        noise, first = self.runs[index], self.measured[index].moving
         flat = np.where(noise.good[..., None], values, 0.0)
-        still = [root @ flat[:, c] for c, root in zip((2, 3), noise.still, strict=True) if root is not None]
-        moving = noise.white @ np.concatenate([flat[:, 0], flat[:, 1]])
+        still = [root @ flat[:, c] for c, root in enumerate(noise.still, start=first) if root is not None]
+        moving = noise.white @ np.concatenate([flat[:, c] for c in range(first)])
         return moving, np.concatenate(still) if still else np.zeros((0, values.shape[2]))
 
     def whitened(self, index: int, forces: Forces, values: Sequence[Array]) -> list[Array]:
-        """Arrays (n, 4) or (n, 4, k) of a run as white numbers (N,) or (N, k)."""
+        """Arrays (n, c) or (n, c, k) of a run as white numbers (N,) or (N, k)."""
         space = self.space(index, forces.time)
         size, turn = np.linalg.eigh(space.covariance(forces))
         shrink, base = (turn * (size**-0.5 - 1)) @ turn.T, space.base[:, : len(size)]
@@ -159,21 +173,20 @@ def _space(white: Array, roots: Sequence[Array]) -> Space:
     return Space(base, np.array([part @ part.T for part in (base.T @ root for root in shown)]), size[::-1])
 
 
-def _run_noise(run: TowRun) -> RunNoise:
-    good = np.isfinite(run.values)
-    n = len(good)
+def _run_noise(run: Measured) -> RunNoise:
+    good = run.good
+    n, channels = good.shape
     covariance = run.covariance.copy()
-    for channel in range(4):
+    for channel in range(channels):
         lost = ~good[:, channel]
         covariance[channel][np.ix_(lost, np.arange(n))] = 0.0
         covariance[channel][np.ix_(np.arange(n), lost)] = 0.0
         usual = float(np.diag(covariance[channel]).max()) or 1.0
         covariance[channel][lost, lost] = usual
-    measured = np.zeros((2 * n, 2 * n))
-    measured[:n, :n], measured[n:, n:] = covariance[0], covariance[1]
+    measured: Array = np.asarray(block_diag(*covariance[: run.moving]))
     white, log = _inverse_root(measured)
     still: list[Array | None] = []
-    for channel in (2, 3):
+    for channel in range(run.moving, channels):
         if not good[:, channel].any():
             still.append(None)
             continue
@@ -189,25 +202,16 @@ def _inverse_root(covariance: Array) -> tuple[Array, float]:
     return root, 2 * float(np.log(np.diag(lower)).sum())
 
 
-def _roots(run: TowRun, six: Array, own: Array, speed_m_s: float, good: Array, time: int) -> list[Array]:
-    """(2n, n) roots of the covariance of y and beta by a unit side force and a unit moment."""
-    n, step = len(good), run.step_s
-    numbers = dict(zip(OWN, own, strict=True))
-    tow = run.data.tow
-    tow = type(tow)(numbers["speed"], numbers["line"], numbers["tow_point"], max(numbers["tension"], 1e-3))
-    matrix, _ = linear_system(Hull(*six, speed_m_s=speed_m_s).at_speed(tow.speed_m_s), tow)
-    inputs = np.zeros((4, 2))
-    inputs[2, 0], inputs[3, 1] = 1 / six[0], 1 / six[1]
-    whole = expm(np.block([[matrix, inputs], [np.zeros((2, 6))]]) * step)
-    go, push = whole[:4, :4], whole[:4, 4:]
-    state, columns = push, []
-    for k in range(n):
-        before = np.zeros_like(push) if k == 0 else columns[-1][1]
-        columns.append(((before + state)[:2] / 2, state))
-        state = go @ state
-    response = np.array([c[0] for c in columns])  # (n, 2 outputs, 2 inputs)
-    lag = np.abs(np.arange(n)[:, None] - np.arange(n)[None, :]) * step
-    lowers = [[toeplitz(response[:, o, i], np.zeros(n)) for i in range(2)] for o in range(2)]
-    keep = np.concatenate([good[:, 0], good[:, 1]]).astype(float)
-    colour = np.linalg.cholesky(np.exp(-lag / TIMES_S[time]) + 1e-9 * np.eye(n))
-    return [np.concatenate([lowers[0][i] @ colour, lowers[1][i] @ colour]) * keep[:, None] for i in range(2)]
+def forced(response: Array, colour_s: float, lag_s: Array) -> Array:
+    """(m n, n) root of the covariance of m outputs under a force of unit size and a time constant.
+
+    Parameters
+    ----------
+    response : (n, m) of the outputs to a unit force that lasts one step; lag_s : (n, n) between the steps
+    """
+    n = len(response)
+    colour = np.linalg.cholesky(np.exp(-lag_s / colour_s) + 1e-9 * np.eye(n))
+    return np.concatenate([toeplitz(column, np.zeros(n)) @ colour for column in response.T])
+
+
+__all__ = ["SMALLEST", "TIMES_S", "Forces", "Measured", "Noise", "forced"]

@@ -61,6 +61,7 @@ class TowRun:
     marks : None where the run came as motion
     start_s, step_s : of the blocks
     centre_s : (n,), mean time of the frames in each block, from start_s
+    spread_s2 : (n,), variance of those times
     values : (n, 4), CHANNELS; NaN where not measured
     covariance : (4, n, n), measurement noise of each channel
     modes : (k, n, 4), change with each common mode of the camera (unit variance)
@@ -74,6 +75,7 @@ class TowRun:
     start_s: float
     step_s: float
     centre_s: Array
+    spread_s2: Array
     values: Array
     covariance: Array
     modes: Array
@@ -121,7 +123,7 @@ def tow_run(
         marks = Marks(run, tracks, fit, few, (there.t_s, there.values))
     series = _from_pixels(marks) if marks is not None else _from_motion(run, data, motion)
     start = float(series.t_s[0])
-    centre, values, count = _blocks(series.t_s - start, series.values, step_s)
+    centre, spread, values, count = _blocks(series.t_s - start, series.values, step_s)
     variance = _mean(series.t_s - start, series.variance, step_s)[: len(centre)] / np.maximum(count, 1)[:, None]
     still = _from_pixels(replace(marks, tracks=static)) if marks is not None and static is not None else None
     water = run.file.water
@@ -134,6 +136,7 @@ def tow_run(
         start,
         step_s,
         centre,
+        spread,
         values,
         _covariances(centre, variance, series, still, step_s),
         np.array([_mean(series.t_s - start, m, step_s)[: len(centre)] for m in modes]).reshape(
@@ -238,8 +241,8 @@ def _from_motion(run: Run, data: RunData, motion: pd.DataFrame) -> _Series:
     return _Series(data.t_s, values, variance, modes, np.zeros((n, 4, 3)))
 
 
-def _blocks(t_s: Array, values: Array, step_s: float) -> tuple[Array, Array, Array]:
-    """Mean time, mean values and count of the frames in each block; the last, unfilled block is left out."""
+def _blocks(t_s: Array, values: Array, step_s: float) -> tuple[Array, Array, Array, Array]:
+    """Mean time, variance of the times, mean values and count of the frames in each block; the last, unfilled one is left out."""
     good = np.isfinite(values[:, :2]).all(axis=1)
     index = np.floor(t_s / step_s + 1e-9).astype(int)
     size = int(index.max())
@@ -248,9 +251,11 @@ def _blocks(t_s: Array, values: Array, step_s: float) -> tuple[Array, Array, Arr
     count = np.bincount(index[inside], minlength=size)
     centre = np.bincount(index[inside], t_s[inside], minlength=size) / np.maximum(count, 1)
     centre = np.where(count > 0, centre, (np.arange(size) + 0.5) * step_s)
+    off = t_s[inside] - centre[index[inside]]
+    spread = np.bincount(index[inside], off**2, minlength=size) / np.maximum(count, 1)
     mean = np.stack([np.bincount(index[inside], v, minlength=size) for v in values[inside].T], axis=1)
     mean = np.where(count[:, None] > 0, mean / np.maximum(count, 1)[:, None], np.nan)
-    return centre, mean, count
+    return centre, spread, mean, count
 
 
 def _mean(t_s: Array, values: Array, step_s: float) -> Array:
@@ -274,7 +279,7 @@ def _covariances(centre: Array, variance: Array, series: _Series, still: _Series
         own = np.where(np.isfinite(own) & (own > 0), own, np.nanmedian(own))
         share, time = 1.0, 0.0
         if still is not None:
-            size, share, time = scatter(_blocks(still.t_s - still.t_s[0], still.values, step_s)[1][:, channel], step_s)
+            size, share, time = scatter(_blocks(still.t_s - still.t_s[0], still.values, step_s)[2][:, channel], step_s)
             # the stated sigmas say how the noise changes over the picture, the static record how large it is there
             there = float(np.nanmedian(_mean(still.t_s - still.t_s[0], still.variance, step_s)[:, channel]))
             frames = len(still.t_s) / max(still.t_s[-1] - still.t_s[0], step_s) * step_s

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ..simulate.model import Array
 from .effects import Effect
-from .hypothesis import Hypothesis, Path
+from .hypothesis import Hypothesis, Path, Slopes
 from .shooting import BLOW_UP, CLOSE, MOST_CLOSINGS, STATE_STEP, between, carried, integrated, stepped
 from .tow_data import TowRun, corrected
 from .tow_rates import Fields, Numbers, TowRates, tow_of
@@ -20,28 +20,6 @@ BEYOND = 4
 """Blocks after the end of the longest run: a clock that runs off may need them."""
 AT_ONCE = 8000
 """Numbers of an array in the steps: what a processor's cache holds."""
-
-
-@dataclass(frozen=True)
-class Slopes:
-    """A hypothesis beside the data.
-
-    Attributes
-    ----------
-    rows : per run: residual (n, 4), slopes (n, 4, 16 + p) of the simulation by six, own, effects
-    path : the motion itself
-    carried : (nodes, runs, states, 16 + p): its change with every number
-    """
-
-    rows: list[tuple[Array, Array]]
-    path: Path
-    carried: Array
-
-    def moved(self, shared: Array, own: Array) -> Path:
-        """The path after a step of (6 + p,) shared numbers and (runs, 10) own ones, to first order."""
-        runs = len(own)
-        step = np.concatenate([np.tile(shared[:6], (runs, 1)), own, np.tile(shared[6:], (runs, 1))], axis=1)
-        return Path(self.path.lags_s, self.path.states + np.einsum("nrsp,rp->snr", self.carried, step))
 
 
 class TowModel:
@@ -262,4 +240,4 @@ def _with_lags(path: Path, lags: tuple[float, ...]) -> Array:
     return np.stack(rows)
 
 
-__all__ = ["Slopes", "TowModel"]
+__all__ = ["BEYOND", "TowModel"]

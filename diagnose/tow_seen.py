@@ -1,4 +1,4 @@
-"""What would be measured of a simulated tow: means over blocks of y, heading, taut-line radius and marker distance."""
+"""What would be measured of a simulated tow: means over blocks' frames of y, heading, taut-line radius and marker distance."""
 
 from __future__ import annotations
 
@@ -13,6 +13,10 @@ from .shooting import STATE_STEP
 from .tow_data import TowRun
 from .tow_rates import SMALLEST_COSINE, Fields, Numbers, columns_of, tow_of
 from .variations import Variations, joined
+
+POINTS, MIDDLE = 6, 2.5
+LAGRANGE = np.linalg.inv(np.vander(np.arange(POINTS) - MIDDLE, POINTS, increasing=True)).T
+"""(points, powers): the polynomial that is 1 at a point and 0 at the others, in powers of the place from their middle."""
 
 
 class TowSeen:
@@ -60,13 +64,11 @@ class TowSeen:
         answers = []
         for i, run in enumerate(self._runs):
             late = _late(numbers, run)
-            moved = _Moved((run.centre_s + late[:, 0]) / (self._step_s / 2), len(series))
-            mean, rate = _means(series[:, :, i, :1], self._step_s)
-            change, _ = _means(slope[:, i], self._step_s)
-            change, rate = moved(change), moved(rate)
+            mean = _Mean(run.centre_s + late[:, 0], run.spread_s2, self._step_s / 2, len(series))
+            change, rate = mean(slope[:, i]), mean.rate(series[:, :, i, 0])
             for column, k in enumerate(direct, start=1 + size):
-                change[:, :, k] += rate[..., 0] * (late[:, column, None] - late[:, :1]) / group.steps[i, k]
-            answers.append((moved(mean)[..., 0], change))
+                change[:, :, k] += rate * (late[:, column, None] - late[:, :1]) / group.steps[i, k]
+            answers.append((mean(series[:, :, i, 0]), change))
         return answers
 
     def values(self, numbers: Numbers, path: Array) -> list[list[Array]]:
@@ -75,11 +77,10 @@ class TowSeen:
             series = self._series(numbers, path)
         answers: list[list[Array]] = [[] for _ in range(series.shape[3])]
         for i, run in enumerate(self._runs):
-            mean, _ = _means(series[:, :, i], self._step_s)
             late = _late(numbers, run)
             for column, found in enumerate(answers):
-                place = (run.centre_s + late[:, column]) / (self._step_s / 2)
-                found.append(_Moved(place, len(series))(mean[..., column]))
+                mean = _Mean(run.centre_s + late[:, column], run.spread_s2, self._step_s / 2, len(series))
+                found.append(mean(series[:, :, i, column]))
         return answers
 
     def _series(self, numbers: Numbers, path: Array) -> Array:
@@ -94,9 +95,12 @@ class TowSeen:
                 continue
             here = columns_of(seen, a.columns)
             if a.effect.stretch is not None:
-                longer = a.effect.stretch(here, *a.numbers)
-                more[0][..., a.columns] -= longer * np.cos(here.alpha_rad)
-                more[1][..., a.columns] += longer * np.sin(here.alpha_rad)
+                # a line that gives lets the model surge along its own heading
+                heading = here.pose[2]
+                back = a.effect.stretch(here, *a.numbers)
+                back = back / np.clip(np.cos(here.alpha_rad + heading), SMALLEST_COSINE, None)
+                more[0][..., a.columns] -= back * np.cos(heading)
+                more[1][..., a.columns] -= back * np.sin(heading)
             if a.effect.observe is not None:
                 for channel, change in enumerate(a.effect.observe(here, *a.numbers)):
                     more[channel][..., a.columns] += change
@@ -129,38 +133,42 @@ def _late(numbers: Numbers, run: TowRun) -> Array:
     return late
 
 
-def _means(series: Array, step_s: float) -> tuple[Array, Array]:
-    """Means of blocks about every node but the first and the last (Simpson's rule), and their rates."""
-    begin, middle, end = series[:-2], series[1:-1], series[2:]
-    return (begin + 4 * middle + end) / 6, (end - begin) / step_s
+class _Mean:
+    """Means over the frames of blocks, from values at the nodes: by polynomials through six of them.
 
-
-class _Moved:
-    """Means about the nodes taken to other times by cubics through four of them.
+    Eight or nine frames do not spread as a whole block does: that moves a mean by half the curvature times the difference.
 
     Parameters
     ----------
-    place : (n,) times in nodes
+    centre_s, spread_s2 : (n,) mean and variance of the frames' times
+    node_s : between nodes
     nodes : how many there are
     """
 
-    def __init__(self, place: Array, nodes: int) -> None:
-        at = np.clip(place - 1, -1, nodes - 2)
-        self._first = np.clip(np.floor(at).astype(int) - 1, 0, nodes - 6)
-        u = at - self._first
-        self._weights = np.stack(
-            [
-                -(u - 1) * (u - 2) * (u - 3) / 6,
-                u * (u - 2) * (u - 3) / 2,
-                -u * (u - 1) * (u - 3) / 2,
-                u * (u - 1) * (u - 2) / 6,
-            ]
-        )
+    def __init__(self, centre_s: Array, spread_s2: Array, node_s: float, nodes: int) -> None:
+        place = np.clip(centre_s / node_s, -1, nodes)
+        self._first = np.clip(np.floor(place).astype(int) - 2, 0, nodes - POINTS)
+        u, width = place - self._first - MIDDLE, spread_s2 / node_s**2
+        powers = np.array([u**k for k in range(POINTS)])
+        slopes = np.array([k * u ** max(k - 1, 0) for k in range(POINTS)])
+        bends = np.array([k * (k - 1) * u ** max(k - 2, 0) for k in range(POINTS)])
+        self._weights = LAGRANGE @ (powers + 0.5 * width * bends)
+        self._slopes = LAGRANGE @ slopes / node_s
 
-    def __call__(self, means: Array) -> Array:
-        """(nodes - 2, ...) to (n, ...)."""
-        shape = (-1, *[1] * (means.ndim - 1))
-        return sum(w.reshape(shape) * means[self._first + k] for k, w in enumerate(self._weights))  # pyright: ignore
+    def __call__(self, series: Array) -> Array:
+        """(nodes, ...) to (n, ...)."""
+        return self._sum(self._weights, series)
+
+    def rate(self, series: Array) -> Array:
+        """The same of its rate."""
+        return self._sum(self._slopes, series)
+
+    def _sum(self, weights: Array, series: Array) -> Array:
+        shape = (-1, *[1] * (series.ndim - 1))
+        answer = np.zeros((len(self._first), *series.shape[1:]))
+        for k, w in enumerate(weights):
+            answer += w.reshape(shape) * series[self._first + k]
+        return answer
 
 
 __all__ = ["TowSeen"]

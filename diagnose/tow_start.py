@@ -9,6 +9,8 @@ import numpy as np
 from scipy.interpolate import UnivariateSpline
 
 from ..identify import fit_runs
+from ..identify.reference import reference_set
+from ..record.errors import EstimationError
 from ..simulate.model import Array
 from .hypothesis import Hypothesis, Path
 from .tow_data import TowRun
@@ -18,8 +20,11 @@ SAMPLES = 250
 LARGEST_SINE = 0.95
 
 
-def base_hypothesis(runs: Sequence[TowRun], speed_m_s: float) -> Hypothesis:
-    """The linear fit of all runs, along the measured motion."""
+def base_hypotheses(runs: Sequence[TowRun], speed_m_s: float) -> list[Hypothesis]:
+    """The linear fit of all runs, and a MARINER of the model's length, along the measured motion.
+
+    A line that goes slack can lead the linear fit astray; the other begins within a factor of two.
+    """
     few = []
     for run in runs:
         data = run.data
@@ -36,14 +41,21 @@ def base_hypothesis(runs: Sequence[TowRun], speed_m_s: float) -> Hypothesis:
                 speed=None,
             )
         )
-    fit = fit_runs(few, "linear", speed_m_s)
+    usual = reference_set("ittc").hull(runs[0].density_kg_m3, runs[0].length_pp_m, speed_m_s).six
+    sixes = [np.array(usual)]
+    try:
+        fitted = fit_runs(few, "linear", speed_m_s).six
+    except EstimationError:
+        fitted = None
+    if fitted is not None and np.isfinite(fitted).all():
+        sixes.insert(0, fitted)
     nodes = 2 * (max(len(r.centre_s) for r in runs) + BEYOND) + 1
     states = np.stack([measured_path(run, nodes) for run in runs], axis=-1)
     own = []
     for start, run in zip(states[:, 0].T, runs, strict=True):
         tow = run.data.tow
         own.append([*start, 0.0, 0.0, tow.tension_n, tow.tow_point_m, tow.line_length_m, tow.speed_m_s])
-    return Hypothesis(fit.six, np.array(own, dtype=float), path=Path((), states))
+    return [Hypothesis(six, np.array(own, dtype=float), path=Path((), states)) for six in sixes]
 
 
 def measured_path(run: TowRun, nodes: int) -> Array:
@@ -60,4 +72,4 @@ def measured_path(run: TowRun, nodes: int) -> Array:
     return np.stack([alpha, beta(at), sway, beta.derivative()(at)])
 
 
-__all__ = ["base_hypothesis", "measured_path"]
+__all__ = ["base_hypotheses", "measured_path"]

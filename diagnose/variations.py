@@ -45,7 +45,7 @@ class Block:
 
 
 class Variations:
-    """The numbers of a hypothesis (six, own, effects) and how far each is moved.
+    """The numbers of a hypothesis (the six derivatives, own, effects) and how far each is moved.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Variations:
         self._h = h
         self.size = FIXED + h.size
         self.steps = np.ones((runs, self.size))
-        self.steps[:, :6] = RELATIVE_STEP * np.maximum(np.abs(h.six), 1.0)
+        self.steps[:, :6] = RELATIVE_STEP * np.maximum(np.abs(h.shared), 1.0)
         for k, name in enumerate(OWN):
             self.steps[:, 6 + k] = STEPS[name] if name in STEPS else RELATIVE_STEP * np.abs(h.own[:, k])
         for effect, _, at in self.each():
@@ -97,7 +97,7 @@ class Variations:
         """As it stands, ``still`` times more the same, each number of ``moved`` moved, and the two probes."""
         first = 1 + still
         width = first + len(moved) + (2 if probed else 0)
-        six, own = np.tile(self._h.six[:, None], (1, width)), np.tile(self._h.own[:, :, None], (1, 1, width))
+        six, own = np.tile(self._h.shared[:, None], (1, width)), np.tile(self._h.own[:, :, None], (1, 1, width))
         for column, k in enumerate(moved, start=first):
             if k < 6:
                 six[k, column] += self.steps[0, k]

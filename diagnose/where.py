@@ -43,10 +43,10 @@ def where(inference: Inference, ranking: Ranking, best: Candidate | None) -> Pla
     for candidate, probability in zip(ranking.candidates, ranking.probabilities, strict=True):
         for effect in candidate.effects:
             for stage, part in _stages(candidate, effect).items():
-                share[stage] += float(probability) * part / len(candidate.effects)
+                share[stage] = share.get(stage, 0.0) + float(probability) * part / len(candidate.effects)
     if ranking.free is not None and ranking.p_unknown > 0:
         for stage, part in _stages(ranking.free, ranking.free.effects[0]).items():
-            share[stage] += ranking.p_unknown * part
+            share[stage] = share.get(stage, 0.0) + ranking.p_unknown * part
     total = sum(share.values())
     stage = max(share, key=lambda k: share[k]) if total > 0.5 else ""
     after = best or ranking.free
@@ -55,7 +55,7 @@ def where(inference: Inference, ranking: Ranking, best: Candidate | None) -> Pla
     drop = _drops(inference, ranking.base, after.fitted)
     sums = {name: max(float(d.sum()), 0.0) for name, d in drop.items()}
     whole = sum(sums.values()) or 1.0
-    step = inference.model.step_s
+    step = inference.simulator.step_s
     longest = max(len(d) for d in drop.values())
     course = np.zeros(longest)
     for d in drop.values():
@@ -95,7 +95,7 @@ def _drops(inference: Inference, base: Fitted, after: Fitted) -> dict[str, Array
         linear = fitted.linear
         solved.append(inference.solve(Grams(linear.columns, inference.noise_about(linear)), fitted.hypothesis, forces))
     answers = {}
-    for index, run in enumerate(inference.model.runs):
+    for index, run in enumerate(inference.simulator.runs):
         one, two = (
             inference.left(f.linear, forces, s.shared, s.own[index], index)
             for f, s in zip((base, after), solved, strict=True)
@@ -123,11 +123,11 @@ def _shortest(course: Array, share: float) -> tuple[int, int]:
 
 def _band(inference: Inference, base: Fitted, after: Fitted) -> tuple[float, float]:
     """Frequencies of the difference between the two fits in y."""
-    step = inference.model.step_s
-    longest = max(len(r.centre_s) for r in inference.model.runs)
+    step = inference.simulator.step_s
+    longest = max(len(r.centre_s) for r in inference.simulator.runs)
     frequency = np.fft.rfftfreq(2 * longest, step)
     power = np.zeros(len(frequency))
-    for (before, _), (later, _), run in zip(base.linear.rows, after.linear.rows, inference.model.runs, strict=True):
+    for (before, _), (later, _), run in zip(base.linear.rows, after.linear.rows, inference.simulator.runs, strict=True):
         sd = np.sqrt(np.array([np.median(np.diag(c)) for c in run.covariance[:2]]))
         change = np.nan_to_num((later - before)[:, :2]) / sd
         change = change - change.mean(axis=0)

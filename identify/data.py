@@ -14,6 +14,7 @@ from ..record.run import RUN_FILE, Run
 from ..record.tables import read_history
 from ..simulate.model import Array, Tow
 from ..simulate.scenario import tow_from_table
+from .still import Still
 
 ASSUMED_SIGMA_Y_M = 1e-3
 ASSUMED_SIGMA_BETA_RAD = np.radians(0.1)
@@ -37,6 +38,7 @@ class RunData:
     speed : the same of the carriage speed
     priors : of the run
     assumed_sigma : the motion came without sigma
+    still : the model held still, as the same camera sees it; None: no such record
     """
 
     name: str
@@ -51,9 +53,16 @@ class RunData:
     speed: tuple[Array, Array] | None
     priors: Priors
     assumed_sigma: bool
+    still: Still | None = None
 
 
-def run_data(run: Run, motion: pd.DataFrame, common: Array | None, priors: Priors | None = None) -> RunData:
+def run_data(
+    run: Run,
+    motion: pd.DataFrame,
+    common: Array | None,
+    priors: Priors | None = None,
+    still: pd.DataFrame | None = None,
+) -> RunData:
     """Prepare a run of kind "tow" or "forced".
 
     Parameters
@@ -61,6 +70,7 @@ def run_data(run: Run, motion: pd.DataFrame, common: Array | None, priors: Prior
     motion : as ``record.read_motion`` gives or ``geometry.motion_from_tracks`` makes
     common : (k, n, 3) of ``geometry.Motion``, rows as ``motion``; None = none known
     priors : instead of the run's own
+    still : motion of the static record ([noise] static), or None
 
     Raises
     ------
@@ -118,7 +128,13 @@ def run_data(run: Run, motion: pd.DataFrame, common: Array | None, priors: Prior
         speed=speed,
         priors=run.file.priors if priors is None else priors,
         assumed_sigma=assumed,
+        still=None if still is None else _still(still),
     )
+
+
+def _still(motion: pd.DataFrame) -> Still:
+    rows = motion[(motion["status"] == "measured") & motion[["y_cg_m", "beta_rad"]].notna().all(axis=1)]
+    return Still(rows["t_s"].to_numpy(), rows[["y_cg_m", "beta_rad"]].to_numpy(), _covariance(rows)[0])
 
 
 def _with(tow: Tow, **changes) -> Tow:

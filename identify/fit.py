@@ -24,7 +24,8 @@ from .joint.begin import knows_full_only, rough_optimum
 from .joint.parameters import RUN_PARAMETERS
 from .joint.problem import OWN, Answer, Problem
 from .joint.solve import Optimum, minimise
-from .noise import Whitener, autocorrelation, measured, stated
+from .noise import Whitener, autocorrelation, stated
+from .still import Colour, colours, reweighted
 
 FORMS = ("linear", "full")
 REWEIGHTINGS = 4
@@ -125,6 +126,7 @@ def fit_runs(
         theta, steps = optimum.theta, steps + optimum.steps
         paths = [a.response.T for a in optimum.answers]
     first_chi2 = np.nan
+    known = colours(runs)
     problem = Problem(runs, form, speed, hold, extra)
     optimum, answers = None, None
     for turn in range(REWEIGHTINGS):
@@ -140,12 +142,12 @@ def fit_runs(
             first_chi2 = _chi2_per_dof(answers, weights, int(problem.free.sum()))
         # colour belongs to the right equations: the linear form's own misfit of a large tow must not pass for noise
         before = np.array([w.scale * w.innovation for w in weights])
-        weights = [measured(a.residual.T, w) for a, w in zip(answers, weights, strict=True)]
+        weights = [reweighted(a.residual.T, w, c) for a, w, c in zip(answers, weights, known, strict=True)]
         after = np.array([w.scale * w.innovation for w in weights])
         if turn > 0 and np.abs(after / before - 1).max() < SETTLED:
             break
     assert optimum is not None
-    return _report(problem, optimum, weights, first_chi2, steps)
+    return _report(problem, optimum, weights, known, first_chi2, steps)
 
 
 def check_runs(runs: list[RunData], form: str, speed_m_s: float | None) -> float:
@@ -211,13 +213,20 @@ def inverse_information(information: Array, free: NDArray[np.bool_]) -> Array:
     return found
 
 
-def _report(problem: Problem, optimum: Optimum, weights: list[Whitener], chi2_first: float, steps: int) -> Fit:
+def _report(
+    problem: Problem,
+    optimum: Optimum,
+    weights: list[Whitener],
+    known: list[Colour | None],
+    chi2_first: float,
+    steps: int,
+) -> Fit:
     """Put the optimum into a Fit."""
     theta = optimum.theta
     information, _, _ = problem.prior(theta)
     more, plain = np.zeros_like(information), information.copy()
     innovations = []
-    for data, w, answer in zip(problem.runs, weights, optimum.answers, strict=True):
+    for data, w, answer, colour in zip(problem.runs, weights, optimum.answers, known, strict=True):
         e, j = w.along(answer.residual), w.along(answer.slope)
         innovations.append(e.T)
         place = np.ix_(answer.columns, answer.columns)
@@ -225,7 +234,8 @@ def _report(problem: Problem, optimum: Optimum, weights: list[Whitener], chi2_fi
         step = float(np.median(np.diff(data.t_s)))
         lags = int(max(1, min(LAG_SHARE * e.shape[1], LAG_S / step)))
         plain[place] += information_as_white(w, answer)
-        more[place] += _coloured_meat(j, (autocorrelation(e[0], lags), autocorrelation(e[1], lags)))
+        left = autocorrelation(e[0], lags), autocorrelation(e[1], lags)
+        more[place] += _coloured_meat(j, left if colour is None else colour.left)
     inverse = inverse_information(information, problem.free)
     covariance = inverse @ (information + more) @ inverse
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))

@@ -42,19 +42,10 @@ class Whitener:
     begins: Array
 
     def __call__(self, values: Array) -> Array:
-        """Whiten ``(n, 2)`` or ``(n, 2, k)``; the first samples of a stretch keep their stationary variance."""
-        flat = values.reshape(len(values), 2, -1)
-        scaled = self.matrices @ flat / self.scale[None, :, None]
-        white = np.empty_like(scaled)
-        index = np.arange(len(values))
-        for channel, coefficients in enumerate(self.regression):
-            here = scaled[:, channel]
-            filtered = here.copy()
-            whole = index - self.begins >= len(coefficients)
-            for lag, a in enumerate(coefficients, start=1):
-                filtered[lag:] -= a * here[:-lag]
-            white[:, channel] = np.where(whole[:, None], filtered / self.innovation[channel], here)
-        return white.reshape(values.shape)
+        """Whiten ``(n, 2)`` or ``(n, 2, k)``; a stretch's first samples by the shorter regressions that belong to them."""
+        flat = np.moveaxis(values.reshape(len(values), 2, -1), 0, -1)
+        white = self.along(np.ascontiguousarray(flat))
+        return np.moveaxis(white, -1, 0).reshape(values.shape)
 
     def along(self, values: Array) -> Array:
         """The same with time last: ``(2, n)`` or ``(2, k, n)``."""
@@ -75,9 +66,25 @@ class Whitener:
             for lag, a in enumerate(coefficients, start=1):
                 filtered[:, lag:] -= a * here[:, :-lag]
             filtered /= self.innovation[channel]
-            first = np.flatnonzero(np.arange(samples) - self.begins < len(coefficients))
-            filtered[:, first] = here[:, first]
+            since = np.arange(samples) - self.begins
+            for order, (shorter, spread) in enumerate(_shorter(coefficients, self.innovation[channel])):
+                at = np.flatnonzero(since == order)
+                filtered[:, at] = (here[:, at] - sum(a * here[:, at - j] for j, a in enumerate(shorter, 1))) / spread
         return scaled.reshape(values.shape)
+
+
+def _shorter(coefficients: Array, innovation: float) -> list[tuple[Array, float]]:
+    """Regressions of order 0 .. p - 1 of the same noise, with their innovations' scatter: Levinson's recursion backwards.
+
+    Without them the first p samples of a slow noise would count as p separate looks at it.
+    """
+    found, spread = [], innovation
+    while len(coefficients):
+        last = coefficients[-1]
+        coefficients = (coefficients[:-1] + last * coefficients[-2::-1]) / (1 - last**2)
+        spread = spread / np.sqrt(1 - last**2)
+        found.insert(0, (coefficients, spread))
+    return found
 
 
 def stated(covariance: Array, t_s: Array) -> Whitener:
@@ -124,26 +131,37 @@ def autoregression(values: Array, largest_order: int) -> tuple[Array, float]:
     coefficients : (p,), of x_t = a_1 x_(t-1) + ... + a_p x_(t-p) + e
     share : variance of e over that of x
     """
-    rho = autocorrelation(values, largest_order, centred=False)
+    return from_correlation(autocorrelation(values, largest_order, centred=False), len(values))
+
+
+def from_correlation(rho: Array, count: int) -> tuple[Array, float]:
+    """The autoregression of ``count`` samples whose autocorrelation is ``rho (k + 1,)``: ``autoregression``'s answer."""
     best, best_aic, best_share = np.zeros(0), 0.0, 1.0
     coefficients = np.zeros(0)
     share = 1.0
-    for order in range(1, largest_order + 1):
+    for order in range(1, len(rho)):
         reflection = (rho[order] - coefficients @ rho[order - 1 : 0 : -1]) / share
         coefficients = np.concatenate([coefficients - reflection * coefficients[::-1], [reflection]])
         share *= 1 - reflection**2
         if share <= 1e-9:
             break
-        aic = len(values) * np.log(share) + 2 * order
+        aic = count * np.log(share) + 2 * order
         if aic < best_aic - 2:
             best, best_aic, best_share = coefficients, aic, share
     return best, best_share
 
 
-def ljung_box_p(residual: Array, fitted: int = 0, lags: int = 30) -> float:
-    """p value of the Ljung-Box test that ``residual (n,)`` is white; ``fitted`` coefficients of an autoregression count."""
+def ljung_box_p(residual: Array, fitted: int = 0, lags: int = 30, elsewhere: tuple[int, int] = (0, 1)) -> float:
+    """p value of the Ljung-Box test that ``residual (n,)`` is white.
+
+    Parameters
+    ----------
+    fitted : coefficients of an autoregression that was fitted to the residual itself
+    elsewhere : (coefficients, samples) of one fitted to another record: its errors add p n / m to the statistic's mean
+    """
     n = len(residual)
     lags = min(max(lags, fitted + 5), n // 4)
     rho = autocorrelation(residual, lags)[1:]
     statistic = n * (n + 2) * float((rho**2 / (n - np.arange(1, lags + 1))).sum())
+    statistic /= 1 + elsewhere[0] * n / (elsewhere[1] * lags)
     return float(chi2.sf(statistic, max(lags - fitted, 1)))

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2
 
-from ..record.errors import InputError
+from ..record.errors import EstimationError, InputError
 from ..record.results import DerivativesFile
 from ..simulate.model import DERIVATIVE_UNITS, Array, Hull
 from .prime import prime_factors
@@ -103,8 +103,8 @@ class Comparison:
 
     Attributes
     ----------
-    rows : per derivative
-    chi_square, p_value : of all six differences with their correlations, on 6 degrees of freedom: were the reference
+    rows : per derivative that the result holds
+    chi_square, p_value : of all differences with their correlations, on as many degrees of freedom: were the reference
         the truth, a difference as large or larger would have this probability
     notes : what the reader must know
     """
@@ -218,11 +218,20 @@ def set_of_result(result: DerivativesFile, name: str = "derivatives.json") -> Re
 
 
 def compare_to_reference(result: DerivativesFile, reference: ReferenceSet) -> Comparison:
-    """Each derivative of ``result`` against ``reference`` at the result's own water, length and speed."""
+    """Each derivative of ``result`` against ``reference`` at the result's own water, length and speed.
+
+    Raises
+    ------
+    EstimationError : the result determines none
+    """
     size = (result.density_kg_m3, result.length_pp_m, result.speed_m_s)
     values, stds = reference.dimensional(*size)
+    if not result.derivatives:
+        raise EstimationError("the result holds no derivative; there is nothing to compare")
     rows = []
     for i, (name, unit) in enumerate(DERIVATIVE_UNITS.items()):
+        if name not in result.derivatives:  # the record did not determine it
+            continue
         mine = result.derivatives[name]
         gap = mine.value - values[i]
         both = float(np.hypot(mine.std, stds[i]))
@@ -240,7 +249,8 @@ def compare_to_reference(result: DerivativesFile, reference: ReferenceSet) -> Co
         )
     # in standard deviations first: a result without scatter gives an infinite chi-square, not a singular matrix
     own, gaps = np.array([r.std for r in rows]), np.array([r.value - r.reference for r in rows])
-    covariance = np.array(result.correlation) * own[:, None] * own[None, :] + np.diag(stds**2)
+    known = np.diag([r.reference_std**2 for r in rows])
+    covariance = np.array(result.correlation) * own[:, None] * own[None, :] + known
     scale = np.sqrt(np.diag(covariance))
     if (scale > 0).all():
         z = gaps / scale
@@ -249,7 +259,8 @@ def compare_to_reference(result: DerivativesFile, reference: ReferenceSet) -> Co
         )
     else:
         square = float("inf")
-    return Comparison(reference, tuple(rows), square, float(chi2.sf(square, 6)), tuple(_notes(result, reference)))
+    p_value = float(chi2.sf(square, len(rows)))
+    return Comparison(reference, tuple(rows), square, p_value, tuple(_notes(result, reference)))
 
 
 def _notes(result: DerivativesFile, reference: ReferenceSet) -> list[str]:
@@ -282,8 +293,9 @@ def comparison_lines(comparison: Comparison, symbols: dict[str, str] | None = No
             f"{names[row.name]:{wide}} {row.value:11.3f} {row.std:9.3g} {row.reference:11.3f} {spread}  {row.unit:<6} "
             f"{row.difference_percent:+9.2f} {row.difference_sd:+8.1f}"
         )
+    count = len(comparison.rows)
     lines.append(
-        f"all six together: chi-square {comparison.chi_square:.1f} on 6, p = {comparison.p_value:.2g}"
+        f"all {count} together: chi-square {comparison.chi_square:.1f} on {count}, p = {comparison.p_value:.2g}"
         " (the chance of so large a difference, were the reference the truth)"
     )
     return [line for line in lines if line]

@@ -172,6 +172,10 @@ def _notes(fit: Fit, runs: list[RunData]) -> list[str]:
         notes.append(f"the fit stopped after {fit.steps} steps without settling; its numbers are not an optimum")
     if any(d.assumed_sigma for d in runs):
         notes.append("the motion states no sigma; the noise was measured from the residuals")
+    for d in runs:
+        why = d.still.useless(float(np.median(np.diff(d.t_s)))) if d.still is not None else ""
+        if why:
+            notes.append(f"the static record of {d.name!r} is not used: {why}")
     if fit.orders.any():
         notes.append(
             "the noise is coloured (a codec, for one, repeats its errors): it is whitened by an autoregression of order "

@@ -51,7 +51,7 @@ def drop_figure(found: Diagnosis) -> Html:
     drop = found.place.drop
     if not drop:
         return Html("")
-    step = found.inference.model.step_s
+    step = found.inference.simulator.step_s
     drawing, axes = new_figure(0.75 * len(drop) + 0.6, tuple([1.0] * len(drop)))
     top = max(float(np.max(d)) for d in drop.values())
     for ax, (index, values) in zip(axes, enumerate(drop.values()), strict=True):
@@ -72,7 +72,7 @@ def runs_figure(found: Diagnosis) -> Html:
     base = found.ranking.base
     after = found.best.fitted if found.best is not None else None
     parts = []
-    for index, run in enumerate(found.inference.model.runs):
+    for index, run in enumerate(found.inference.simulator.runs):
         drawing, axes = new_figure(2.2, columns=2)
         t_s = run.centre_s
         for ax, channel, unit, scale in ((axes[0], 0, "y, mm", 1e3), (axes[1], 1, "heading, degrees", np.degrees(1.0))):

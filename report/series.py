@@ -190,3 +190,19 @@ def autocorrelation(t_s: Array, values: Array, lags: int) -> tuple[Array, float]
         if np.isfinite(products).any() and power > 0:
             rho[lag] = np.nanmean(products) / power
     return rho, 1.96 / np.sqrt(len(x))
+
+
+def cross_correlation(values: Array, force: Array, lags: NDArray[np.int_]) -> tuple[Array, float]:
+    """Correlation of ``values[k]`` with ``force[k - lag]``, (len(lags),), and the 95 % bound were they independent.
+
+    The bound takes the values as white: 1.96/sqrt(n), whatever the colour of the force (Bartlett).
+    """
+    x, u = values - values.mean(), force - force.mean()
+    size = float(np.sqrt((x @ x) * (u @ u)))
+    n = len(x)
+    if n < 2 or size == 0:
+        return np.full(len(lags), np.nan), np.nan
+    found = [float(x[lag:] @ u[: n - lag]) if lag >= 0 else float(x[:lag] @ u[-lag:]) for lag in lags if abs(lag) < n]
+    whole = np.full(len(lags), np.nan)
+    whole[np.abs(lags) < n] = np.array(found) / size
+    return whole, 1.96 / np.sqrt(n)

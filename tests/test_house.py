@@ -12,7 +12,7 @@ import pytest
 
 from towline.record.reference import reference_page
 
-ROOMS = ["record", "geometry", "simulate", "vision", "identify", "diagnose", "report"]
+ROOMS = ["record", "geometry", "simulate", "vision", "identify", "diagnose", "blind", "report"]
 """From the ground floor up; a room imports only rooms before it."""
 HEAVY = (
     "torch",

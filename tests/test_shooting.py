@@ -12,11 +12,12 @@ from scipy.interpolate import CubicSpline
 from towline.diagnose.effects import LIBRARY
 from towline.diagnose.grams import Columns, Grams, reduced
 from towline.diagnose.hypothesis import Hypothesis, Path
-from towline.diagnose.noise import Forces, Noise
+from towline.diagnose.noise import Forces
 from towline.diagnose.shooting import between, carried
 from towline.diagnose.tow_data import block_step, tow_run
 from towline.diagnose.tow_model import TowModel
-from towline.diagnose.tow_start import base_hypothesis, measured_path
+from towline.diagnose.tow_noise import tow_noise
+from towline.diagnose.tow_start import base_hypotheses, measured_path
 
 SLOPE_SHARE = 0.03
 """Rates' slopes are straight between nodes 0.17 s apart: an error of (rate h)^2/12, 2 % for what decays at 3 a second after
@@ -44,7 +45,7 @@ def hypothesis(cases: ModuleType, runs: list) -> Hypothesis:
 
 
 def test_slopes_are_differences_of_motions(runs: list, hypothesis: Hypothesis) -> None:
-    """Every number, all effects present, against central differences of motions (to 1e-6 m or rad per prior sd)."""
+    """Every number, all effects present, against central differences of motions (to 3e-6 m or rad per prior sd)."""
     model = TowModel(runs, 1.28)
     sizes = tuple(np.array([p.none + 0.3 * p.sd for p in e.parameters]) for e in PUSHED)
     h = replace(hypothesis, effects=PUSHED, numbers=sizes)
@@ -55,8 +56,8 @@ def test_slopes_are_differences_of_motions(runs: list, hypothesis: Hypothesis) -
 
     moved: list[tuple[int, float, str, Hypothesis]] = []
     for k in range(6):
-        step = 1e-3 * abs(h.six[k])
-        moved += [(k, step, f"six {k}", replace(h, six=h.six + sign * step * np.eye(6)[k])) for sign in (1, -1)]
+        step = 1e-3 * abs(h.shared[k])
+        moved += [(k, step, f"six {k}", replace(h, shared=h.shared + sign * step * np.eye(6)[k])) for sign in (1, -1)]
     for k in range(10):
         step = 1e-4 * max(float(np.abs(h.own[:, k]).max()), 1.0)
         moved += [(6 + k, step, f"own {k}", replace(h, own=h.own + sign * step * np.eye(10)[k])) for sign in (1, -1)]
@@ -75,7 +76,7 @@ def test_slopes_are_differences_of_motions(runs: list, hypothesis: Hypothesis) -
         for channel in range(4):
             most = np.abs(plain[:, :, channel]).max()
             wrong = np.abs(slopes[..., channel, column] - plain[:, :, channel]).max()
-            assert wrong < SLOPE_SHARE * most + 1e-8 / step, (name, channel)
+            assert wrong < SLOPE_SHARE * most + 3e-8 / step, (name, channel)
 
 
 def test_a_clock_that_runs_off_is_seen_at_its_own_times(runs: list, hypothesis: Hypothesis) -> None:
@@ -91,7 +92,7 @@ def test_a_clock_that_runs_off_is_seen_at_its_own_times(runs: list, hypothesis: 
         tow = Tow(*hypothesis.own[i, [9, 8, 7, 6]])
         start = Start(alpha_rad=0.1, beta_rad=0.02)
         late_s = np.linspace(0, (len(run.centre_s) + 3) * step, 8001)
-        truth = simulate_full(Hull(*hypothesis.six, speed_m_s=1.28), tow, start, late_s)["y_cg_m"].to_numpy()
+        truth = simulate_full(Hull(*hypothesis.shared, speed_m_s=1.28), tow, start, late_s)["y_cg_m"].to_numpy()
         total = np.concatenate([[0.0], np.cumsum((truth[1:] + truth[:-1]) / 2 * np.diff(late_s))])
         centre = run.centre_s * (1 + rate)
         edges = [np.interp(np.maximum(centre + side * step / 2, 0), late_s, total) for side in (-1, 1)]
@@ -112,7 +113,7 @@ def test_a_path_is_closed_from_the_measured_motion(runs: list, hypothesis: Hypot
 
 def test_the_start_is_the_measured_motion(runs: list) -> None:
     """The splines pass the measured means within their noise (5 sd for the largest of 260), and their rates are the path's."""
-    h = base_hypothesis(runs, 1.28)
+    h = base_hypotheses(runs, 1.28)[0]
     assert h.path is not None
     for i, run in enumerate(runs):
         node_s = np.arange(h.path.states.shape[1]) * run.step_s / 2
@@ -147,7 +148,7 @@ def test_between_nodes_is_exact_for_constant_rates() -> None:
 def test_inner_products_are_those_of_the_whole_covariance(runs: list, hypothesis: Hypothesis) -> None:
     """Against the dense covariance, at three sizes; what is left out holds less than UNSEEN of the noise in any direction."""
     rng = np.random.default_rng(3)
-    noise = Noise(runs, hypothesis, 1.28)
+    noise = tow_noise(runs, hypothesis, 1.28)
     tables = [rng.normal(size=(len(r.centre_s), 4, 13)) * 1e-3 for r in runs]
     grams = Grams(Columns(tables, 2), noise)
     for forces in (Forces(1e-4, 3e-4, 0), Forces(0.01, 0.02, 1), Forces(0.3, 0.05, 2)):
@@ -173,7 +174,7 @@ def test_inner_products_are_those_of_the_whole_covariance(runs: list, hypothesis
 def test_own_numbers_are_eliminated(runs: list, hypothesis: Hypothesis) -> None:
     """The reduced normal equations give the step that the whole least-squares problem gives."""
     rng = np.random.default_rng(4)
-    noise, forces = Noise(runs, hypothesis, 1.28), Forces(0.01, 0.01, 1)
+    noise, forces = tow_noise(runs, hypothesis, 1.28), Forces(0.01, 0.01, 1)
     tables = [rng.normal(size=(len(r.centre_s), 4, 1 + 3 + 2)) * 1e-3 for r in runs]
     away, sd = rng.normal(size=(len(runs), 2)), np.full((len(runs), 2), 2.0)
     part = reduced(Grams(Columns(tables, 3), noise), forces, away, sd)

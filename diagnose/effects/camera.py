@@ -78,6 +78,14 @@ def _delayed(s: Situation, delay):
     return s.tension_n * (s.history(s.t_s - delay) / s.history(s.t_s) - 1)
 
 
+def _drift(s: Situation, share, settling, sooner, level):
+    """A straight drift over the run, and one that settles, early or late (Legendre's polynomials), about a
+    level that need not be the stated one."""
+    at = 2 * s.t_s / s.duration_s - 1
+    bent, twice = 1.5 * at**2 - 0.5, 2.5 * at**3 - 1.5 * at
+    return s.speed_m_s * (level + 0.5 * share * at + settling * bent + sooner * twice)
+
+
 def _no_lens(run) -> str:
     return "" if run.file.camera is not None and run.file.source.motion is None else "no [camera] table and pixels"
 
@@ -171,11 +179,16 @@ RATE = Effect(
 DRIFT = Effect(
     "speed_drift",
     "sway",
-    (Parameter("share", "", 0.02),),
+    (
+        Parameter("share", "", 0.02),
+        Parameter("settling", "", 0.02),
+        Parameter("sooner", "", 0.01),
+        Parameter("level", "", 0.005),
+    ),
     "The carriage runs faster or slower towards the end of the run.",
     "Record the carriage's speed (tow.speed).",
     "theory.md 2",
-    speed=lambda s, share: share * s.speed_m_s * (s.t_s / s.duration_s - 0.5),
+    speed=_drift,
 )
 DELAY = Effect(
     "sync_delay",

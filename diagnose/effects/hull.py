@@ -30,9 +30,10 @@ def _asymmetry(s: Situation, side, moment):
     return side * s.speed_m_s**2, moment * s.speed_m_s**2
 
 
-def _current(s: Situation, speed):
-    """The water moves to starboard at ``speed``: the hull's sway through it is smaller by as much."""
-    return -s.y_v * speed, -s.n_v * speed
+def _current(s: Situation, speed, shear):
+    """The water moves to starboard at ``speed`` + ``shear`` y: the hull's sway through it is smaller by as much."""
+    flow = speed + shear * s.y_m
+    return -s.y_v * flow, -s.n_v * flow
 
 
 def _memory(s: Situation, sway, yaw):
@@ -94,7 +95,7 @@ COUPLING = Effect(
 CURRENT = Effect(
     "cross_current",
     "sway",
-    (Parameter("current_m_s", "m/s", 0.01),),
+    (Parameter("current_m_s", "m/s", 0.01), Parameter("shear_1_s", "1/s", 0.003)),
     "The water in the tank drifts sideways, so that a hull on a straight course already sways through it.",
     "Wait between runs until the tank is calm; measure the current.",
     "theory.md 2",

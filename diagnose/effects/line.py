@@ -9,6 +9,8 @@ import numpy as np
 from ...geometry.checks.bundle import half_sine
 from .base import Effect, Parameter, Seen, Situation
 
+GIVES = 0.15
+"""Share of the way at which a line that a wave slackens has lost most of its pull."""
 RUB_RATE = 0.004
 """rad/s at which dry friction has turned over (it is smoothed there)."""
 
@@ -18,8 +20,10 @@ def _friction(s: Situation, moment):
     return 0.0 * s.alpha_rad, -moment * np.tanh((s.alpha_rate + s.r_rad_s) / RUB_RATE)
 
 
-def _varies(s: Situation, power):
-    return s.tension_n * (np.maximum(np.cos(s.alpha_rad), 0.1) ** -power - 1)
+def _varies(s: Situation, power, late):
+    """With the angle, or with the angle a little earlier where a winch or a falling weight follows it."""
+    angle = s.alpha_rad - late * s.alpha_rate
+    return s.tension_n * (np.maximum(np.cos(angle), 0.1) ** -power - 1)
 
 
 def _stretch(seen: Seen, compliance, follows):
@@ -30,7 +34,7 @@ def _stretch(seen: Seen, compliance, follows):
 TENSION = Effect(
     "tension_variation",
     "line",
-    (Parameter("power", "", 1.0),),
+    (Parameter("power", "", 1.0), Parameter("late_s", "s", 0.3)),
     "The line must overcome the hull's resistance along the tank, so that T grows as R/cos(alpha) (power 1).",
     "Measure T over time, or let the simulator use T = R/cos(alpha).",
     "thesis (4.7)",
@@ -66,18 +70,22 @@ FRICTION = Effect(
 )
 
 
-def slack(windows: Sequence[tuple[float, float] | None]) -> Effect:
-    """A slack line in a window of each run (or none); the engine finds the windows in the taut-line residual."""
+def slack(windows: Sequence[tuple[float, float] | None], wave: bool = False) -> Effect:
+    """A slack line in a window of each run (or none); the engine finds the windows in the taut-line residual.
+
+    The carriage slows for a while (half sines), or a wave carries the model ahead: there and back smoothly, without any pull.
+    """
     begin, end = (np.array([[np.nan if w is None else w[k]] for w in windows]) for k in range(2))
 
     def bump(t_s):
         return half_sine(t_s, begin, end)
 
     def tension(s: Situation, loss, _):
-        return -np.clip(loss, -0.2, 1) * s.tension_n * bump(s.t_s)
+        course = bump(s.t_s)
+        return -np.clip(loss, -0.2, 1) * s.tension_n * (np.tanh(course / GIVES) if wave else course)
 
     def stretch(seen: Seen, _, nearer):
-        return -nearer * bump(seen.t_s)
+        return -nearer * bump(seen.t_s) ** (2 if wave else 1)
 
     found = [f"run {i + 1} {w[0]:.1f}-{w[1]:.1f} s" for i, w in enumerate(windows) if w is not None]
     return Effect(
@@ -89,5 +97,5 @@ def slack(windows: Sequence[tuple[float, float] | None]) -> Effect:
         "theory.md 4",
         tension=tension,
         stretch=stretch,
-        variant=", ".join(found),
+        variant=("wave " if wave else "") + ", ".join(found),
     )

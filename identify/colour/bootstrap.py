@@ -12,7 +12,8 @@ from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..data import RunData
 from ..fit import Fit, fit_runs, modes_along
-from ..noise import measured, stated
+from ..noise import stated
+from ..still import Colour, colours, reweighted
 from .innovations import maximise
 from .kalman import step_model
 
@@ -55,8 +56,9 @@ def bootstrap(
     EstimationError : fewer than ten of the drawn records can be fitted
     """
     found = []
+    known = colours(runs)
     for k in range(draws):
-        drawn = [_drawn(fit, d, i, rng) for i, d in enumerate(runs)]
+        drawn = [_drawn(fit, d, i, known[i], rng) for i, d in enumerate(runs)]
         try:
             found.append(_refit(fit, drawn))
         except EstimationError:
@@ -79,14 +81,17 @@ def _refit(fit: Fit, runs: list[RunData]) -> Array:
     return maximise(along, fit.form, fit.speed_m_s, fit.theta, noise).theta[:6]
 
 
-def _drawn(fit: Fit, data: RunData, index: int, rng: np.random.Generator) -> RunData:
+def _drawn(fit: Fit, data: RunData, index: int, colour: Colour | None, rng: np.random.Generator) -> RunData:
     """A record of the fitted model: its mean, the disturbance's motion, measurement noise."""
     first = stated(data.covariance, data.t_s)
     d = fit.disturbance
     if d is None:
-        white = measured(fit.residual[index], first)
+        white = reweighted(fit.residual[index], first, colour)
         noise = np.column_stack([_coloured(white.regression[c], len(data.t_s), rng) for c in range(2)])
         noise *= white.scale * white.innovation
+    elif colour is not None and data.still is not None:
+        noise = np.column_stack([_coloured(a, len(data.t_s), rng) for a in colour.regression])
+        noise *= np.sqrt(colour.share) * data.still.scaled.std(axis=0)
     else:
         noise = rng.normal(size=(len(data.t_s), 2)) * d.scale
     noise = np.linalg.solve(first.matrices, noise[:, :, None])[:, :, 0]

@@ -14,6 +14,7 @@ from ..fit import Fit, fit_runs, modes_along
 from ..joint.problem import OWN, Problem
 from ..joint.thin import thinned
 from ..noise import ljung_box_p, measured, stated
+from ..still import Colour, colours
 from .innovations import NOISE, LikelihoodFit, maximise
 
 NOISES = ("auto", "output", "innovations")
@@ -38,6 +39,8 @@ def fit_with_noise(
     noise : "output": output error, colour whitened by an autoregression; "innovations": a coloured force on the hull;
         "auto": output error, unless its residuals are coloured and a force on the hull explains them better (BIC)
 
+    Where runs have a static record the measurement's colour is that record's, in both; what is looked for is what it leaves.
+
     Raises
     ------
     EstimationError : as ``fit_runs``; an unknown ``noise``
@@ -47,9 +50,12 @@ def fit_with_noise(
     fit = fit_runs(runs, form, speed_m_s, progress)
     if noise == "output":
         return fit
-    lowest = min(ljung_box_p(r[:, c], lags=min(LAGS, len(r) // 4)) for r in fit.residual for c in range(2))
+    known = colours(runs)
+    lowest = _least_p(fit, known)
     if noise == "auto" and lowest > WHITE_P:
-        return replace(fit, notes=(f"the residuals are white (least Ljung-Box p {lowest:.2g}): output error",))
+        what = "white" if not any(known) else "white once the static records' colour is taken out of them"
+        return replace(fit, notes=(f"the residuals are {what} (least Ljung-Box p {lowest:.2g}): output error",))
+    what = "coloured" if not any(known) else "coloured beyond what the static records show"
     along = [modes_along(d, p) for d, p in zip(runs, fit.response, strict=True)]
     try:
         found = maximise(along, form, fit.speed_m_s, fit.theta, progress=progress)
@@ -57,26 +63,42 @@ def fit_with_noise(
         if noise == "innovations":
             raise
         return replace(
-            fit, notes=(f"the residuals are coloured; no force on the hull could be fitted to them ({error})",)
+            fit, notes=(f"the residuals are {what}; no force on the hull could be fitted to them ({error})",)
         )
     samples = sum(2 * len(d.t_s) for d in found.problem.runs)
     force_bic = found.deviance + NOISE * np.log(samples)
     measured_bic = measurement_bic(along, form, fit)
     gap = measured_bic - force_bic
-    if noise == "auto" and gap < CLEARLY:
+    if noise == "auto" and gap < (0.0 if any(known) else CLEARLY):
+        if any(known):
+            fit = fit_runs([replace(d, still=None) for d in runs], form, speed_m_s, progress)
         words = (
-            f"the residuals are coloured, and colour of the measurement explains it {'better than' if gap < 0 else 'as well as'} "
+            f"the residuals are {what}, and colour of the measurement explains it {'better than' if gap < 0 else 'as well as'} "
             f"a force on the hull (BIC {gap:+.0f} for the force): output error, whitened by an autoregression"
         )
         return replace(fit, notes=(words,))
     d = found.disturbance
     words = (
-        "the residuals are coloured as a force on the hull makes them "
+        f"the residuals are {what} as a force on the hull makes them "
         f"(BIC lower by {gap:.0f} than for coloured measurement noise): "
         if noise == "auto"
         else f"innovations form as asked for (BIC lower by {gap:.0f} than for coloured measurement noise): "
     ) + f"side force {d.force_n:.2g} N, moment {d.moment_n_m:.2g} N m, correlation time {d.time_s:.2g} s"
     return as_fit(along, fit, found, (words,))
+
+
+def _least_p(fit: Fit, known: list[Colour | None]) -> float:
+    """Least Ljung-Box p of all runs and channels: of the residuals, or of what a known colour leaves of them."""
+    found = []
+    for residual, white, colour in zip(fit.residual, fit.innovation, known, strict=True):
+        for channel in range(2):
+            lags = min(LAGS, len(residual) // 4)
+            if colour is None:
+                found.append(ljung_box_p(residual[:, channel], lags=lags))
+            else:
+                told_by = len(colour.regression[channel]), colour.samples
+                found.append(ljung_box_p(white[:, channel], lags=lags, elsewhere=told_by))
+    return min(found)
 
 
 def measurement_bic(runs: list[RunData], form: str, fit: Fit) -> float:

@@ -2,7 +2,8 @@
 
 Beside the parameters of ``fit_runs`` it estimates the disturbance's spectrum (sd of force and moment, one time constant) and
 the measurement's scatter per channel. The full form takes its mean from the full equations and its filter from the linear
-ones. Samples are block means of about a tenth of a second: colour of the measurement shorter than that is not seen.
+ones. Samples are block means of about a tenth of a second: colour of the measurement shorter than that is not seen, longer
+colour is known from static records only.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from ...simulate.model import Array
 from ..data import RunData
 from ..joint.problem import Answer, Problem
 from ..joint.thin import thinned
+from ..still import Slow, slow_parts
 from .disturbance import Disturbance
 from .kalman import MOVING, NOISE_NAMES, Innovations, innovations
 
@@ -99,10 +101,11 @@ def maximise(
     """
     few = [thinned(d, keep_first=True, keep_modes=True) for d in runs]
     problem = Problem(few, form, speed_m_s, extra=extra)
+    slow = slow_parts(few)
     first = noise_start(problem, theta) if noise is None else noise.copy()
     noise = first
     with np.errstate(all="ignore"):
-        here = _evaluate(problem, theta, noise, first)
+        here = _evaluate(problem, theta, noise, first, slow)
     if not np.isfinite(here.deviance):
         raise EstimationError("the innovations have no likelihood at the output error's optimum")
     free = np.concatenate([np.flatnonzero(problem.free), problem.size + np.arange(NOISE)])
@@ -122,7 +125,7 @@ def maximise(
         there = None
         if trial[0] > 0 and trial[1] > 0 and np.abs(trial_noise - noise).max() < 5:
             with np.errstate(all="ignore"):
-                there = _evaluate(problem, trial, trial_noise, first)
+                there = _evaluate(problem, trial, trial_noise, first, slow)
         if there is not None and np.isfinite(there.deviance) and there.deviance <= here.deviance:
             gain = (here.deviance - there.deviance) / max(expected, 1e-300)
             theta, noise, here = trial, trial_noise, there
@@ -153,7 +156,7 @@ class _Here:
     answers: list[Answer]
 
 
-def _evaluate(problem: Problem, theta: Array, noise: Array, first: Array) -> _Here:
+def _evaluate(problem: Problem, theta: Array, noise: Array, first: Array, slow: list[Slow | None]) -> _Here:
     """-2 log L, half its gradient, and the Fisher information, over theta and noise."""
     size = problem.size + NOISE
     score, matrix = np.zeros(size), np.zeros((size, size))
@@ -172,8 +175,8 @@ def _evaluate(problem: Problem, theta: Array, noise: Array, first: Array) -> _He
     score[place[:2]] += tie * row
     answers = problem.evaluate(theta)
     runs = []
-    for data, answer in zip(problem.runs, answers, strict=True):
-        found = innovations(data, theta[:6], noise, problem.speed, answer.residual, answer.slope)
+    for data, answer, part in zip(problem.runs, answers, slow, strict=True):
+        found = innovations(data, theta[:6], noise, problem.speed, answer.residual, answer.slope, part)
         runs.append(found)
         columns = np.concatenate([answer.columns, np.arange(6), place])
         inverse = np.linalg.inv(found.spread)

@@ -3,6 +3,7 @@
 State of what the disturbance does: (y, beta, v, r, F, N), the hull's linear equations driven by a first-order force F and
 moment N, each with a standard deviation and one time constant. The start of the run is a parameter of the mean, so the state
 begins at zero, F and N at their stationary scatter; the gain is the time-varying one until it stands.
+Where a static record shows that the measurement itself is coloured, two more first-order states carry its slow part.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from ...simulate.model import Array
 from ..data import RunData
 from ..joint.linear import exponential, system_matrices
 from ..joint.parameters import LINE_LENGTH, SPEED, TENSION, TOW_POINT
+from ..still import Slow
 
 NOISE_NAMES = ("force", "moment", "time", "scale_y", "scale_beta")
 """Logarithms of: sd of the force N, of the moment N m, their time constant s, measurement scatter over the stated sigmas."""
@@ -49,8 +51,13 @@ class Innovations:
         return np.linalg.solve(np.linalg.cholesky(self.spread), self.error[:, :, None])[:, :, 0]
 
 
-def step_model(data: RunData, six: Array, noise: Array, speed_m_s: float, steps_s: Array) -> tuple[Array, Array]:
-    """Transition and added covariance over ``steps_s`` (u,), complex: index 0 as is, 1.. moved by i EPS, (u, 12, 6, 6)."""
+def step_model(
+    data: RunData, six: Array, noise: Array, speed_m_s: float, steps_s: Array, slow: Slow | None = None
+) -> tuple[Array, Array]:
+    """Transition and added covariance over ``steps_s`` (u,), complex: index 0 as is, 1.. moved by i EPS, (u, 12, s, s).
+
+    s is 6, or 8 with the measurement's slow part of y and beta behind.
+    """
     values = np.zeros((1, 14))
     values[0, :6] = six
     values[0, [TENSION, TOW_POINT, LINE_LENGTH, SPEED]] = [
@@ -61,30 +68,48 @@ def step_model(data: RunData, six: Array, noise: Array, speed_m_s: float, steps_
     ]
     matrix, slopes = system_matrices([data], values, speed_m_s, list(range(6)))
     force, moment, time_s = np.exp(noise[:3])
-    whole, d_whole = np.zeros((STATES, STATES)), np.zeros((MOVING, STATES, STATES))
+    size = STATES if slow is None else STATES + 2
+    whole, d_whole = np.zeros((size, size)), np.zeros((MOVING, size, size))
     whole[:4, :4] = matrix[0, :4, :4]
     d_whole[:6, :4, :4] = slopes[0, :, :4, :4]
     for i in range(2):
         whole[2 + i, 4 + i], d_whole[i, 2 + i, 4 + i] = 1 / six[i], -1 / six[i] ** 2
         whole[4 + i, 4 + i], d_whole[8, 4 + i, 4 + i] = -1 / time_s, 1 / time_s
-    drive, d_drive = np.zeros((STATES, STATES)), np.zeros((MOVING, STATES, STATES))
+    drive, d_drive = np.zeros((size, size)), np.zeros((MOVING, size, size))
     for i, sd in enumerate((force, moment)):
         drive[4 + i, 4 + i] = 2 * sd**2 / time_s
         d_drive[6 + i, 4 + i, 4 + i] = 2 * drive[4 + i, 4 + i]
         d_drive[8, 4 + i, 4 + i] = -drive[4 + i, 4 + i]
+    if slow is not None:
+        for i, variance in enumerate(_slow_variance(data, noise, slow)):
+            at = STATES + i
+            whole[at, at] = -1 / slow.time_s[i]
+            drive[at, at] = 2 * variance / slow.time_s[i]
+            d_drive[9 + i, at, at] = 2 * drive[at, at]
     # van Loan: exp of [[A, D], [0, -A']] holds the transition and the covariance that the drive adds
-    block, d_block = np.zeros((12, 12)), np.zeros((MOVING, 12, 12))
+    block, d_block = np.zeros((2 * size, 2 * size)), np.zeros((MOVING, 2 * size, 2 * size))
     for to, a, d in ((block, whole, drive), (d_block, d_whole, d_drive)):
-        to[..., :6, :6], to[..., :6, 6:], to[..., 6:, 6:] = a, d, -np.swapaxes(a, -1, -2)
+        to[..., :size, :size], to[..., :size, size:], to[..., size:, size:] = a, d, -np.swapaxes(a, -1, -2)
     count = len(steps_s)
     power, change = exponential(np.tile(block, (count, 1, 1)), np.tile(d_block, (count, 1, 1, 1)), steps_s)
     both = np.concatenate([power[:, None], power[:, None] + 1j * EPS * change], axis=1)
-    transition = both[:, :, :6, :6]
-    return transition, both[:, :, :6, 6:] @ np.swapaxes(transition, -1, -2)
+    transition = both[:, :, :size, :size]
+    return transition, both[:, :, :size, size:] @ np.swapaxes(transition, -1, -2)
+
+
+def _slow_variance(data: RunData, noise: Array, slow: Slow) -> Array:
+    """Stationary variance (2,) of the measurement's slow part: a share of the samples' mean variance."""
+    return (1 - slow.share) * np.exp(2 * noise[3:5]) * np.einsum("nii->i", data.covariance) / len(data.covariance)
 
 
 def innovations(
-    data: RunData, six: Array, noise: Array, speed_m_s: float, residual: Array, slope: Array
+    data: RunData,
+    six: Array,
+    noise: Array,
+    speed_m_s: float,
+    residual: Array,
+    slope: Array,
+    slow: Slow | None = None,
 ) -> Innovations:
     """Filter a run.
 
@@ -94,28 +119,37 @@ def innovations(
     six, noise : parameters; noise (5,), ``NOISE_NAMES``
     residual : (2, n), measured minus mean response
     slope : (2, k, n), change of the mean response
+    slow : the measurement's own colour, where a static record tells it; else it is taken as white
     """
     count = len(data.t_s)
     which, steps = _steps(data.t_s)
-    transition, added = step_model(data, six, noise, speed_m_s, steps)
+    transition, added = step_model(data, six, noise, speed_m_s, steps, slow)
+    states = transition.shape[-1]
+    seen = np.zeros((2, states))  # y and beta, and what the measurement adds to them
+    for i in range(2):
+        seen[i, i::STATES] = 1.0
+    white = data.covariance if slow is None else data.covariance * np.sqrt(np.outer(slow.share, slow.share))
     scale = np.exp(noise[3:5])
     factor = np.ones((MOVING + 1, 2), dtype=complex) * scale
     factor[10, 0] *= 1 + 1j * EPS
     factor[11, 1] *= 1 + 1j * EPS
     factor = factor[:, :, None] * factor[:, None, :]
-    covariance = np.zeros((MOVING + 1, STATES, STATES), dtype=complex)
+    covariance = np.zeros((MOVING + 1, states, states), dtype=complex)
     for i in range(2):
         covariance[:, 4 + i, 4 + i] = np.exp(2 * noise[i])
         covariance[7 + i, 4 + i, 4 + i] *= 1 + 2j * EPS
+        if slow is not None:
+            covariance[:, STATES + i, STATES + i] = _slow_variance(data, noise, slow)[i]
+            covariance[10 + i, STATES + i, STATES + i] *= 1 + 2j * EPS
     measured = np.concatenate([residual[:, None], slope], axis=1).transpose(2, 0, 1).copy()  # (n, 2, 1 + k)
-    mean = np.zeros((STATES, measured.shape[2]))
-    moved = np.zeros((MOVING + 1, STATES), dtype=complex)
+    mean = np.zeros((states, measured.shape[2]))
+    moved = np.zeros((MOVING + 1, states), dtype=complex)
     spread = np.empty((count, MOVING + 1, 2, 2), dtype=complex)
     error = np.empty(measured.shape)
     shifted = np.empty((count, MOVING + 1, 2), dtype=complex)
     stands = False
-    gained = np.zeros((MOVING + 1, STATES, 2), dtype=complex)
-    closed = np.zeros((MOVING + 1, STATES, STATES), dtype=complex)
+    gained = np.zeros((MOVING + 1, states, 2), dtype=complex)
+    closed = np.zeros((MOVING + 1, states, states), dtype=complex)
     for k in range(count):
         kind = which[k]
         # a gain that stands is used while neither step nor weight changes
@@ -123,27 +157,28 @@ def innovations(
         if stands:
             spread[k] = spread[k - 1]
         else:
-            total = covariance[:, :2, :2] + factor * data.covariance[k]
+            across = covariance @ seen.T
+            total = seen @ across + factor * white[k]
             spread[k] = total
             determinant = total[:, 0, 0] * total[:, 1, 1] - total[:, 0, 1] * total[:, 1, 0]
             inverse = np.empty_like(total)
             inverse[:, 0, 0], inverse[:, 1, 1] = total[:, 1, 1], total[:, 0, 0]
             inverse[:, 0, 1], inverse[:, 1, 0] = -total[:, 0, 1], -total[:, 1, 0]
-            gain = covariance[:, :, :2] @ (inverse / determinant[:, None, None])
+            gain = across @ (inverse / determinant[:, None, None])
             before = covariance
-            left = transition[kind] @ (covariance - gain @ covariance[:, :2])
+            left = transition[kind] @ (covariance - gain @ across.transpose(0, 2, 1))
             covariance = left @ transition[kind].transpose(0, 2, 1) + added[kind]
+            covariance = (covariance + covariance.transpose(0, 2, 1)) / 2  # an asymmetry of rounding would grow
             size = np.diagonal(covariance[0].real)
             change = np.diagonal(covariance - before, axis1=1, axis2=2)
             real, moved_by = np.abs(change[0].real), np.abs(change[1:].imag)
             stands = bool((real < STANDS * size).all() and (moved_by < 1e3 * STANDS * EPS * size).all())
             gained = transition[kind] @ gain
-            closed = transition[kind].copy()
-            closed[:, :, :2] -= gained
-        e = measured[k] - mean[:2]
+            closed = transition[kind] - gained @ seen
+        e = measured[k] - seen @ mean
         error[k] = e
         mean = np.real(transition[kind][0]) @ mean + np.real(gained[0]) @ e
-        shifted[k] = measured[k, :, 0] - moved[:, :2]
+        shifted[k] = measured[k, :, 0] - moved @ seen.T
         moved = (closed @ moved[:, :, None])[:, :, 0] + gained @ measured[k, :, 0]
     d_error = np.concatenate([-error[:, :, 1:].transpose(0, 2, 1), np.imag(shifted[:, 1:]) / EPS], axis=1)
     return Innovations(error[:, :, 0], np.real(spread[:, 0]), d_error, np.imag(spread[:, 1:]) / EPS)

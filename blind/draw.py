@@ -1,0 +1,447 @@
+"""Draws the cases of a blind check: which effects, how large, which hull, camera, noise and tows. Nothing is chosen later.
+
+The truth is one JSON text; its SHA-256 is the seal, made known before anything is diagnosed.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..record.errors import EstimationError, InputError
+from ..record.files import write_text
+from .parallel import in_parallel
+from .truth.camera import camera_of
+from .truth.cases import LONG_S, Case, RunTruth, lane_of
+from .truth.hulls import FREE, HULLS
+from .truth.motion import STEP_S, B, Y, swim
+from .truth.sizes import EFFECTS, FORCES, IN_SOME_RUNS, MASS_ARMS, MOMENTS, OUTSIDE, Range
+
+NULLS, UNKNOWN, PAIRS = 0.25, 0.15, 0.10
+"""Shares of the cases with nothing, with something in no library, with two effects; the rest hold one effect."""
+COLOURED = 0.5
+SMALL = {"tension_n": 0.004, "tow_point_m": 0.0005, "line_m": 0.0005, "speed_m_s": 0.001}
+"""Standard deviations of the settings: tension and speed as shares, lengths in metres."""
+HISTORY = 0.1
+FAINT = 0.3
+"""Share of the cases with one effect whose size is not that of a tank but near the limit of what can be told."""
+FAINT_D, FAINT_OUTSIDE_D = (2.0, 300.0), (30.0, 3000.0)
+SCATTER = 0.03
+"""Of a hull's numbers from case to case."""
+LONGEST = 1.4
+LARGEST_GROWTH_1_S = 0.012
+REACH_M, FILLED = 0.5, 0.94
+"""How far marks may stray sideways on a hull of 2.66 m, and the share of the picture that all of it fills."""
+LARGEST_SINE, LARGEST_HEADING = 0.55, 0.4
+"""Of the line's angle, and rad: a tow that swings further is none that a tank would keep."""
+TOW_POINTS = (0.56, 0.60, 0.64, 0.68)
+"""Ahead of the LCG, as shares of the length between perpendiculars."""
+TRUTH, SEAL, CASES, ANSWERS = "sealed/truth.json", "seal.txt", "cases", "answers"
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What to draw.
+
+    Attributes
+    ----------
+    cases, seed : how many, and the seed of everything
+    nulls : cases with nothing (None: a quarter)
+    video : how many of them are filmed
+    only : effects to draw from (empty: all)
+    kinds : shares of unknown and pairs
+    """
+
+    cases: int
+    seed: int
+    nulls: int | None = None
+    video: int = 0
+    only: tuple[str, ...] = ()
+    unknown: float = UNKNOWN
+    pairs: float = PAIRS
+
+
+@dataclass(frozen=True)
+class Dealt:
+    """What a case will be: arguments of ``case_of``, and whether its size is to be cut down to a faint one."""
+
+    name: str
+    kind: str
+    effects: list[str]
+    seed: list[int]
+    coloured: bool | None
+    video: bool
+    faint: bool
+
+
+def dealt(wanted: Wanted) -> list[Dealt]:
+    """The kinds of the cases, in an order that tells nothing."""
+    rng = np.random.default_rng([wanted.seed, 77])
+    n = wanted.cases
+    nulls = round(NULLS * n) if wanted.nulls is None else min(wanted.nulls, n)
+    unknown = round(wanted.unknown * (n - nulls) / (1 - NULLS)) if not wanted.only else 0
+    pairs = round(wanted.pairs * (n - nulls) / (1 - NULLS)) if not wanted.only else 0
+    singles = n - nulls - unknown - pairs
+    names = list(wanted.only or EFFECTS)
+    kinds: list[tuple[str, list[str]]] = [("null", [])] * nulls
+    kinds += [("unknown", [name]) for name in _dealt(list(OUTSIDE), unknown, rng)]
+    kinds += [("pair", _pair(rng)) for _ in range(pairs)]
+    kinds += [("effect", [name]) for name in _dealt(names, singles, rng)]
+    order = rng.permutation(n)
+    filmed = set(rng.permutation(n)[: wanted.video].tolist())
+    # nulls alternate between white and coloured, so that neither goes short
+    colours = {int(k): bool(i % 2) for i, k in enumerate(k for k in order if kinds[k][0] == "null")}
+    width = max(3, len(str(n)))
+    faint = np.random.default_rng([wanted.seed, 78]).random(n) < FAINT
+    return [
+        Dealt(
+            f"case-{i + 1:0{width}d}",
+            kinds[k][0],
+            kinds[k][1],
+            [wanted.seed, i],
+            colours.get(int(k)),
+            i in filmed,
+            bool(faint[i]) and kinds[k][0] in ("effect", "unknown"),
+        )
+        for i, k in enumerate(order)
+    ]
+
+
+def drawn(wanted: Wanted, workers: int = 1, progress=None) -> list[Case]:
+    """The cases."""
+    found: dict[str, Case] = {}
+    todo = dealt(wanted)
+    for case in in_parallel(_drawn, [(each,) for each in todo], workers):
+        found[case.name] = case
+        if progress is not None:
+            progress("drawing campaigns", len(found), len(todo))
+    return [found[each.name] for each in todo]
+
+
+def _drawn(each: Dealt) -> Case:
+    case = gentle(case_of(each.name, each.kind, each.effects, each.seed, each.coloured, each.video))
+    return fainter(case, np.random.default_rng([*each.seed, 6])) if each.faint else case
+
+
+def fainter(case: Case, rng: np.random.Generator) -> Case:
+    """The case with its effect made so small that D, to its nearest rival, is drawn logarithmically even from ``FAINT_D``.
+
+    Effects that are no matter of size (a slack line), and those that are smaller already, stay.
+    """
+    from .signature import STRENGTH, distances_of, linear
+
+    (effect,) = case.effects
+    low, high = FAINT_D if case.kind == "effect" else FAINT_OUTSIDE_D
+    target = float(np.exp(rng.uniform(np.log(low), np.log(high))))
+    keys = {f"{effect}.{name}" for name in STRENGTH[effect]}
+    here = distances_of(case, linear(case)).nearest
+    if not keys or here <= target:
+        return case
+    by = float(np.sqrt(target / here))
+    return replace(case, numbers={k: v * (by if k.split("@")[0] in keys else 1) for k, v in case.numbers.items()})
+
+
+def gentle(case: Case) -> Case:
+    """Releases made smaller where a tow would swing too far; what still does has its numbers made smaller, too."""
+    n = len(case.runs)
+    for turn in range(12):
+        # with the effects and without: a simulator that lacks them must be able to follow, too
+        lanes = [lane_of(case, i, effects) for effects in (True, False) for i in range(n)]
+        with np.errstate(all="ignore"):
+            path = swim(lanes, case.duration_s + LONG_S, None, 4 * STEP_S)
+            point, line = (np.array([lane[name] for lane in lanes]) for name in ("x_t", "line"))
+            swing = np.abs((path.states[:, Y] + point * np.sin(path.states[:, B])) / line).max(axis=0)
+        calm = (swing < LARGEST_SINE) & (np.abs(path.states[:, B]).max(axis=0) < LARGEST_HEADING)
+        wild = ~(calm[:n] & calm[n:])
+        if not wild.any():
+            return case
+        runs = [
+            replace(
+                run, stated={k: v * (0.7 if bad and k in ("y_m", "beta_rad") else 1) for k, v in run.stated.items()}
+            )
+            for run, bad in zip(case.runs, wild, strict=True)
+        ]
+        numbers = case.numbers
+        if turn > 3:
+            sized = {f"{effect}.{next(iter((EFFECTS | OUTSIDE)[effect]))}" for effect in case.effects}
+            numbers = {k: v * (0.7 if k.split("@")[0] in sized else 1) for k, v in numbers.items()}
+        case = replace(case, runs=runs, numbers=numbers)
+    raise EstimationError(f"{case.name}: no release keeps {case.effects} towing")
+
+
+def _dealt(names: list[str], count: int, rng: np.random.Generator) -> list[str]:
+    """Every name about equally often."""
+    found: list[str] = []
+    while len(found) < count:
+        found += [names[i] for i in rng.permutation(len(names))]
+    return found[:count]
+
+
+def _pair(rng: np.random.Generator) -> list[str]:
+    names = [name for name in EFFECTS if name != "sync_delay"]
+    return [names[i] for i in sorted(rng.choice(len(names), 2, replace=False))]
+
+
+def case_of(
+    name: str, kind: str, effects: list[str], seed: list[int], coloured: bool | None = None, video: bool = False
+) -> Case:
+    """One case.
+
+    Parameters
+    ----------
+    kind, effects : see ``Case``
+    seed : of its numbers
+    coloured : random forces and a shaking camera; None: drawn
+    """
+    rng = np.random.default_rng([*seed, 5])
+    hull_name = str(rng.choice(list(HULLS), p=[0.6, 0.4]))
+    hull = _hull(hull_name, rng)
+    size = hull["length_pp"] / 2.66
+    coloured = bool(rng.random() < COLOURED) if coloured is None else coloured
+    runs = _runs(hull, rng)
+    camera, datum = _camera(hull, runs, video, rng)
+    history = "sync_delay" in effects or (rng.random() < HISTORY and "tension_variation" not in effects)
+    numbers: dict[str, float] = {}
+    for effect in effects:
+        numbers |= _numbers(effect, hull, rng, len(runs))
+    if history:
+        numbers |= {
+            "history.size": _number((0.04, 0.12, "log"), rng),
+            "history.rate_hz": _number((0.05, 0.15, "even"), rng),
+            "history.second_hz": _number((0.15, 0.4, "even"), rng),
+            "history.phase": _number((0.0, 6.28, "even"), rng),
+        }
+    return Case(
+        name,
+        int(rng.integers(2**31)),
+        kind,
+        effects,
+        numbers,
+        hull_name,
+        hull,
+        camera,
+        {
+            "bow": (hull["marker_bow"], 0.19 * size + _off(0.02, rng), 0.15 + 0.15 * float(rng.random())),
+            "stern": (hull["marker_stern"], 0.23 * size + _off(0.02, rng), 0.15 + 0.15 * float(rng.random())),
+        },
+        datum,
+        _noise(hull, coloured, rng),
+        runs,
+        history=history,
+        video=video,
+    )
+
+
+def _hull(name: str, rng: np.random.Generator) -> dict[str, float]:
+    """A hull like one of the two, whose tows from the foremost and aftmost point grow slowly if at all."""
+    while True:
+        hull = dict(HULLS[name])
+        for key in FREE:
+            hull[key] *= 1 + SCATTER * float(rng.normal())
+        if max(_growth(hull, point * hull["length_pp"]) for point in TOW_POINTS) < LARGEST_GROWTH_1_S:
+            return hull
+
+
+def _growth(hull: dict[str, float], x_t: float) -> float:
+    """The largest real part of the roots of the linear tow (theory.md 2), 1/s."""
+    u, pull, line = hull["speed_ref"], hull["tension"], LONGEST * hull["line"]
+    m, i = hull["m"], hull["i"]
+    back = [-pull / line, -pull * (1 + x_t / line)]
+    matrix = np.array(
+        [
+            [0, u, 1, 0],
+            [0, 0, 0, 1],
+            [back[0] / m, back[1] / m, hull["y_v"] / m, hull["y_r"] / m],
+            [x_t * back[0] / i, x_t * back[1] / i, hull["n_v"] / i, hull["n_r"] / i],
+        ]
+    )
+    return float(np.linalg.eigvals(matrix).real.max())
+
+
+def _off(size: float, rng: np.random.Generator) -> float:
+    return float(size * (2 * rng.random() - 1))
+
+
+def _number(span: Range, rng: np.random.Generator) -> float:
+    low, high, how = span
+    if how == "even":
+        return float(rng.uniform(low, high))
+    value = float(np.exp(rng.uniform(np.log(low), np.log(high))))
+    return value if how == "log" or rng.random() < 0.5 else -value
+
+
+def _numbers(effect: str, hull: dict[str, float], rng: np.random.Generator, runs: int) -> dict[str, float]:
+    pull, length = hull["tension"] / 3.96, hull["length_pp"] / 2.66
+    found: dict[str, float] = {}
+    for key, span in (EFFECTS | OUTSIDE)[effect].items():
+        name, value = f"{effect}.{key}", _number(span, rng)
+        if name in FORCES:
+            value *= pull
+        if name in MOMENTS:
+            value *= pull * length
+        if name in MASS_ARMS:
+            value *= hull["m"] / 149.19 * length
+        found[name] = value
+    if effect == "added_mass_coupling":  # potential flow makes the two nearly one
+        found["added_mass_coupling.n_vdot"] = found["added_mass_coupling.y_rdot"] * float(rng.uniform(0.7, 1.3))
+    if effect in IN_SOME_RUNS:
+        chosen = rng.choice(runs, 2 if rng.random() < 0.5 else 1, replace=False)
+        found = {f"{name}@{run}": value for run in sorted(chosen.tolist()) for name, value in found.items()}
+    if effect == "camera_shift":
+        when = rng.random()
+        if when > 0.5:  # else it was turned before the first run
+            found["camera_shift.first_run"] = float(rng.integers(0, runs))
+        if when > 0.75:
+            found["camera_shift.time_s"] = float(rng.uniform(8, 35))
+    return found
+
+
+def _camera(
+    hull: dict[str, float], runs: list[RunTruth], video: bool, rng: np.random.Generator
+) -> tuple[dict[str, float], list[tuple[float, float, float]]]:
+    """A camera behind and above the model that holds all tows and the datum points in its picture, and these points."""
+    size = hull["length_pp"] / 2.66
+    middles = [-run.stated["line_m"] - run.stated["tow_point_m"] for run in runs]
+    back, front = min(middles) + hull["marker_stern"], max(middles) + hull["marker_bow"]
+    datum = [
+        (round(x, 3), round(y * size, 3), 0.0)
+        for x in (back + 0.1 * size, (back + front) / 2, front - 0.1 * size)
+        for y in (-0.85, 0.85)
+    ]
+    width, height = (960, 540) if video else (1280, 720)
+    numbers = {
+        "x_m": back - 1.0 * size + _off(0.1 * size, rng),
+        "y_m": 0.1 * size * float(rng.normal()),
+        "z_m": -2.6 * size + _off(0.1 * size, rng),
+        "aim_x_m": (2 * back + front) / 3,
+        "tilt_rad": 0.02 * float(rng.normal()),
+        "f_px": 1.0,
+        "cx_px": 0.0,
+        "cy_px": 0.0,
+        "k1": float(rng.uniform(-0.08, 0.02)),
+        "k2": 0.0,
+        "width_px": float(width),
+        "height_px": float(height),
+    }
+    centre = {"cx_px": width / 2 + 4.0 * float(rng.normal()), "cy_px": height / 2 + 4.0 * float(rng.normal())}
+    reach = [(x, y, 0.2 * size) for x in (back, front) for y in (-REACH_M * size, REACH_M * size)]
+    seen = np.abs(camera_of(numbers).pixels(np.array([*datum, *reach])))
+    largest = FILLED * min(width / 2 / seen[:, 0].max(), height / 2 / seen[:, 1].max())
+    focal = min(largest, 1300.0 * width / 1280) * float(rng.uniform(0.96, 1.0))
+    return numbers | centre | {"f_px": focal}, datum
+
+
+def _noise(hull: dict[str, float], coloured: bool, rng: np.random.Generator) -> dict[str, float]:
+    pull, length = hull["tension"] / 3.96, hull["length_pp"] / 2.66
+    white = _number((0.06, 0.14, "log"), rng)
+    side = _number((0.001, 0.01, "log"), rng) * pull
+    return {
+        "white_px": white,
+        "shake_px": _number((0.015, 0.07, "log"), rng) if coloured else 0.0,
+        "shake_s": _number((0.2, 1.2, "log"), rng),
+        "side_n": side if coloured else 0.0,
+        "moment_n_m": side * length * _number((0.5, 1.5, "log"), rng) if coloured else 0.0,
+        "force_s": _number((0.7, 3.0, "log"), rng),
+        "stated_px": round(white * float(rng.uniform(0.85, 1.2)), 3),
+        "coloured": float(coloured),
+    }
+
+
+def _runs(hull: dict[str, float], rng: np.random.Generator) -> list[RunTruth]:
+    count, speed, line = int(rng.integers(4, 7)), hull["speed_ref"], hull["line"]
+    points = list(TOW_POINTS) if count == 6 else [TOW_POINTS[i] for i in sorted(rng.choice(4, 3, replace=False))]
+    plan = [(p, 1.0, 1.0) for p in points]
+    plan.append((float(rng.choice(points)), float(rng.choice([0.66, LONGEST])), 1.0))
+    if count > 4:
+        plan.append((float(rng.choice(points)), 1.0, float(rng.choice([0.7, 0.8]))))
+    found = []
+    for point, longer, faster in plan:
+        beta = float(rng.choice([0.0, 0.0, 0.05, -0.05, 0.1, -0.1]))
+        stated = {
+            "tow_point_m": round(point * hull["length_pp"], 4),
+            "line_m": round(longer * line, 4),
+            "speed_m_s": round(faster * speed, 4),
+            "tension_n": round(hull["tension"] * faster**2 * float(rng.uniform(0.97, 1.03)), 4),
+            "y_m": round(float(rng.choice([-1.0, 1.0]) * rng.uniform(0.12, 0.22)) * hull["length_pp"] / 2.66, 3),
+            "beta_rad": beta,
+        }
+        small = {
+            name: (stated[name] if name in ("tension_n", "speed_m_s") else 1.0) * sd * float(rng.normal())
+            for name, sd in SMALL.items()
+        }
+        small |= {"y_m": 0.004 * float(rng.normal()), "beta_rad": 0.004 * float(rng.normal())}
+        found.append(RunTruth(stated, small))
+    return found
+
+
+def truth_text(cases: list[Case], wanted: Wanted) -> str:
+    """The truth file."""
+    content = {"wanted": asdict(wanted), "cases": [case.to_json() for case in cases]}
+    return json.dumps(content, indent=1, sort_keys=True) + "\n"
+
+
+def sealed(out: Path, wanted: Wanted, workers: int = 1, progress=None) -> tuple[list[Case], str]:
+    """Draw, write the seal, then the truth; what was drawn before is kept and checked.
+
+    Returns
+    -------
+    The cases, and the SHA-256 of the truth file.
+
+    Raises
+    ------
+    InputError : OUT holds a truth that its seal does not fit, or one drawn otherwise
+    """
+    if (out / TRUTH).is_file():
+        kept, old = opened(out)
+        before = json.loads((out / TRUTH).read_text(encoding="utf-8"))["wanted"]
+        if before != json.loads(json.dumps(asdict(wanted))):
+            raise InputError(out / TRUTH, "wanted", f"{before} was drawn here; give another folder or the same numbers")
+        return kept, old
+    cases = drawn(wanted, workers, progress)
+    text = truth_text(cases, wanted)
+    digest = sha256_of_text(text)
+    write_text(out / SEAL, f"{digest}  {TRUTH}\n")
+    write_text(out / TRUTH, text)
+    return cases, digest
+
+
+def opened(out: Path) -> tuple[list[Case], str]:
+    """Break the seal: the cases, and the digest that the file has.
+
+    Raises
+    ------
+    InputError : no truth, no seal, or they do not fit
+    """
+    for name in (SEAL, TRUTH):
+        if not (out / name).is_file():
+            raise InputError(out / name, "", "no such file")
+    text = (out / TRUTH).read_text(encoding="utf-8")
+    digest, stated = sha256_of_text(text), (out / SEAL).read_text(encoding="utf-8").split()[0]
+    if digest != stated:
+        raise InputError(out / TRUTH, "sha256", f"{digest[:12]}..., the seal says {stated[:12]}...")
+    return [Case.from_json(values) for values in json.loads(text)["cases"]], digest
+
+
+def sha256_of_text(text: str) -> str:
+    """SHA-256 of a text as it stands in its file (what ``sha256sum`` prints)."""
+    import hashlib
+
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+def write_cases(out: Path, cases: list[Case], workers: int = 1, progress=None) -> None:
+    """Write every case's run folders; what is whole already is left alone."""
+    for k, _ in enumerate(in_parallel(_write, [(out, case) for case in cases], workers)):
+        if progress is not None:
+            progress("writing campaigns", k + 1, len(cases))
+
+
+def _write(out: Path, case: Case) -> None:
+    from .truth.folders import write_case
+
+    folder = out / CASES / case.name
+    if not all((folder / f"run-{i + 1}" / "run.toml").is_file() for i in range(len(case.runs))):
+        write_case(folder, case)

@@ -1,0 +1,136 @@
+"""Does the proposed next run settle what was left open? Reality makes it, and the diagnosis is asked once more."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..record.files import write_text
+from .draw import ANSWERS, CASES, SMALL, opened
+from .judge import Call, call_of, truth_of
+from .run import answered, read_answers
+from .scores import Score, share
+from .truth.cases import Case, RunTruth
+
+NEXT, NEXT_ANSWERS = "next", "next-answers"
+Progress = Callable[[str, int, int | None], None]
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A case with its next run.
+
+    Attributes
+    ----------
+    name, truth : of the case
+    before, after : calls
+    open_before, open_after : hypotheses in the 95 % set
+    distance : D that was expected of the run
+    """
+
+    name: str
+    truth: Call
+    before: Call
+    after: Call
+    open_before: int
+    open_after: int
+    distance: float
+
+
+def with_next_run(case: Case, proposed: dict[str, Any]) -> Case:
+    """The case with one tow more, as proposed; the tension follows the speed squared."""
+    rng = np.random.default_rng([case.seed, 9])
+    first = case.runs[0].stated
+    speed = float(proposed["speed_m_s"])
+    stated = {
+        "tow_point_m": float(proposed["tow_point_m"]),
+        "line_m": float(proposed["line_length_m"]),
+        "speed_m_s": speed,
+        "tension_n": round(first["tension_n"] * (speed / first["speed_m_s"]) ** 2, 4),
+        "y_m": float(proposed["y_release_m"]),
+        "beta_rad": float(proposed["beta_release_rad"]),
+    }
+    small = {
+        name: (stated[name] if name in ("tension_n", "speed_m_s") else 1.0) * sd * float(rng.normal())
+        for name, sd in SMALL.items()
+    }
+    return replace(case, runs=[*case.runs, RunTruth(stated, small)])
+
+
+def next_runs(out: Path, workers: int = 1, progress: Progress | None = None) -> list[Settled]:
+    """Make and diagnose the next run of every case whose 95 % set holds more than one hypothesis."""
+    cases, _ = opened(out)
+    given = read_answers(out / ANSWERS)
+    jobs, chosen = [], []
+    for case in cases:
+        gap = given.get(case.name, {}).get("gap")
+        if gap is None or gap["next_run"] is None or len(gap["set95"]) < 2:
+            continue
+        folder = out / NEXT / case.name
+        more = f"run-{len(case.runs) + 1}"
+        if not (folder / more / "run.toml").is_file():
+            try:
+                _write_last(folder, with_next_run(case, gap["next_run"]))
+            except ValueError:  # the tow turned over: the run tells nothing
+                continue
+        runs = [*sorted((out / CASES / case.name).glob("run-*")), folder / more]
+        jobs.append((case.name, runs, out / NEXT_ANSWERS / f"{case.name}.json"))
+        chosen.append(case)
+    answered(jobs, workers, progress)
+    after = read_answers(out / NEXT_ANSWERS)
+    found = []
+    for case in chosen:
+        before, then = given[case.name]["gap"], after[case.name].get("gap")
+        if then is None:
+            continue
+        found.append(
+            Settled(
+                case.name,
+                truth_of(case),
+                call_of(before)[0],
+                call_of(then)[0],
+                len(before["set95"]),
+                len(then["set95"]),
+                float(before["next_run"]["distance"]),
+            )
+        )
+    plain = [{**vars(s), "truth": sorted(s.truth), "before": sorted(s.before), "after": sorted(s.after)} for s in found]
+    write_text(out / "next.json", json.dumps(plain, indent=1, sort_keys=True) + "\n")
+    return found
+
+
+def _write_last(folder: Path, case: Case) -> None:
+    from .truth.folders import write_run
+
+    with np.errstate(all="ignore"):
+        write_run(folder, case, len(case.runs) - 1)
+
+
+def next_scores(found: list[Settled]) -> list[Score]:
+    """Open sets that the run closed on the truth; how often it was right before and after."""
+    surely = [s for s in found if s.distance > 20]
+    rows = []
+    for stratum, of in (("all open", found), ("expected D > 20", surely)):
+        if of:
+            rows.append(share("right before", stratum, "towline", (s.before == s.truth for s in of)))
+            rows.append(share("right after the next run", stratum, "towline", (s.after == s.truth for s in of)))
+            rows.append(
+                share("closed on the truth", stratum, "towline", (s.open_after == 1 and s.after == s.truth for s in of))
+            )
+    return rows
+
+
+def next_text(found: list[Settled]) -> str:
+    """The scores as lines."""
+    rows = [
+        f"{s.what:34}{s.stratum:16}{s.hits}/{s.of} ({100 * s.low:.0f}-{100 * s.high:.0f} %)" for s in next_scores(found)
+    ]
+    return "\n".join(["next runs", *(rows or ["none was open"])]) + "\n"
+
+
+__all__ = ["Settled", "next_runs", "next_scores", "next_text", "with_next_run"]

@@ -1,0 +1,71 @@
+"""Diagnoses every campaign of a blind check from its folders alone, in parallel, and goes on where it was stopped."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..record.errors import TowlineError
+from ..record.files import write_text
+from .draw import ANSWERS, CASES
+from .parallel import in_parallel
+
+Progress = Callable[[str, int, int | None], None]
+
+
+def answers(out: Path, workers: int = 1, progress: Progress | None = None) -> int:
+    """Answer every case of OUT/cases that has no answer yet, one file each in OUT/answers.
+
+    Parameters
+    ----------
+    out : of ``draw.sealed`` and ``draw.write_cases``; the truth is not read
+    workers : processes
+
+    Returns
+    -------
+    How many were answered now.
+    """
+    jobs = [(folder, sorted(folder.glob("run-*")), out / ANSWERS) for folder in sorted((out / CASES).iterdir())]
+    return answered([(f.name, runs, to / f"{f.name}.json") for f, runs, to in jobs], workers, progress)
+
+
+def answered(jobs: Sequence[tuple[str, list[Path], Path]], workers: int, progress: Progress | None = None) -> int:
+    """Diagnose lists of run folders: (name, folders, answer file); a file that exists is an answer already."""
+    todo = [job for job in jobs if not job[2].is_file()]
+    done = len(jobs) - len(todo)
+
+    def say(more: int) -> None:
+        if progress is not None:
+            progress("diagnosing campaigns", done + more, len(jobs))
+
+    say(0)
+    for k, _ in enumerate(in_parallel(_answer, todo, workers)):
+        say(k + 1)
+    return len(todo)
+
+
+def _answer(name: str, folders: list[Path], to: Path) -> str:
+    from ..diagnosing import diagnose_folders
+
+    began = time.perf_counter()
+    found: dict[str, Any] = {"case": name, "runs": len(folders)}
+    try:
+        result = diagnose_folders(folders)
+        found["gap"] = result.diagnosis.file.model_dump(mode="json", by_alias=True)
+        found["failed"] = result.failed
+    except TowlineError as error:
+        found["error"] = str(error)
+    found["seconds"] = round(time.perf_counter() - began, 2)
+    write_text(to, json.dumps(found, indent=1, sort_keys=True) + "\n")
+    return name
+
+
+def read_answers(folder: Path) -> dict[str, dict[str, Any]]:
+    """Case -> answer, of a folder of answer files."""
+    return {p.stem: json.loads(p.read_text(encoding="utf-8")) for p in sorted(folder.glob("*.json"))}
+
+
+__all__ = ["answered", "answers", "read_answers"]

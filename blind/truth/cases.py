@@ -1,0 +1,270 @@
+"""A case: everything that reality holds, as plain numbers; from it a run's pixels follow without any further choice."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .camera import Camera, camera_of
+from .lanes import Array, Lane, Lanes
+from .motion import ROLL, STEP_S, B, Path, X, Y, swim, wanted_tension
+from .noise import wandering
+
+CAMERA_NAMES = ("lens_distortion", "deck_height", "camera_shift", "datum_scale", "frame_rate", "rolling_shutter")
+PICK_PX = 0.15
+LONG_S = 1.5
+"""The motion is followed this much longer than filmed: a clock may run fast."""
+
+
+@dataclass(frozen=True)
+class RunTruth:
+    """One tow.
+
+    Attributes
+    ----------
+    stated : what run.toml says: tow_point_m, line_m, speed_m_s, tension_n, y_m, beta_rad
+    small : what the truth adds to it: the same names
+    """
+
+    stated: dict[str, float]
+    small: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A campaign with its truth.
+
+    Attributes
+    ----------
+    name, seed : of the case; the seed draws its noise
+    kind : effect, pair, null, unknown
+    effects : names
+    numbers : ``effect.number`` -> value; ``effect.number@3`` holds for run 3 alone
+    hull : name and numbers of ``hulls``, as drawn
+    camera : numbers of ``camera_of``
+    marks : name -> (ahead m, depth m, height above the roll axis m)
+    datum : stated points (x, y, depth), m
+    noise : white_px, shake_px, shake_s, side_n, moment_n_m, force_s, stated_px, coloured
+    runs : tows
+    rate_hz, duration_s, static_s : the films
+    history : tension.csv instead of a constant
+    video : films instead of tracks
+    """
+
+    name: str
+    seed: int
+    kind: str
+    effects: list[str]
+    numbers: dict[str, float]
+    hull_name: str
+    hull: dict[str, float]
+    camera: dict[str, float]
+    marks: dict[str, tuple[float, float, float]]
+    datum: list[tuple[float, float, float]]
+    noise: dict[str, float]
+    runs: list[RunTruth]
+    rate_hz: float = 25.0
+    duration_s: float = 45.0
+    static_s: float = 12.0
+    history: bool = False
+    video: bool = False
+    extra: dict[str, Any] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> Case:
+        """Back from ``to_json``."""
+        runs = [RunTruth(**run) for run in values["runs"]]
+        marks = {name: (m[0], m[1], m[2]) for name, m in values["marks"].items()}
+        datum = [(d[0], d[1], d[2]) for d in values["datum"]]
+        return cls(**{**values, "runs": runs, "marks": marks, "datum": datum})
+
+
+def run_numbers(case: Case, index: int) -> dict[str, float]:
+    """The effects' numbers that hold for a run."""
+    found: dict[str, float] = {}
+    for name, value in case.numbers.items():
+        plain, _, at = name.partition("@")
+        if not at:
+            found.setdefault(plain, value)
+        elif int(at) == index:
+            found[plain] = value
+    return found
+
+
+def lane_of(case: Case, index: int, effects: bool = True) -> dict[str, float]:
+    """A run's numbers for ``swim``; with its small deviations from what run.toml says."""
+    run = case.runs[index]
+    true = {name: run.stated[name] + run.small.get(name, 0.0) for name in run.stated}
+    lane: dict[str, float] = {name: value for name, value in case.hull.items() if isinstance(value, float)}
+    lane |= {
+        "speed": true["speed_m_s"],
+        "line": true["line_m"],
+        "x_t": true["tow_point_m"],
+        "tension": true["tension_n"],
+        "y_release": true["y_m"],
+        "beta_release": true["beta_rad"],
+        "duration": case.duration_s,
+    }
+    if effects:
+        lane |= run_numbers(case, index)
+    elif case.history:
+        lane |= {name: value for name, value in run_numbers(case, index).items() if name.startswith("history.")}
+    return lane
+
+
+def random_forces(case: Case, rng: np.random.Generator, count: int) -> Array | None:
+    """``(2 k - 1, 2, runs)`` for ``swim``, or None where the case has none."""
+    noise = case.noise
+    if noise["side_n"] <= 0 and noise["moment_n_m"] <= 0:
+        return None
+    n = len(case.runs)
+    side = wandering(2 * count - 1, STEP_S / 2, noise["side_n"], noise["force_s"], rng, n)
+    moment = wandering(2 * count - 1, STEP_S / 2, noise["moment_n_m"], noise["force_s"], rng, n)
+    return np.stack([side, moment], axis=0).transpose(2, 0, 1)
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """A run's pixels.
+
+    Attributes
+    ----------
+    t_s : stated times ``(n,)``
+    pixel : ``(n, marks, 2)`` with noise
+    clean : without the camera's noise
+    still : the same of the static record ``(k, marks, 2)``
+    still_clean : of it
+    true_s : when the frames were taken
+    """
+
+    t_s: Array
+    pixel: Array
+    clean: Array
+    still: Array
+    still_clean: Array
+    true_s: Array
+
+
+def swum(case: Case, effects: bool = True, random: bool = True, step_s: float = STEP_S) -> Path:
+    """The motion of all runs of a case (with another step: without random forces only)."""
+    duration = case.duration_s + LONG_S
+    steps = int(np.ceil(duration / STEP_S - 1e-9)) + 1
+    forces = random_forces(case, np.random.default_rng([case.seed, 1]), steps) if random else None
+    return swim([lane_of(case, i, effects) for i in range(len(case.runs))], duration, forces, step_s)
+
+
+def cameras_of(case: Case, numbers: Lane, index: int, true_s: Array) -> list[tuple[Array, Camera]]:
+    """The run's camera over time: (frames it holds for, camera)."""
+    whole = camera_of(case.camera, numbers.get("lens_distortion.bend", 0.0))
+    turn = [numbers.get(f"camera_shift.{name}_rad", 0.0) for name in ("right", "down", "roll")]
+    if not any(turn):
+        return [(np.ones(len(true_s), bool), whole)]
+    first, when = int(numbers.get("camera_shift.first_run", 0)), numbers.get("camera_shift.time_s", -1e9)
+    after = whole.turned(*turn)
+    moved = np.full(len(true_s), index > first) | ((index == first) & (true_s >= when))
+    return [(~moved, whole), (moved, after)]
+
+
+def seen(case: Case, index: int, numbers: Lane, pose: Array, true_s: Array, pose_at=None) -> Array:
+    """Pixels of the marks without noise.
+
+    Parameters
+    ----------
+    pose : ``(n, 4)`` x, y, heading, roll at ``true_s``
+    pose_at : times -> pose, for a sensor read row by row
+    """
+    found = np.empty((len(true_s), len(case.marks), 2))
+    deeper = numbers.get("deck_height.depth_m", 0.0)
+    readout = numbers.get("rolling_shutter.readout_s", 0.0)
+    shaken = numbers.get("vibration.size_m", 0.0)
+    for m, (ahead, depth, height) in enumerate(case.marks.values()):
+        here, late = pose, np.zeros(len(true_s))
+        for turn in range(3 if readout and pose_at is not None else 1):
+            if turn and pose_at is not None:
+                rows = found[:, m, 1] / case.camera["height_px"] - 0.5
+                late = readout * rows
+                here = pose_at(true_s + late)
+            x, y, b, roll = here.T
+            aside = -height * np.sin(roll)
+            if shaken and m == 0:
+                phase = 2 * np.pi * numbers["vibration.rate_hz"] * (true_s + late)
+                aside = aside + shaken * np.sin(phase)
+            place = np.column_stack(
+                [
+                    x + ahead * np.cos(b) - aside * np.sin(b),
+                    y + ahead * np.sin(b) + aside * np.cos(b),
+                    depth + deeper + height * (1 - np.cos(roll)),
+                ]
+            )
+            for when, camera in cameras_of(case, numbers, index, true_s):
+                if when.any():
+                    found[when, m] = camera.pixels(place[when])
+    return found
+
+
+def filmed(case: Case, path: Path, index: int, effects: bool = True, noisy: bool = True) -> Filmed:
+    """A run's pixels and those of its static record."""
+    numbers = lane_of(case, index, effects)
+    n = round(case.duration_s * case.rate_hz)
+    t_s = np.arange(n) / case.rate_hz
+    true_s = t_s * (1 + numbers.get("frame_rate.fast", 0.0))
+    what = (X, Y, B, ROLL)
+
+    def pose_at(at: Array) -> Array:
+        return path.at(np.clip(at, 0.0, path.t_s[-1]), index, what)
+
+    clean = seen(case, index, numbers, pose_at(true_s), true_s, pose_at)
+    k = round(case.static_s * case.rate_hz)
+    held = np.tile(path.states[0, list(what), index], (k, 1))
+    at_rest = {name: v for name, v in numbers.items() if not name.startswith(("vibration.", "rolling_shutter."))}
+    before = np.arange(k) / case.rate_hz - case.static_s
+    still = seen(case, index, at_rest, held, before)
+    rng = np.random.default_rng([case.seed, 2, index])
+    return Filmed(
+        t_s,
+        clean + picture_noise(case, rng, clean.shape) if noisy else clean,
+        clean,
+        still + picture_noise(case, rng, still.shape) if noisy else still,
+        still,
+        true_s,
+    )
+
+
+def picture_noise(case: Case, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+    """White noise of each mark and the camera's own shake, px."""
+    noise = case.noise
+    shake = wandering(shape[0], 1 / case.rate_hz, noise["shake_px"], noise["shake_s"], rng, 2)
+    return noise["white_px"] * rng.normal(size=shape) + shake.T[:, None, :]
+
+
+def picks(case: Case) -> Array:
+    """Datum points as picked in the picture before the tows, ``(k, 2)`` px."""
+    rng = np.random.default_rng([case.seed, 3])
+    return clean_picks(case) + PICK_PX * rng.normal(size=(len(case.datum), 2))
+
+
+def clean_picks(case: Case, effects: bool = True) -> Array:
+    """The same without the picking's error."""
+    numbers = case.numbers if effects else {}
+    scale = 1 + numbers.get("datum_scale.scale", 0.0)
+    points = np.array(case.datum) * [scale, scale, 1.0]
+    return camera_of(case.camera, numbers.get("lens_distortion.bend", 0.0)).pixels(points)
+
+
+def load_cell(case: Case, index: int) -> tuple[Array, Array]:
+    """The tension's record on the load cell's own clock: times and newtons (of a cell that reads as stated)."""
+    numbers = lane_of(case, index)
+    rng = np.random.default_rng([case.seed, 4, index])
+    true_s = np.arange(-3.0, case.duration_s + 3.0, 0.1)
+    lanes = Lanes([numbers])
+    pull = np.array([wanted_tension(lanes, float(t))[0] for t in true_s])
+    pull *= case.runs[index].stated["tension_n"] / numbers["tension"]
+    return true_s - numbers.get("sync_delay.delay_s", 0.0), pull + 0.002 * numbers["tension"] * rng.normal(
+        size=len(pull)
+    )

@@ -1,0 +1,110 @@
+"""What reality may hold, and how large: the ranges that sizes are drawn from.
+
+A range is (from, to, how): ``log`` logarithmically even, ``even`` even, ``either`` logarithmically even with either sign.
+Numbers of forces are those of the MARINER hull; ``draw`` scales them by the line's pull (and by the length, for moments).
+"""
+
+from __future__ import annotations
+
+Range = tuple[float, float, str]
+
+EFFECTS: dict[str, dict[str, Range]] = {
+    "crossflow_drag": {"drag_m": (0.04, 0.25, "log"), "tilt": (-0.4, 0.4, "even"), "ends": (-0.5, 0.8, "even")},
+    "cubic_damping": {"side": (0.3, 1.5, "log"), "turn": (0.006, 0.03, "log"), "arm": (-0.3, 0.4, "even")},
+    "hull_asymmetry": {
+        "lift_n_s2_m2": (0.02, 0.15, "either"),
+        "place": (-0.5, 0.4, "even"),
+        "twist_n_m_s2_m2": (0.005, 0.03, "either"),
+    },
+    "added_mass_coupling": {"y_rdot": (6.0, 30.0, "either"), "n_vdot": (6.0, 30.0, "either")},
+    "fluid_memory": {
+        "sway": (0.06, 0.35, "log"),
+        "yaw": (0.06, 0.35, "log"),
+        "quick": (0.3, 0.7, "even"),
+        "fast_s": (0.3, 0.8, "even"),
+        "slow_s": (1.5, 5.0, "even"),
+        "arm": (0.5, 1.2, "even"),
+    },
+    "bank_suction": {"strength_m5": (0.003, 0.015, "log"), "lead": (-0.5, 0.5, "even")},
+    "cross_current": {"flow_m_s": (0.003, 0.02, "either"), "shear": (-0.8, 0.8, "even")},
+    "speed_drift": {"share": (0.008, 0.05, "either"), "settle_s": (8.0, 60.0, "log")},
+    "tension_variation": {"power": (0.6, 2.5, "log"), "period_s": (0.6, 3.0, "log")},
+    "elastic_line": {
+        "compliance_m_n": (0.002, 0.01, "log"),
+        "damping": (0.02, 0.1, "log"),
+        "shock": (0.0, 0.6, "even"),
+    },
+    "slack_line": {"nearer_m": (0.01, 0.04, "log"), "length_s": (2.0, 4.0, "even"), "begin_s": (8.0, 30.0, "even")},
+    "tow_point_offset": {"offset_m": (0.003, 0.015, "either")},
+    "swivel_friction": {"moment_n_m": (0.015, 0.09, "log"), "stick": (0.0, 0.5, "even")},
+    "lens_distortion": {"bend": (0.01, 0.05, "either")},
+    "deck_height": {"depth_m": (0.006, 0.025, "either")},
+    "camera_shift": {
+        "right_rad": (0.001, 0.005, "either"),
+        "down_rad": (0.001, 0.005, "either"),
+        "roll_rad": (0.001, 0.005, "either"),
+    },
+    "datum_scale": {"scale": (0.004, 0.015, "either")},
+    "datum_bias": {"ahead_m": (0.002, 0.012, "either"), "aside_m": (0.003, 0.012, "either")},
+    "marker_roll": {
+        "lean_rad": (0.02, 0.1, "either"),
+        "period_s": (0.7, 1.8, "even"),
+        "damping": (0.08, 0.3, "log"),
+    },
+    "frame_rate": {"fast": (0.004, 0.02, "either")},
+    "sync_delay": {"delay_s": (0.08, 0.5, "either")},
+    "rolling_shutter": {"readout_s": (0.008, 0.035, "log")},
+}
+"""Effects that the library knows by name (formats.md)."""
+
+OUTSIDE: dict[str, dict[str, Range]] = {
+    "washboard": {
+        "side_n": (0.06, 0.3, "log"),
+        "moment_n_m": (0.03, 0.2, "either"),
+        "length_m": (0.06, 0.2, "log"),
+        "phase": (0.0, 6.28, "even"),
+    },
+    "kick": {
+        "side_n": (1.0, 5.0, "either"),
+        "moment_n_m": (0.5, 4.0, "either"),
+        "width_s": (0.2, 0.8, "log"),
+        "time_s": (8.0, 35.0, "even"),
+    },
+    "sloshing": {
+        "side_n": (0.05, 0.3, "log"),
+        "arm_m": (-0.6, 0.6, "even"),
+        "rate_hz": (0.25, 0.45, "even"),
+        "damping": (0.003, 0.02, "log"),
+        "feed": (0.05, 0.5, "log"),
+    },
+    "vibration": {"size_m": (0.001, 0.005, "log"), "rate_hz": (0.4, 1.2, "even")},
+    "magnet": {
+        "side_n": (0.04, 0.2, "log"),
+        "moment_n_m": (0.03, 0.15, "either"),
+        "angle_rad": (0.01, 0.03, "log"),
+        "phase": (0.0, 6.28, "even"),
+    },
+    "carriage_shake": {"size_m": (0.002, 0.01, "log"), "rate_hz": (0.12, 0.5, "log"), "phase": (0.0, 6.28, "even")},
+    "new_mass": {"share": (0.08, 0.35, "log"), "time_s": (10.0, 28.0, "even")},
+    "stick_slip": {"share": (0.03, 0.12, "log"), "rate_hz": (0.1, 0.5, "log")},
+}
+"""What no library holds."""
+
+FORCES = {
+    "hull_asymmetry.lift_n_s2_m2",
+    "bank_suction.strength_m5",
+    "washboard.side_n",
+    "kick.side_n",
+    "sloshing.side_n",
+    "magnet.side_n",
+}
+MOMENTS = {
+    "hull_asymmetry.twist_n_m_s2_m2",
+    "swivel_friction.moment_n_m",
+    "washboard.moment_n_m",
+    "kick.moment_n_m",
+    "magnet.moment_n_m",
+}
+MASS_ARMS = {"added_mass_coupling.y_rdot", "added_mass_coupling.n_vdot"}
+IN_SOME_RUNS = {"slack_line", "kick"}
+"""Happen in one run or two; all else in every run."""

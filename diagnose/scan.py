@@ -1,0 +1,100 @@
+"""Something left over that the noise does not have: bursts in one run, lines and narrow bands in all.
+
+Free forms (``unknown``) stand for forces and faults that follow the motion. A push at one time, a slosh at its own frequency, a
+carriage that sticks for a second follow nothing. After whitening, noise has unit variance in every stretch of time and every band
+of frequencies; a narrow one that has several times that holds something else. Narrow ones only: a noise model that is a little off
+everywhere must not alarm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..simulate.model import Array
+from .inference import Fitted, Inference
+
+LENGTHS = (3, 6, 12)
+"""Blocks of a burst."""
+BANDS = (1, 3)
+"""Frequencies of a band."""
+COST = 3.0
+"""Of log evidence: a variance is not known before, but fitted where it stands out most."""
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """The stretch of time or frequency that stands out most.
+
+    Attributes
+    ----------
+    log_evidence : that its variance is larger (at its best), against one everywhere; what looking everywhere and
+        fitting costs is taken off
+    run : name, or "" for all
+    span_s, band_hz : where, the other one empty
+    """
+
+    log_evidence: float
+    run: str = ""
+    span_s: tuple[float, ...] = ()
+    band_hz: tuple[float, ...] = ()
+
+
+def leftover(inference: Inference, fitted: Fitted) -> Leftover:
+    """Look at what a hypothesis leaves."""
+    runs, solved = inference.simulator.runs, fitted.solved
+    step = inference.simulator.step_s
+    rest = []
+    for index, run in enumerate(runs):
+        left = inference.left(fitted.linear, fitted.forces, solved.shared, solved.own[index], index)
+        moving = inference.noise_about(fitted.linear).measured[index].moving
+        good = np.isfinite(run.values[:, :moving])
+        rest.append(np.where(good, left[: good.size].reshape(moving, -1).T, 0.0))
+    names = [run.name for run in runs]
+    most = max((*_bursts(rest, names, step), *_bands(rest, step)), key=lambda found: found.log_evidence)
+    return replace(most, log_evidence=most.log_evidence - COST)
+
+
+def _bursts(rest: Sequence[Array], names: Sequence[str], step_s: float) -> list[Leftover]:
+    tiles = sum(max(len(r) - length + 1, 0) for r in rest for length in LENGTHS)
+    found = []
+    for values, name in zip(rest, names, strict=True):
+        power = np.concatenate([[0.0], np.cumsum((values**2).sum(axis=1))])
+        for length in LENGTHS:
+            if len(values) < length:
+                continue
+            sums = power[length:] - power[:-length]
+            at = int(np.argmax(sums))
+            evidence = _larger(float(sums[at]), length * values.shape[1]) - float(np.log(tiles))
+            found.append(Leftover(evidence, name, (at * step_s, (at + length) * step_s)))
+    return found
+
+
+def _bands(rest: Sequence[Array], step_s: float) -> list[Leftover]:
+    longest = max(len(r) for r in rest)
+    count = longest // 2 - 1
+    sums, numbers = np.zeros(count), 0
+    frequency = np.arange(1, count + 1) / (longest * step_s)
+    for values in rest:
+        t_s = np.arange(len(values)) * step_s
+        wave = np.exp(-2j * np.pi * frequency[:, None] * t_s)
+        sums += (np.abs(wave @ values) ** 2).sum(axis=1) * 2 / len(values)
+        numbers += 2 * values.shape[1]
+    found = []
+    for width in BANDS:
+        both = np.convolve(sums, np.ones(width), "valid")
+        at = int(np.argmax(both))
+        evidence = _larger(float(both[at]), width * numbers) - float(np.log(len(BANDS) * count))
+        found.append(Leftover(evidence, "", (), (float(frequency[at]), float(frequency[at + width - 1]))))
+    return found
+
+
+def _larger(total: float, count: int) -> float:
+    """Log likelihood ratio of a larger variance at its best against 1, for a sum of ``count`` squares."""
+    ratio = total / count
+    return float(0.5 * count * (ratio - 1 - np.log(ratio))) if ratio > 1 else 0.0
+
+
+__all__ = ["Leftover", "leftover"]

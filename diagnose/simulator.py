@@ -1,0 +1,106 @@
+"""What the diagnosis asks of a simulator: any that can be run with numbers and effects will do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Protocol
+
+from ..simulate.model import Array
+from .effects import Effect
+from .hypothesis import Hypothesis, Slopes
+from .noise import Noise
+
+if TYPE_CHECKING:
+    from .inference import Fitted
+
+
+class SimulatedRun(Protocol):
+    """A measured run: evenly spaced values."""
+
+    @property
+    def name(self) -> str:
+        """Of the run."""
+        ...
+
+    @property
+    def centre_s(self) -> Array:
+        """(n,) times from its start."""
+        ...
+
+    @property
+    def values(self) -> Array:
+        """(n, c) measured; NaN where not."""
+        ...
+
+    @property
+    def covariance(self) -> Array:
+        """(c, n, n) measurement noise of each channel."""
+        ...
+
+
+class Simulator(Protocol):
+    """A simulator of all runs of a campaign.
+
+    Attributes
+    ----------
+    step_s : between values
+    shared_names : of the numbers that all runs share
+    shared_prior : mean and standard deviation of those; None: fitted freely
+    stated, own_sd : (runs, own): each run's own numbers as stated, and how sure they are
+    free : how many of a run's own numbers its data decide (its start)
+    modes : per run (n, c, k): common errors of unit variance
+    gone : a simulation this far from the measurement has grown beyond bounds
+    least : size below which a shared number counts as small
+    most_force : random forces above this are a gap, not noise
+    force_scale : unit of the random forces' sizes
+    symmetries : what no motion can tell apart, each with the effect that raises the question ("": always said)
+    """
+
+    step_s: float
+    shared_names: tuple[str, ...]
+    shared_prior: tuple[Array, Array] | None
+    stated: Array
+    own_sd: Array
+    free: int
+    modes: list[Array]
+    gone: float
+    least: float
+    most_force: float
+    force_scale: float
+    symmetries: Sequence[tuple[str, Sequence[str]]]
+
+    @property
+    def runs(self) -> Sequence[SimulatedRun]:
+        """Measured runs."""
+        ...
+
+    def starts(self) -> Sequence[Hypothesis]:
+        """Where the fit without effects may begin; the best end counts."""
+        ...
+
+    def linear(self, hypotheses: Sequence[Hypothesis], closings: int) -> list[Slopes]:
+        """Residuals and slopes of hypotheses; ``closings`` 0: a motion may be left open (lifted) where the simulator can."""
+        ...
+
+    def noise(self, hypothesis: Hypothesis) -> Noise:
+        """Of the measurement, and of random forces about this hypothesis."""
+        ...
+
+    def usable(self, library: Sequence[Effect]) -> tuple[list[Effect], dict[str, str]]:
+        """Effects that these runs can show, and why the others cannot be judged."""
+        ...
+
+    def suggested(self, base: Fitted) -> list[Effect]:
+        """Effects that the residual of the base itself suggests (windows of a slack line)."""
+        ...
+
+    def free_forms(self) -> Sequence[Effect]:
+        """What stands for an effect in no library."""
+        ...
+
+    def reached(self, fitted: Fitted) -> str:
+        """In words: how large the motion was in which an effect showed."""
+        ...
+
+
+__all__ = ["SimulatedRun", "Simulator"]

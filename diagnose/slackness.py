@@ -1,0 +1,68 @@
+"""Windows in which a line may have gone slack, from the taut-line residual alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import minimize
+
+from ..geometry.checks.bundle import half_sine
+from ..simulate.model import Array
+from .effects import Effect, slack
+from .tow_data import TowRun
+
+if TYPE_CHECKING:
+    from .inference import Fitted
+
+SLACK_Z = 8.0
+LIKE_THE_MOST = 0.3
+"""A fit without the slack line errs in all runs: windows below this share of the clearest one's significance are that."""
+LEAST_BLOCKS = 10
+SLACK_LENGTHS_S = (1.0, 2.0, 3.0, 4.5, 7.0)
+
+
+def slack_effects(runs: Sequence[TowRun], base: Fitted) -> list[Effect]:
+    """The most likely slack windows, from the taut line's residual alone: in the run that shows most, and in all that show any."""
+    found: list[Effect] = []
+    for wave in (False, True):
+        windows: list[tuple[float, float] | None] = []
+        sure: list[float] = []
+        for index, run in enumerate(runs):
+            radius = base.linear.rows[index][0][:, 2]
+            good = np.isfinite(radius)
+            best = (0.0, 0.0, 0.0)
+            if good.sum() >= LEAST_BLOCKS:
+                sd = np.sqrt(np.median(np.diag(run.covariance[2])))
+                rest = np.where(good, radius - np.nanmedian(radius), 0.0) / sd
+                best = _slackest(run.centre_s, rest, 2 if wave else 1)
+            sure.append(best[0])
+            windows.append((best[1], best[2]))
+        clear = max(SLACK_Z, LIKE_THE_MOST * max(sure))
+        windows = [w if z > clear else None for w, z in zip(windows, sure, strict=True)]
+        if not any(windows):
+            continue
+        most = int(np.argmax(sure))
+        found.append(slack([w if i == most else None for i, w in enumerate(windows)], wave))
+        if sum(w is not None for w in windows) > 1:
+            found.append(slack(windows, wave))
+    return found
+
+
+def _slackest(t_s: Array, rest: Array, power: int) -> tuple[float, float, float]:
+    """Significance, begin and end of the (squared) half sine by which ``rest`` falls short most."""
+
+    def short(begin: float, length: float) -> float:
+        shape = half_sine(t_s, begin, begin + max(length, 1e-3)) ** power
+        size = np.linalg.norm(shape)
+        return float(-(shape @ rest) / size) if size > 0 else 0.0
+
+    grid = [(short(b, n), b, n) for n in SLACK_LENGTHS_S for b in np.arange(t_s[0], t_s[-1] - n, n / 5)]
+    z, begin, length = max(grid, default=(0.0, 0.0, 1.0))
+    if z > SLACK_Z:
+        finer = minimize(
+            lambda x: -short(x[0], x[1]), [begin, length], method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02}
+        )
+        z, (begin, length) = -float(finer.fun), finer.x
+    return z, float(begin), float(begin + length)

@@ -1,0 +1,149 @@
+"""Towed models as a simulator for the diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..simulate.model import DERIVATIVE_UNITS, Array
+from .effects import Effect
+from .hypothesis import Hypothesis
+from .noise import Noise
+from .slackness import slack_effects
+from .tow_data import TowRun
+from .tow_model import TowModel
+from .tow_noise import tow_noise
+from .tow_rates import OWN
+from .tow_start import base_hypotheses
+from .unknown import free_forms
+
+if TYPE_CHECKING:
+    from .inference import Fitted
+
+PRIORS = {"y_b": 1.5e-3, "beta_b": 1.5e-3, "tension": 5e-3, "tow_point": 7e-4, "line": 7e-4, "speed": 1.5e-3}
+"""Of each run's own numbers where [priors] is silent: m, rad; tension and speed relative."""
+FREE = 1e6
+LARGEST_FORCE_SHARE = 0.05
+"""Of the line's pull: random forces above this are a gap, not noise."""
+SMALLEST_SD = 0.003
+"""Of a reference derivative, relative: no simulator is surer of itself."""
+
+
+SYMMETRIES = (("", ("tension scale", "all derivatives together")), ("frame_rate", ("frame_rate", "carriage speed")))
+"""What no motion can tell apart (gap.md), and the effect that raises the question; another standard does: a weight, a clock."""
+
+
+class TowSimulator(TowModel):
+    """A campaign of tows as ``simulator.Simulator``.
+
+    Parameters
+    ----------
+    runs : with one block length
+    reference : the simulator's own six derivatives, their standard deviations and the speed they are quoted at, judged as they
+        are; None: fitted to these runs
+    """
+
+    def __init__(self, runs: Sequence[TowRun], reference: tuple[Array, Array, float] | None = None) -> None:
+        super().__init__(runs, float(np.mean([r.data.tow.speed_m_s for r in runs])))
+        self.shared_names: tuple[str, ...] = tuple(DERIVATIVE_UNITS)
+        self.symmetries: Sequence[tuple[str, Sequence[str]]] = SYMMETRIES
+        self.shared_prior: tuple[Array, Array] | None = None
+        if reference is not None:
+            six, sd, quoted = reference
+            ratio = np.where(np.arange(6) < 2, 1.0, self.speed_m_s / quoted)
+            self.shared_prior = (six * ratio, np.maximum(sd * ratio, SMALLEST_SD * np.abs(six * ratio)))
+        self.stated, self.own_sd = np.array([_stated(run) for run in runs]), own_sds(runs)
+        # alpha, beta, v, r, and what little the biases are free
+        self.free, self.gone, self.least, self.force_scale = 6, 5.0, 1.0, 1.0
+        self.modes = _modes(runs)
+        self.most_force = LARGEST_FORCE_SHARE * float(np.mean([run.data.tow.tension_n or 1.0 for run in runs]))
+
+    def starts(self) -> Sequence[Hypothesis]:
+        """The linear fit of all runs, and a hull like others of its length, along the measured motion."""
+        return base_hypotheses(self.runs, self.speed_m_s)
+
+    def noise(self, hypothesis: Hypothesis) -> Noise:
+        """Measurement noise, and slow random side forces and moments."""
+        return tow_noise(self.runs, hypothesis, self.speed_m_s)
+
+    def usable(self, library: Sequence[Effect]) -> tuple[list[Effect], dict[str, str]]:
+        """Effects that these runs can show, and why the others cannot be judged."""
+        usable, excluded = [], {}
+        for effect in library:
+            if (
+                any(run.marks is None for run in self.runs)
+                and effect.correct is not None
+                and effect.name != "datum_bias"
+            ):
+                excluded[effect.name] = "a motion holds no pixels"
+                continue
+            why = next((w for run in self.runs if run.marks is not None and (w := effect.needs(run.marks.run))), "")
+            if why:
+                excluded[effect.name] = why
+            else:
+                usable.append(effect)
+        return usable, excluded
+
+    def suggested(self, base: Fitted) -> list[Effect]:
+        """Windows in which the line may have gone slack."""
+        return slack_effects(self.runs, base)
+
+    def free_forms(self) -> Sequence[Effect]:
+        """Forces of many shapes, and faults of what is seen."""
+        return free_forms()
+
+    def reached(self, fitted: Fitted) -> str:
+        """At which size of the motion a hull effect's force was at work."""
+        fastest = float(np.abs(fitted.hypothesis.own[:, OWN.index("v")]).max())
+        speeds = [
+            np.abs(np.gradient(r.values[:, 0], self.step_s) - r.data.tow.speed_m_s * r.values[:, 1]) for r in self.runs
+        ]
+        return f"sway velocities of the runs reach {max(fastest, *(float(np.nanmax(s)) for s in speeds)):.2f} m/s"
+
+
+def _modes(runs: Sequence[TowRun]) -> list[Array]:
+    """Per run (n, 4, k): the cameras' common errors; runs of one datum share them."""
+    keys = list(dict.fromkeys(run.data.common_key for run in runs if len(run.modes)))
+    counts = {k: next(len(r.modes) for r in runs if r.data.common_key == k and len(r.modes)) for k in keys}
+    offsets = dict(zip(keys, np.cumsum([0, *counts.values()])[:-1], strict=True))
+    tables = []
+    for run in runs:
+        table = np.zeros((len(run.centre_s), 4, sum(counts.values())))
+        if len(run.modes):
+            at = offsets[run.data.common_key]
+            table[:, :, at : at + len(run.modes)] = run.modes.transpose(1, 2, 0)
+        tables.append(table)
+    return tables
+
+
+def own_sds(runs: Sequence[TowRun]) -> Array:
+    """Prior standard deviations of each run's own numbers, (runs, 10)."""
+    rows = []
+    for run in runs:
+        tow, priors = run.data.tow, run.data.priors
+        tension, speed = float(tow.tension_n or 1.0), tow.speed_m_s
+        rows.append(
+            [
+                FREE,
+                FREE,
+                FREE,
+                FREE,
+                priors.y_bias_sd_m or PRIORS["y_b"],
+                priors.beta_bias_sd_rad or PRIORS["beta_b"],
+                tension * float(np.hypot(priors.tension_sd_rel or PRIORS["tension"], priors.tension_common_sd_rel)),
+                priors.tow_point_sd_m or PRIORS["tow_point"],
+                priors.line_length_sd_m or PRIORS["line"],
+                speed * (priors.speed_sd_rel or PRIORS["speed"]),
+            ]
+        )
+    return np.array(rows)
+
+
+def _stated(run) -> Array:
+    tow = run.data.tow
+    return np.array([0, 0, 0, 0, 0, 0, tow.tension_n, tow.tow_point_m, tow.line_length_m, tow.speed_m_s], dtype=float)
+
+
+__all__ = ["TowSimulator", "own_sds"]

@@ -1,0 +1,205 @@
+"""A simulator of one's own in the diagnosis: a roll decay, a pendulum, another tank's model.
+
+It is a function of numbers and effects; slopes are differences of it. What a user writes: that function, its numbers with priors,
+and the effects it knows (``effects.Effect`` with a name, a stage, numbers, and a sentence of physics and of cure).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..record.errors import InputError
+from ..simulate.model import Array
+from .effects import Effect
+from .hypothesis import Hypothesis, Slopes
+from .noise import FORCE_SD_N, TIMES_S, Measured, Noise, forced
+
+if TYPE_CHECKING:
+    from .inference import Fitted
+
+FREE = 1e6
+STEP_SHARE = 1e-4
+EFFECT_STEP = 0.02
+"""Of an effect's prior standard deviation."""
+Numbers = dict[str, Array]
+Simulate = Callable[["UsersRun", Numbers, dict[str, tuple[Array, ...]]], Array]
+"""(run, name -> (k,) numbers, effect name -> its numbers (k,) each) -> (n, c, k): k simulations of a run, side by side."""
+
+
+@dataclass(frozen=True)
+class UsersRun:
+    """A measured run.
+
+    Attributes
+    ----------
+    name : of the run
+    centre_s : (n,) evenly spaced times; 100 to 250 (means over blocks of finer samples lose nothing a slow motion has)
+    values : (n, c); NaN where not measured
+    covariance : (c, n, n) measurement noise of each channel
+    """
+
+    name: str
+    centre_s: Array
+    values: Array
+    covariance: Array
+
+
+@dataclass(frozen=True)
+class UsersNumber:
+    """A number that is fitted.
+
+    Attributes
+    ----------
+    name : the simulator's
+    start : where the fit begins, for all runs or one each; the prior's mean where ``sd`` is given
+    sd : prior standard deviation, None: the data alone decide
+    size : how large it usually is (for differences)
+    """
+
+    name: str
+    start: float | Sequence[float]
+    sd: float | None = None
+    size: float = 1.0
+
+
+class UsersSimulator:
+    """A user's function as ``simulator.Simulator``.
+
+    Parameters
+    ----------
+    runs : with one step
+    simulate : the function
+    shared, own : numbers of all runs, and of each run (its start)
+    response : (hypothesis's shared numbers, run) -> (n, c) of the outputs to a unit force that lasts one step; None: slow random
+        errors stand in the outputs themselves
+    usual_force : size of the random forces that stay when nothing is missing
+    most_force : above this they are a gap
+
+    Raises
+    ------
+    InputError : no runs, uneven times, or a shape that does not fit
+    """
+
+    def __init__(
+        self,
+        runs: Sequence[UsersRun],
+        simulate: Simulate,
+        shared: Sequence[UsersNumber],
+        own: Sequence[UsersNumber],
+        response: Callable[[Numbers, UsersRun], Array] | None = None,
+        usual_force: float = FORCE_SD_N,
+        most_force: float = np.inf,
+    ) -> None:
+        if not runs:
+            raise InputError("runs", "", "none given, expected at least one")
+        for run in runs:
+            _check(run)
+        self._runs, self._simulate, self._shared, self._own = list(runs), simulate, list(shared), list(own)
+        self._response, self.force_scale = response, usual_force / FORCE_SD_N
+        self.step_s = float(np.mean(np.diff(runs[0].centre_s)))
+        self.shared_names: tuple[str, ...] = tuple(n.name for n in shared)
+        sd = np.array([np.inf if n.sd is None else n.sd for n in shared])
+        self.shared_prior: tuple[Array, Array] | None = (self._begin(shared)[0], sd) if np.isfinite(sd).any() else None
+        self.stated = np.where([n.sd is None for n in own], 0.0, self._begin(own)) if own else np.zeros((len(runs), 0))
+        self.own_sd = np.tile([FREE if n.sd is None else n.sd for n in own], (len(runs), 1)).astype(float)
+        self.free = sum(n.sd is None for n in own)
+        self.modes = [np.zeros((*run.values.shape, 0)) for run in runs]
+        self.gone = 100 * max(float(np.nanmax(np.abs(run.values))) for run in runs)
+        self.least = min((n.size for n in shared), default=1.0) * 1e-3
+        self.most_force = most_force / self.force_scale
+        self.symmetries: Sequence[tuple[str, Sequence[str]]] = ()
+
+    @property
+    def runs(self) -> Sequence[UsersRun]:
+        """Measured runs."""
+        return self._runs
+
+    def _begin(self, numbers: Sequence[UsersNumber]) -> Array:
+        """(runs, numbers) where they begin."""
+        count = len(self._runs)
+        return np.array([np.broadcast_to(np.asarray(n.start, dtype=float), (count,)) for n in numbers]).T.reshape(
+            count, len(numbers)
+        )
+
+    def starts(self) -> Sequence[Hypothesis]:
+        """The numbers' own starts."""
+        return [Hypothesis(self._begin(self._shared)[0], self._begin(self._own))]
+
+    def linear(self, hypotheses: Sequence[Hypothesis], closings: int) -> list[Slopes]:
+        """Residuals and slopes by differences, all variations of a run in one call."""
+        return [Slopes([self._row(h, i) for i in range(len(self._runs))]) for h in hypotheses]
+
+    def _row(self, h: Hypothesis, index: int) -> tuple[Array, Array]:
+        here = np.concatenate([h.shared, h.own[index], *h.numbers])
+        steps = [STEP_SHARE * max(abs(v), n.size) for v, n in zip(here, [*self._shared, *self._own], strict=False)]
+        steps += [EFFECT_STEP * p.sd for e in h.effects for p in e.parameters]
+        table = np.column_stack([here, here[:, None] + np.diag(steps)])
+        numbers = {n.name: row for n, row in zip([*self._shared, *self._own], table, strict=False)}
+        at, effects = len(numbers), {}
+        for effect, own in zip(h.effects, h.numbers, strict=True):
+            effects[effect.name] = tuple(table[at : at + len(own)])
+            at += len(own)
+        run = self._runs[index]
+        with np.errstate(all="ignore"):
+            values = np.asarray(self._simulate(run, numbers, effects), dtype=float)
+        if values.shape != (*run.values.shape, table.shape[1]):
+            wanted = (*run.values.shape, table.shape[1])
+            raise InputError("simulate", run.name, f"gave shape {values.shape}, expected {wanted}")
+        with np.errstate(all="ignore"):
+            return run.values - values[..., 0], (values[..., 1:] - values[..., :1]) / steps
+
+    def noise(self, hypothesis: Hypothesis) -> Noise:
+        """Measurement noise, and slow random forces."""
+        shared = {n.name: np.array([v]) for n, v in zip(self._shared, hypothesis.shared, strict=True)}
+
+        def measured(run: UsersRun) -> Measured:
+            n, channels = run.values.shape
+            answer = np.zeros((n, channels))
+            answer[0] = 1.0
+            if self._response is not None:
+                answer = self.force_scale * np.asarray(self._response(shared, run))
+            good = np.isfinite(run.values)
+            lag = np.abs(np.arange(n)[:, None] - np.arange(n)[None, :]) * self.step_s
+            keep = good.T.ravel().astype(float)[:, None]
+
+            def roots(time: int) -> list[Array]:
+                root = forced(answer, TIMES_S[time], lag) * keep
+                return [root, np.zeros_like(root)]
+
+            return Measured(good, run.covariance, channels, roots)
+
+        return Noise([measured(run) for run in self._runs])
+
+    def usable(self, library: Sequence[Effect]) -> tuple[list[Effect], dict[str, str]]:
+        """All that are given."""
+        return list(library), {}
+
+    def suggested(self, base: Fitted) -> list[Effect]:
+        """None."""
+        return []
+
+    def free_forms(self) -> Sequence[Effect]:
+        """None: what random forces must explain stands for the unknown."""
+        return ()
+
+    def reached(self, fitted: Fitted) -> str:
+        """Nothing is known of the motion."""
+        return ""
+
+
+def _check(run: UsersRun) -> None:
+    n, channels = run.values.shape
+    if run.centre_s.shape != (n,) or run.covariance.shape != (channels, n, n):
+        raise InputError(
+            run.name, "values", f"{n} times and {channels} channels ask for covariance ({channels}, {n}, {n})"
+        )
+    gaps = np.diff(run.centre_s)
+    if not np.allclose(gaps, gaps.mean(), rtol=0.05):
+        raise InputError(run.name, "centre_s", "times are not evenly spaced; take means over even blocks")
+
+
+__all__ = ["UsersNumber", "UsersRun", "UsersSimulator"]

@@ -1,0 +1,110 @@
+"""gap.json in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..record.gap_file import GapFile
+from .held_out import Shrink
+from .scan import Leftover
+
+STANDS_OUT = 5.0
+"""Log evidence."""
+
+LIKE = {
+    "crossflow_drag": "quadratic cross-flow drag",
+    "cubic_damping": "cubic damping",
+    "hull_asymmetry": "a hull that pulls to one side",
+    "added_mass_coupling": "added mass that couples sway and yaw",
+    "fluid_memory": "damping with memory",
+    "bank_suction": "suction of the near wall",
+    "cross_current": "a current across the tank",
+    "speed_drift": "a drifting carriage speed",
+    "tension_variation": "a line tension that changes with the angle",
+    "elastic_line": "a line that stretches",
+    "slack_line": "a line that goes slack",
+    "tow_point_offset": "a tow point off the centre line",
+    "swivel_friction": "friction in the swivel",
+    "lens_distortion": "the lens's true distortion",
+    "deck_height": "the marks' true height",
+    "camera_shift": "a camera that was turned after the datum was picked",
+    "datum_scale": "the datum's true scale",
+    "datum_bias": "the tow post's true place",
+    "marker_roll": "the model's roll under its marks",
+    "frame_rate": "the true frame rate",
+    "sync_delay": "the delay between load cell and video",
+    "rolling_shutter": "a rolling shutter",
+}
+
+
+def sentences(file: GapFile, held: Shrink | None, rest: Leftover) -> list[str]:
+    """The summary in plain words."""
+    if file.verdict == "no_gap":
+        said = [f"The simulator explains these runs to within their noise (probability {file.p_no_gap:.2f})."]
+        if file.ranking:
+            first = file.ranking[0]
+            said.append(
+                f"The nearest thing to a gap would be {_like(first.effects)} (probability {first.probability:.2f})."
+            )
+        return said
+    if file.verdict == "unknown":
+        place = file.where
+        said = [
+            f"There is a gap that no effect or pair of effects in the library explains (probability {file.p_unknown:.2f})."
+        ]
+        if rest.log_evidence > STANDS_OUT:
+            at = f"at {rest.band_hz[0]:.2f} Hz in all runs" if rest.band_hz else ""
+            at = f"in {rest.run}, from {rest.span_s[0]:.0f} to {rest.span_s[1]:.0f} s" if rest.span_s else at
+            return [*said, f"What is left over stands out {at}; look for what happens there."]
+        return [
+            *said,
+            f"It shows most in {max(place.share, key=lambda k: place.share[k])}, from {place.span_s[0]:.0f} to "
+            f"{place.span_s[1]:.0f} s, at {place.band_hz[0]:.2f} to {place.band_hz[1]:.2f} Hz.",
+        ]
+    row = file.ranking[0]
+    stage = file.where.stage
+    side = {
+        "sway": " in the sway equation",
+        "yaw": " in the yaw equation",
+        "line": " in the line",
+        "camera": " in the camera",
+    }
+    said = [f"Your simulator misses {_like(row.effects)}{side.get(stage, '')} (probability {row.probability:.2f})."]
+    numbers = ", ".join(f"{k.split('.')[1]} {v.value:.3g} +- {v.std:.2g}" for k, v in row.parameters.items())
+    said.append(f"Its size: {numbers}.")
+    if held is not None and held.before > 1:
+        low, high = row.shrink_interval
+        said.append(
+            f"With it, the gap on the runs kept aside falls from {row.gap_before:.2f} to {row.gap_after:.2f} sigma "
+            f"({100 * row.shrink:.0f} %, interval {100 * low:.0f}-{100 * high:.0f})."
+        )
+    twins = [t for t in file.indistinguishable if t[0] in row.effects]
+    if twins:
+        others = " or ".join(_like([n]) for n in twins[0][1:])
+        cure = f"; {file.next_run.why.split(':')[0]} would" if file.next_run is not None else ""
+        said.append(f"It cannot be told from {others} with these runs{cure}.")
+    elif file.next_run is not None:
+        said.append(f"To be surer: {file.next_run.why}.")
+    said.append(row.cure)
+    changed = _changed(file)
+    if changed:
+        said.append(changed)
+    return said
+
+
+def _like(names: Sequence[str]) -> str:
+    return " and ".join(LIKE.get(name, name) for name in names)
+
+
+def _changed(file: GapFile) -> str:
+    """What the unmodelled effect had done to the derivatives."""
+    before, after = file.derivatives.get("before", {}), file.derivatives.get("after", {})
+    moved = {k: 100 * (before[k].value / after[k].value - 1) for k in after if after[k].value}
+    if not moved:
+        return ""
+    worst = max(moved, key=lambda k: abs(moved[k]))
+    return (
+        f"Left out, it biases the derivatives by up to {abs(moved[worst]):.0f} % ({worst})."
+        if abs(moved[worst]) >= 1
+        else ""
+    )

@@ -1,0 +1,312 @@
+"""The page of a fit: derivatives, reference, agreement of the runs, and run by run what the fit left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..record.files import write_text
+from .format import NONE, SYMBOLS_TEXT, plus_minus, significant, to_decimals
+from .html import Html, bullets, figure, join, number, table, tag, unit
+from .identify_figures import consistency_figure, cross_figure, estimators_figure, white_residuals
+from .page import document
+from .run_figures import motion_figure, residuals_figure, whiteness_figure
+from .run_section import RunPage, frames_of
+from .sections import SYMBOLS_HTML, Frames, derivatives_section, failed_box, summary
+from .series import residuals
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from ..identify.consistency import Consistency, Judged, Part
+    from ..identify.data import RunData
+    from ..identify.fit import Fit
+    from ..identify.reference import Comparison
+    from ..record.results import DerivativesFile
+    from .series import Array
+
+NAMES = tuple(SYMBOLS_TEXT)
+FAR = 2.0
+UNLIKELY = 0.01
+
+
+@dataclass(frozen=True)
+class FitPage:
+    """Everything the page shows.
+
+    Attributes
+    ----------
+    result : derivatives.json
+    fit, data : the fit and what it was given
+    motion : run name -> motion table, in the order of ``data``
+    fitted : run name -> t_s, y_cg_m, beta_rad, alpha_rad of the fit, biases included
+    agreed, judged : ``identify.consistency`` of the fit
+    compared : against a reference set, or None
+    """
+
+    result: DerivativesFile
+    fit: Fit
+    data: list[RunData]
+    motion: dict[str, pd.DataFrame]
+    fitted: dict[str, pd.DataFrame]
+    agreed: Consistency
+    judged: list[Judged]
+    compared: Comparison | None = None
+
+
+def write_identify_page(path: Path, found: FitPage) -> None:
+    """Write the page atomically."""
+    write_text(path, identify_page(found))
+
+
+def identify_page(found: FitPage) -> str:
+    """The page as text."""
+    agreed, compared = found.agreed, found.compared
+    result = found.result
+    pages = [RunPage(name, None, None, motion, found.fitted[name], None, None) for name, motion in found.motion.items()]
+    frames = sum((frames_of(page) for page in pages), Frames())
+    title = f"Derivatives: {', '.join(found.fitted)}"
+    parts: list[object] = [
+        tag("h1", title),
+        summary(len(pages) + len(result.failed), len(result.failed), frames, result, None),
+        _contents(found, compared),
+        derivatives_section(result),
+    ]
+    if result.failed:
+        parts.append(failed_box("Runs that could not be used", result.failed))
+    if compared is not None:
+        parts.append(_reference(found, agreed, compared))
+    parts.append(_consistency(found, agreed))
+    for order, (page, one) in enumerate(zip(pages, found.judged, strict=True), 1):
+        parts.append(_run(found, page, one, order))
+    words = (
+        "± is one standard deviation, bars are 95 %; y and angles positive to starboard. "
+        f"Written by towline {result.tool}."
+    )
+    parts.append(tag("footer", words))
+    return document(title, tag("main", *parts))
+
+
+def _contents(found: FitPage, compared: Comparison | None) -> Html:
+    links: list[object] = [tag("a", "Derivatives", href="#derivatives")]
+    if compared is not None:
+        links.append(tag("a", "Reference", href="#reference"))
+    links.append(tag("a", "Do the runs agree?", href="#consistency"))
+    links += [tag("a", name, href=f"#run-{k}") for k, name in enumerate(found.fitted, 1)]
+    return tag("nav", join(links, " "))
+
+
+# against a reference ------------------------------------------------------------------------------------------------
+
+
+def _reference(found: FitPage, agreed: Consistency, compared: Comparison) -> Html:
+    """Tables 8.9 and 8.11: this fit, the mean of the runs alone, the reference; dimensional and prime."""
+    source = compared.reference
+    mean = dict(zip(NAMES, agreed.mean, strict=True))
+    rows, primes = [], []
+    for row in compared.rows:
+        prime = row.value / found.result.derivatives[row.name].prime
+        alone = mean[row.name]
+        far = abs(row.difference_sd) > FAR
+        score = number(f"{row.difference_sd:+.1f}" if np.isfinite(row.difference_sd) else NONE)
+        rows.append([
+            SYMBOLS_HTML[row.name],
+            number(plus_minus(row.value, row.std)),
+            unit(row.unit),
+            number(significant(alone, 4)),
+            number(plus_minus(row.reference, row.reference_std) if row.reference_std else significant(row.reference, 4)),
+            number(f"{row.difference_percent:+.2f}"),
+            tag("strong", score) if far else score,
+        ])  # fmt: skip
+        primes.append([
+            SYMBOLS_HTML[row.name],
+            *(number(to_decimals(1e3 * x / prime, 3)) for x in (row.value, alone, row.reference)),
+        ])  # fmt: skip
+    caption = f"{source.name}: {source.source}" if source.source else source.name
+    head = ["derivative", "this fit", "unit", "mean of runs alone", "reference", "differs, %", "in sd"]
+    verdict = (
+        f"All {len(rows)} together: chi-square {significant(compared.chi_square, 4)} on {len(rows)}, "
+        f"p {_chance(compared.p_value)}: the chance of so large a difference, were the reference the truth."
+    )
+    values = np.array([[r.value, r.std, r.reference, r.reference_std] for r in compared.rows]).T
+    drawn = figure(estimators_figure([r.name for r in compared.rows], *values), "The same in a picture.")
+    shown = tag(
+        "div",
+        table(head, rows, kind="units", caption=caption),
+        table(["in primes × 10³", "this fit", "mean of runs alone", "reference"], primes),
+    )
+    return tag(
+        "section",
+        tag("h2", "Against a reference"),
+        tag("p", verdict),
+        tag("div", shown, drawn, class_="grid"),
+        bullets(compared.notes),
+        id="reference",
+    )
+
+
+def _chance(p_value: float) -> str:
+    return "below 1e-12" if p_value < 1e-12 else f"= {p_value:.2g}"
+
+
+# agreement of the runs ----------------------------------------------------------------------------------------------
+
+
+def _consistency(found: FitPage, agreed: Consistency) -> Html:
+    """Tables 8.8 and 8.10: each run alone, mean and standard deviation in %; then every run left out, with z."""
+    parts: list[object] = [tag("h2", "Do the runs agree?")]
+    if agreed.chi_square is not None and agreed.p_value is not None:
+        verdict = "agree" if agreed.p_value > UNLIKELY else "do not agree"
+        parts.append(
+            tag(
+                "p", "The runs ", tag("strong", verdict), " on the six derivatives to within their errors: with the joint "
+                "values instead of each run's own, chi-square is higher by ",
+                f"{agreed.chi_square:.1f} on {agreed.degrees} degrees of freedom, p {_chance(agreed.p_value)}.",
+                "" if agreed.p_value > UNLIKELY else " Tension, tow point or speed changed between them (say how much they "
+                "may in [priors]), or the model lacks something: towline diagnose looks for it.",
+            )
+        )  # fmt: skip
+    elif len(agreed.alone) > 1:
+        parts.append(tag("p", "One of the runs could not be fitted alone; what the others fix stands below."))
+    else:
+        parts.append(tag("p", "One run only: nothing checks it. A run at another tow point would."))
+    if len(agreed.alone) > 1:
+        pair = (figure(consistency_figure(found.fit, agreed, three), words) for three, words in _FIGURES)
+        parts.append(tag("div", *pair, class_="grid"))
+    parts.append(_alone(found, agreed))
+    if agreed.without:
+        rows = [
+            [join([str(k), " ", tag("small", part.name)]), *_cells(part, found.fit.six)]
+            for k, part in enumerate(agreed.without, 1)
+        ]
+        parts.append(
+            table(
+                ["left out", *_heads()], rows,
+                caption="All runs but one: difference to the joint fit in % and, in brackets, in its own standard "
+                "deviations (z). A run whose absence moves a value by more than two of them pulls.",
+            )
+        )  # fmt: skip
+    problems = [f"{part.name}: {part.problem}" for part in (*agreed.alone, *agreed.without) if part.problem]
+    parts.append(bullets(problems))
+    return tag("section", *parts, id="consistency")
+
+
+_FIGURES = (
+    (
+        (0, 1, 2),
+        "Grey: the joint fit's 95 % interval. Dots: each run alone; squares: all runs without it. Look for bars that miss the "
+        "grey band.",
+    ),
+    ((3, 4, 5), "What a run does not determine alone is left out. Run numbers as in the table."),
+)
+
+
+def _heads() -> list[object]:
+    return [SYMBOLS_HTML[name] for name in NAMES]
+
+
+def _alone(found: FitPage, agreed: Consistency) -> Html:
+    factors = _factors(found)
+    rows: list[list[object]] = []
+    primes: list[list[object]] = []
+    for order, (part, data) in enumerate(zip(agreed.alone, found.data, strict=True), 1):
+        cells = [number(plus_minus(v, s)) if ok else "not fixed" for v, s, ok in _each(part)]
+        first = join([str(order), " ", tag("small", part.name)])
+        place = [number(f"{data.tow.tow_point_m:g}"), number(f"{data.tow.speed_m_s:g}")]
+        rows.append([first, *place, *cells])
+        cells = [
+            number(plus_minus(1e3 * v / f, 1e3 * s / f)) if ok else "–"
+            for (v, s, ok), f in zip(_each(part), factors, strict=True)
+        ]
+        primes.append([first, *cells])
+    empty: list[object] = ["", ""]
+    if np.isfinite(agreed.mean).any():
+        rows.append(["mean", *empty, *(number(significant(v, 5)) for v in agreed.mean)])
+        share = 100 * agreed.scatter / np.abs(agreed.mean)
+        rows.append(["STD, %", *empty, *(number(significant(v, 2)) for v in share)])
+        primes.append(["mean", *(number(significant(1e3 * v / f, 4)) for v, f in zip(agreed.mean, factors))])
+    sd = np.sqrt(np.diag(found.fit.covariance))
+    joint = zip(found.fit.six, sd, factors, strict=True)
+    both = [(number(plus_minus(v, s)), number(plus_minus(1e3 * v / f, 1e3 * s / f))) for v, s, f in joint]
+    rows.append([tag("strong", "joint"), *empty, *(b[0] for b in both)])
+    primes.append([tag("strong", "joint"), *(b[1] for b in both)])
+    head = ["run", Html("<i>X</i><sub>T</sub> (m)"), "U (m/s)", *_heads()]
+    words = (
+        f"Each run by itself, all at U = {found.fit.speed_m_s:g} m/s, SI units; mean and standard deviation over the runs "
+        "as in the thesis's tables 8.8 and 8.10."
+    )
+    return join([
+        table(head, rows, caption=words),
+        table(["run", *_heads()], primes, caption="The same in primes × 10³."),
+    ])  # fmt: skip
+
+
+def _factors(found: FitPage) -> Array:
+    from ..identify.prime import prime_factors
+
+    result = found.result
+    return prime_factors(result.density_kg_m3, result.length_pp_m, result.speed_m_s)
+
+
+def _each(part: Part):
+    return zip(part.six, part.sd, part.fixed, strict=True)
+
+
+def _cells(part: Part, joint: Array) -> list[object]:
+    cells: list[object] = []
+    for value, middle, z, fixed in zip(part.six, joint, part.z, part.fixed, strict=True):
+        if not fixed:
+            cells.append("not fixed")
+            continue
+        share = number(f"{100 * (value - middle) / abs(middle):+.2f}")
+        text = join([share, " (", number(f"{z:+.1f}" if np.isfinite(z) else NONE), ")"])
+        cells.append(tag("strong", text) if np.isfinite(z) and abs(z) > FAR else text)
+    return cells
+
+
+# one run ------------------------------------------------------------------------------------------------------------
+
+
+def _run(found: FitPage, page: RunPage, one: Judged, order: int) -> Html:
+    index = order - 1
+    rest = residuals(page.motion, page.fitted)
+    left: list[object] = [figure(motion_figure(page.motion, page.fitted, None), _MOTION)]
+    right: list[object] = []
+    if rest is not None:
+        left.append(figure(residuals_figure(rest), "Measured minus simulated, with the measurement's own ±2 σ."))
+        right.append(figure(whiteness_figure(rest), _RAW))
+    whitened = found.fit.method == "innovations" or found.fit.orders[index].any()
+    if whitened:
+        right.append(figure(whiteness_figure(white_residuals(one)), _WHITENED))
+    right.append(figure(cross_figure(one), _CROSS))
+    tests = found.result.runs[page.name].tests
+    words = [f"{key.replace('_', ' ').replace('ljung box', 'Ljung-Box')} {value:.3g}" for key, value in tests.items()]
+    return tag(
+        "section",
+        tag("h2", "Run ", tag("span", page.name, class_="name")),
+        tag("p", f"{frames_of(page).sentence().capitalize()}. Tests: {', '.join(words)}."),
+        tag("div", tag("div", *left, class_="stack"), tag("div", *right, class_="stack"), class_="grid"),
+        id=f"run-{order}",
+        class_="run",
+    )
+
+
+_MOTION = (
+    "Measured against simulated with the joint derivatives (table 8.8's check, figures 8.10 to 8.14 of the thesis)."
+)
+_RAW = (
+    "Residuals as measured: autocorrelation with the 95 % band of white noise, and histogram against the normal curve. "
+    "Stems that swing are a motion that the equations do not know; short ones above the band are the camera's or codec's colour."
+)
+_WHITENED = (
+    "The same after the fit's whitening: what its weights and errors rest on. Stems belong within the band here."
+)
+_CROSS = (
+    "Cross-correlation of the whitened residuals with the line's force in the simulated tow (the input of the hull), with the "
+    "95 % band of independence. Stems beyond it at positive lags: the residuals still hold an answer to the force."
+)
+
+__all__ = ["identify_page", "write_identify_page"]

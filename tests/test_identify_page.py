@@ -1,0 +1,212 @@
+"""The fit's page: agreement of the runs, residuals and input, what it says; self-contained, escaped; the command that writes it."""
+
+from __future__ import annotations
+
+import base64
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import chi2
+
+from towline.analysis import Batch, Identified, fit_page, identified
+from towline.cli import main
+from towline.identify import fit_runs
+from towline.identify.consistency import consistency, judged
+from towline.identify.reference import compare_to_reference, reference_set
+from towline.record import DerivativesFile, Priors, Run, RunFile, read_result
+from towline.record.toml import check_tables
+from towline.report.identify_page import identify_page
+from towline.report.series import cross_correlation
+from towline.stages import Moved
+
+HOSTILE = "<script>alert('x')</script> & co"
+
+
+def moved(campaigns: ModuleType, point: float, rng: np.random.Generator, folder: Path, name: str, keep: float) -> Moved:
+    """A run that came as motion; the first ``1 - keep`` of it cut off."""
+    t = campaigns.times(16.0)
+    made = campaigns.noisy(campaigns.still_run(point, t, "modal"), rng)
+    table = pd.DataFrame(
+        {
+            "t_s": t,
+            "y_cg_m": made.y_m,
+            "beta_rad": made.beta_rad,
+            "alpha_rad": np.nan,
+            "sigma_y_cg_m": campaigns.SIGMA_Y_M,
+            "sigma_beta_rad": campaigns.SIGMA_BETA_RAD,
+            "status": "measured",
+        }
+    )
+    content = {
+        "name": name,
+        "source": {"motion": "motion.csv"},
+        "tow": {"speed_m_s": 1.28, "line_length_m": 0.91, "tow_point_m": point, "tension_n": 3.96},
+        "model": {"length_pp_m": 2.66, "mass_kg": 78.0},
+        "water": {"density_kg_m3": 1000.0},
+    }
+    file = check_tables(content, RunFile, folder / "run.toml")
+    table = table[table["t_s"] >= (1 - keep) * t[-1]].reset_index(drop=True)
+    return Moved(Run(folder, file), table, None, None, None)
+
+
+@pytest.fixture(scope="module")
+def found(campaigns: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Identified:
+    """Three runs, the last without its transient."""
+    rng = np.random.default_rng(31)
+    folder = tmp_path_factory.mktemp("page")
+    names = (HOSTILE, "second", "third")
+    points = campaigns.POINTS_M[::-1][:3]
+    runs = [
+        moved(campaigns, x, rng, folder, name, 0.6 if k == 2 else 1.0)
+        for k, (x, name) in enumerate(zip(points, names, strict=True))
+    ]
+    return identified(Batch(runs, {"bad one": "no <motion>"}), "linear", noise="output")
+
+
+@pytest.fixture(scope="module")
+def page(found: Identified) -> str:
+    return identify_page(fit_page(found, compare_to_reference(found.result, reference_set("ittc"))))
+
+
+class _Outline(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.references: list[str] = []
+        self.identifiers: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+        given = {key: value or "" for key, value in attrs}
+        self.references += [given[key] for key in ("src", "href", "srcset", "data", "action") if key in given]
+        if "id" in given:
+            self.identifiers.append(given["id"])
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_page_is_self_contained_and_escaped(page: str) -> None:
+    outline = _Outline()
+    outline.feed(page)
+    assert outline.open == []
+    assert len(set(outline.identifiers)) == len(outline.identifiers)
+    for reference in outline.references:
+        assert reference.startswith("data:image/") or reference[1:] in outline.identifiers
+    assert not re.search(r"@import|url\(|<link|<iframe|<script", page)
+    assert "&lt;script&gt;alert(&#x27;x&#x27;)&lt;/script&gt; &amp; co" in page
+    assert "no &lt;motion&gt;" in page
+    pictures = [base64.b64decode(r.partition(",")[2]) for r in outline.references if r.startswith("data:image/svg")]
+    # reference 1, agreement 2; per run motion, residuals, whiteness, cross; whitened once more where a colour was taken out
+    assert 3 + 4 * 3 <= len(pictures) <= 3 + 5 * 3
+    for svg in pictures:
+        assert not re.search(rb'href="(?!#|data:)', svg)
+        assert b"alert" not in svg
+
+
+def test_page_says_the_numbers(page: str, found: Identified) -> None:
+    from towline.report.format import plus_minus
+
+    for d in found.result.derivatives.values():
+        assert plus_minus(d.value, d.std).replace(" +- ", " ± ").replace("-", "−") in page
+    assert "Against a reference" in page
+    assert "ITTC MARINER" in page
+    assert "not fixed" in page  # the run without its transient does not determine all six alone
+    assert "STD, %" in page
+    assert "nan" not in re.sub(r'base64,[^"]*', "", page).lower()
+
+
+def test_the_agreement_of_runs_is_chi_square(campaigns: ModuleType) -> None:
+    """12 campaigns of three runs: mean 12 within 4 standard errors; a run towed at 2 % more tension than said stands out."""
+    t = campaigns.times(8.0)
+    still = [campaigns.still_run(x, t, "modal", priors=Priors()) for x in campaigns.POINTS_M[::-1][:3]]
+    squares, z = [], []
+    for seed in range(12):
+        runs = campaigns.campaign(still, np.random.default_rng([32, seed]))
+        agreed = consistency(fit_runs(runs, "linear"), runs)
+        assert agreed.degrees == 12
+        squares.append(agreed.chi_square)
+        z += [part.z for part in agreed.without]
+    assert abs(np.mean(squares) - 12) < 4 * np.sqrt(24 / len(squares)), np.mean(squares)
+    rms = np.sqrt(np.nanmean(np.square(z)))
+    # 36 sets of six correlated z, each campaign counted as one
+    assert abs(rms - 1) < 4 / np.sqrt(2 * 12), rms
+    wrong = replace(still[1], tow=replace(still[1].tow, tension_n=0.98 * still[1].tow.tension_n))
+    runs = campaigns.campaign([still[0], wrong, still[2]], np.random.default_rng(33))
+    agreed = consistency(fit_runs(runs, "linear"), runs)
+    assert agreed.p_value is not None
+    assert agreed.p_value < 1e-6
+    assert max(np.nanmax(np.abs(p.z)) for p in agreed.without) > 4
+
+
+def test_one_run_and_one_that_cannot_be_fitted(campaigns: ModuleType) -> None:
+    t = campaigns.times(8.0)
+    runs = campaigns.campaign([campaigns.still_run(1.649, t, "modal")], np.random.default_rng(34))
+    agreed = consistency(fit_runs(runs, "linear"), runs)
+    assert agreed.without == ()
+    assert agreed.chi_square is None
+    assert np.isnan(agreed.mean).all()
+
+
+def test_what_is_left_does_not_hang_on_the_force(campaigns: ModuleType) -> None:
+    """Of white residuals 5 % of the stems lie beyond the band; a delayed answer to the force does not stay within it."""
+    rng = np.random.default_rng(35)
+    n, lags = 2000, np.arange(-20, 21)
+    force = np.cumsum(rng.normal(size=n))
+    inside = []
+    for _ in range(40):
+        rho, bound = cross_correlation(rng.normal(size=n), force, lags)
+        inside.append(np.abs(rho) < bound)
+    # stems of a slow force hang together: 40 records count as 40
+    assert abs(np.mean(inside) - 0.95) < 4 * np.sqrt(0.95 * 0.05 / 40)
+    quick = rng.normal(size=n)
+    rho, bound = cross_correlation(0.5 * np.roll(quick, 7) + rng.normal(size=n), quick, lags)
+    assert lags[np.argmax(np.abs(rho))] == 7
+    assert rho.max() > 5 * bound
+    fit = fit_runs([campaigns.noisy(campaigns.still_run(1.649, campaigns.times(8.0), "modal"), rng)], "linear")
+    run = campaigns.still_run(1.649, campaigns.times(8.0), "modal")
+    one = judged(fit, [run])[0]
+    linear = 3.96 * (run.y_m / 0.91 + (1 + 1.649 / 0.91) * run.beta_rad)
+    # sin of up to 0.3 rad, and the fit's own error
+    assert np.abs(one.force_n - linear).max() < 0.03 * np.abs(linear).max()
+    assert one.white.shape == (len(run.t_s), 2)
+
+
+def test_a_reference_beside_a_refused_derivative(found: Identified) -> None:
+    """What the record does not determine is left out of the comparison; the rest counts with its own degrees of freedom."""
+    keys = list(found.result.derivatives)
+    some = {k: found.result.derivatives[k] for k in keys[2:]}
+    correlation = np.array(found.result.correlation)[2:, 2:].tolist()
+    part = found.result.model_copy(update={"derivatives": some, "correlation": correlation})
+    compared = compare_to_reference(part, reference_set("ittc"))
+    assert [row.name for row in compared.rows] == keys[2:]
+    assert compared.p_value == pytest.approx(chi2.sf(compared.chi_square, len(keys) - 2))
+
+
+def test_the_command_writes_the_page(samples: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    import shutil
+
+    run = shutil.copytree(samples / "mariner" / "x1751", tmp_path / "run", ignore=shutil.ignore_patterns("out"))
+    text = (run / "run.toml").read_text()
+    (run / "run.toml").write_text(text.replace('video = "video.mp4"', 'video = "video.mp4"\nspan_s = [0.0, 20.0]'))
+    command = ["identify", str(run), "--form", "linear", "--noise", "output"]
+    assert main([*command, "--reference", "nowhere.csv"]) == 1
+    assert "no built-in reference set" in capsys.readouterr().err
+    assert not (run / "out").exists()
+    assert main([*command, "--no-page"]) == 0
+    assert not (run / "out" / "derivatives.html").exists()
+    assert main([*command, "--reference", "ittc"]) == 0
+    said = capsys.readouterr().out
+    assert f"page: {run / 'out' / 'derivatives.html'}" in said
+    assert "against ittc" in said
+    page = (run / "out" / "derivatives.html").read_text(encoding="utf-8")
+    result = read_result(run / "out" / "derivatives.json", DerivativesFile)
+    assert next(iter(result.runs)) in page
+    assert "One run only" in page

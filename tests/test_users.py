@@ -1,0 +1,116 @@
+"""The diagnosis with a simulator and effects of one's own: a roll decay whose truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from towline.diagnose.effects import Effect, Parameter
+from towline.diagnose.gap import Diagnosis, diagnosed
+from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
+from towline.record import InputError
+
+STEP_S, BLOCKS, NOISE_RAD = 0.2, 110, 5e-4
+W2, C = 4.0, 0.08
+RELEASES_RAD = (0.1, 0.25, 0.4)
+EFFECTS = (
+    Effect(
+        "quadratic",
+        "roll",
+        (Parameter("q", "1/rad", 0.1, one_sided=True),),
+        "Bilge keels shed vortices.",
+        "Add q w|w|.",
+    ),
+    Effect("dry", "roll", (Parameter("f", "rad/s2", 0.01, one_sided=True),), "The pivot rubs.", "Add f sign(w)."),
+    Effect("offset", "sensor", (Parameter("b", "rad", 0.005),), "The sensor's zero is off.", "Read it upright."),
+)
+
+
+def roll(run: UsersRun, n: dict, effects: dict) -> np.ndarray:
+    """a'' = -w2 a - c a' with the effects, k rolls side by side."""
+    (q,), (f,), (b,) = (effects.get(e.name, (0.0,)) for e in EFFECTS)
+
+    def rates(x: np.ndarray) -> np.ndarray:
+        a, w = x
+        return np.array([w + 0 * a, -n["w2"] * a - n["c"] * w - q * w * np.abs(w) - f * np.tanh(w / 0.02)])
+
+    x, h = np.array([n["a0"] + 0 * n["w2"], 0 * n["w2"]]), STEP_S / 2
+    path = [x[0]]
+    for _ in range(2 * (len(run.centre_s) - 1)):
+        k1 = rates(x)
+        k2 = rates(x + h / 2 * k1)
+        k3 = rates(x + h / 2 * k2)
+        k4 = rates(x + h * k3)
+        x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        path.append(x[0])
+    return (np.array(path[::2]) + b)[:, None]
+
+
+def runs(rng: np.random.Generator, **planted: tuple[float, ...]) -> list[UsersRun]:
+    made = []
+    centre_s = np.arange(BLOCKS) * STEP_S
+    for k, release in enumerate(RELEASES_RAD):
+        run = UsersRun(f"roll-{k + 1}", centre_s, np.zeros((BLOCKS, 1)), NOISE_RAD**2 * np.eye(BLOCKS)[None])
+        numbers = {"w2": np.array([W2]), "c": np.array([C]), "a0": np.array([release])}
+        values = roll(run, numbers, {name: tuple(map(np.atleast_1d, v)) for name, v in planted.items()})[..., 0]
+        made.append(UsersRun(run.name, centre_s, values + NOISE_RAD * rng.normal(size=values.shape), run.covariance))
+    return made
+
+
+def answer(shared: dict, run: UsersRun) -> np.ndarray:
+    w = np.sqrt(shared["w2"][0])
+    return (STEP_S * np.exp(-shared["c"][0] * run.centre_s / 2) * np.sin(w * run.centre_s) / w)[:, None]
+
+
+def judged(made: list[UsersRun]) -> Diagnosis:
+    shared = [UsersNumber("w2", 3.5, size=4.0), UsersNumber("c", 0.1, size=0.1)]
+    own = [UsersNumber("a0", [float(r.values[0, 0]) for r in made])]
+    simulator = UsersSimulator(made, roll, shared, own, answer, usual_force=1e-3, most_force=0.05)
+    return diagnosed(simulator, EFFECTS, "test", {}, rng=np.random.default_rng(0))
+
+
+def test_nothing_is_named_where_nothing_is_missing() -> None:
+    found = judged(runs(np.random.default_rng(1)))
+    assert found.file.verdict == "no_gap"
+    for name, value in (("w2", W2), ("c", C)):
+        fitted = found.file.derivatives["before"][name]
+        assert abs(fitted.value - value) < 4 * fitted.std
+    assert found.file.next_run is None
+
+
+@pytest.mark.parametrize(("name", "size"), [("quadratic", 0.1), ("dry", 0.01), ("offset", 0.004)])
+def test_a_users_effect_is_named_with_its_size(name: str, size: float) -> None:
+    found = judged(runs(np.random.default_rng(2), **{name: (size,)}))
+    assert found.file.verdict == "effect"
+    assert found.file.ranking[0].effects == [name]
+    (measured,) = found.file.ranking[0].parameters.values()
+    assert abs(measured.value - size) < 4 * measured.std < size
+    stage = next(e.stage for e in EFFECTS if e.name == name)
+    assert found.file.where.stage == stage
+    # without it the damping or the start is biased, with it the truth is inside
+    for number, value in (("w2", W2), ("c", C)):
+        fitted = found.file.derivatives["after"][number]
+        assert abs(fitted.value - value) < 4 * fitted.std
+
+
+def test_what_is_in_no_list_is_unknown() -> None:
+    """A moment that depends on the place: none of the three effects has it, and the random forces it asks for are too large."""
+    made = runs(np.random.default_rng(3))
+    changed = []
+    for run in made:
+        extra = 0.03 * np.sin(40 * run.values) * np.cos(0.3 * run.centre_s)[:, None]
+        changed.append(UsersRun(run.name, run.centre_s, run.values + extra, run.covariance))
+    assert judged(changed).file.verdict == "unknown"
+
+
+def test_wrong_shapes_are_said() -> None:
+    made = runs(np.random.default_rng(4))
+    shared, own = [UsersNumber("w2", 4.0), UsersNumber("c", 0.1)], [UsersNumber("a0", 0.1)]
+    with pytest.raises(InputError, match="expected at least one"):
+        UsersSimulator([], roll, shared, own)
+    uneven = UsersRun("x", np.r_[0.0, 0.1, np.arange(2, BLOCKS) * STEP_S], made[0].values, made[0].covariance)
+    with pytest.raises(InputError, match="evenly spaced"):
+        UsersSimulator([uneven], roll, shared, own)
+    wrong = UsersSimulator(made, lambda run, n, effects: np.zeros(3), shared, own)
+    with pytest.raises(InputError, match=r"gave shape \(3,\)"):
+        wrong.linear(wrong.starts(), 0)

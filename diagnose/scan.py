@@ -53,7 +53,8 @@ def leftover(inference: Inference, fitted: Fitted) -> Leftover:
         good = np.isfinite(run.values[:, :moving])
         rest.append(np.where(good, left[: good.size].reshape(moving, -1).T, 0.0))
     names = [run.name for run in runs]
-    most = max((*_bursts(rest, names, step), *_bands(rest, step)), key=lambda found: found.log_evidence)
+    tiles = (*_bursts(rest, names, step), *_bands(rest, step))
+    most = max(tiles, key=lambda found: found.log_evidence, default=Leftover(0.0))
     return replace(most, log_evidence=most.log_evidence - COST)
 
 
@@ -74,7 +75,7 @@ def _bursts(rest: Sequence[Array], names: Sequence[str], step_s: float) -> list[
 
 def _bands(rest: Sequence[Array], step_s: float) -> list[Leftover]:
     longest = max(len(r) for r in rest)
-    count = longest // 2 - 1
+    count = max(longest // 2 - 1, 0)
     sums, numbers = np.zeros(count), 0
     frequency = np.arange(1, count + 1) / (longest * step_s)
     for values in rest:
@@ -84,6 +85,8 @@ def _bands(rest: Sequence[Array], step_s: float) -> list[Leftover]:
         numbers += 2 * values.shape[1]
     found = []
     for width in BANDS:
+        if width > count:
+            continue
         both = np.convolve(sums, np.ones(width), "valid")
         at = int(np.argmax(both))
         evidence = _larger(float(both[at]), width * numbers) - float(np.log(len(BANDS) * count))

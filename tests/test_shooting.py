@@ -18,6 +18,7 @@ from towline.diagnose.tow_data import block_step, tow_run
 from towline.diagnose.tow_model import TowModel
 from towline.diagnose.tow_noise import tow_noise
 from towline.diagnose.tow_start import base_hypotheses, measured_path
+from towline.geometry.normal import inverse_of_normal
 
 SLOPE_SHARE = 0.03
 """Rates' slopes are straight between nodes 0.17 s apart: an error of (rate h)^2/12, 2 % for what decays at 3 a second after
@@ -193,3 +194,17 @@ def test_own_numbers_are_eliminated(runs: list, hypothesis: Hypothesis) -> None:
     np.testing.assert_allclose(part.own_step(step).ravel(), whole[3:], rtol=1e-6)
     rest = np.concatenate(rights) - np.concatenate(rows) @ whole
     assert np.isclose(part.chi_square - part.right @ step, rest @ rest, rtol=1e-6)
+
+
+def test_numbers_that_are_not_told_get_nothing() -> None:
+    """Sizes from 1e-9 to 1e9, and two numbers without any information: no overflow, no made-up variance."""
+    rng = np.random.default_rng(6)
+    slopes = rng.normal(size=(40, 4)) * [1e-9, 1.0, 1e5, 1e9]
+    matrix = np.zeros((6, 6))
+    matrix[:4, :4] = slopes.T @ slopes
+    inverse = inverse_of_normal(matrix)
+    assert (inverse[4:] == 0).all()
+    assert (inverse[:, 4:] == 0).all()
+    size = np.array([1e-9, 1.0, 1e5, 1e9])
+    plain = np.linalg.inv((slopes / size).T @ (slopes / size))
+    np.testing.assert_allclose(inverse[:4, :4] * np.outer(size, size), plain, rtol=1e-6)

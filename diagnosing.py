@@ -13,7 +13,7 @@ from .diagnose.effects import LIBRARY, Effect, installed_effects, load_effects
 from .diagnose.gap import Diagnosis, diagnosed
 from .diagnose.tow import TowSimulator
 from .diagnose.tow_data import TowRun, block_step, tow_run
-from .record.errors import InputError, TowlineError
+from .record.errors import EstimationError, InputError, TowlineError
 from .record.files import write_text
 from .record.results import DerivativesFile, read_result
 from .record.run import RUN_FILE, Run, read_run
@@ -95,7 +95,12 @@ def diagnose_folders(
     known = None if reference is None else _reference(reference)
     # the bootstrap of an interval: the same runs give the same answer
     rng = np.random.default_rng(int.from_bytes("".join(sorted(inputs.values())).encode()[:8].ljust(8, b"0"), "big"))
-    found = diagnosed(TowSimulator(tows, known), library, __version__, inputs, held or None, rng, say)
+    try:
+        found = diagnosed(TowSimulator(tows, known), library, __version__, inputs, held or None, rng, say)
+    except np.linalg.LinAlgError as error:
+        raise EstimationError(
+            f"the runs' normal equations cannot be solved ({error}); does each run hold a tow?"
+        ) from error
     return Diagnosed(found, runs, failed)
 
 

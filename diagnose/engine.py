@@ -239,7 +239,8 @@ def screened(
                 if parameter.one_sided:
                     z = float(spread[k] @ (sd * pull)) / np.sqrt(spread[k, k])
                     value += np.log(2) + float(log_ndtr(z))
-            answers[effect.label] = max(answers.get(effect.label, -np.inf), float(value))
+            value = float(value) if np.isfinite(value) else -np.inf
+            answers[effect.label] = max(answers.get(effect.label, -np.inf), value)
     return answers
 
 

@@ -30,6 +30,8 @@ SMALLER_TRIED, LEAST_TRIED = (1.0, 0.25, 0.06, 0.015), 3e-4
 ALL_TIMES = tuple(range(len(TIMES_S)))
 NEAR = 25.0
 """Log evidence behind the best from which the noise is not estimated once more."""
+STEEP = 1e60
+"""A slope beyond this belongs to a motion that grows beyond bounds."""
 LARGEST_SD = 3.0
 """No effect's number changes by more prior standard deviations in a step."""
 
@@ -260,16 +262,7 @@ class Inference:
         for one, gram, forces in zip(linears, grams, sizes, strict=True):
             fitted = None
             if gram is not None:
-                h = one.hypothesis
-                solved = self.solve(gram, h, forces)
-                if estimate and not last:
-                    forces, solved = self.best_forces(
-                        gram, h, forces, ALL_TIMES if len(linears) == 1 else (forces.time,)
-                    )
-                log_evidence = (
-                    solved.log_evidence + forces.log_prior(self.simulator.most_force) + self.one_sided(h, solved)
-                )
-                fitted = Fitted(h, forces, log_evidence, solved, one)
+                fitted = self._one_fitted(one, gram, forces, estimate and not last, len(linears) == 1)
             found.append(fitted)
         if not last:
             return found
@@ -284,12 +277,26 @@ class Inference:
                 found[index] = replace(old, forces=forces, solved=solved, log_evidence=log_evidence)
         return found
 
+    def _one_fitted(
+        self, linear: Linear, grams: Grams, forces: Forces, estimate: bool, all_times: bool
+    ) -> Fitted | None:
+        h = linear.hypothesis
+        try:
+            solved = self.solve(grams, h, forces)
+            if estimate:
+                forces, solved = self.best_forces(grams, h, forces, ALL_TIMES if all_times else (forces.time,))
+        except np.linalg.LinAlgError:
+            return None
+        log_evidence = solved.log_evidence + forces.log_prior(self.simulator.most_force) + self.one_sided(h, solved)
+        return Fitted(h, forces, log_evidence, solved, linear)
+
     def _stands(self, linear: Linear) -> bool:
         gone = self.simulator.gone
-        return all(
-            (np.abs(residual[np.isfinite(run.values)]) < gone).all()
-            for (residual, _), run in zip(linear.rows, self.simulator.runs, strict=True)
-        )
+        for (residual, slope), run in zip(linear.rows, self.simulator.runs, strict=True):
+            good = np.isfinite(run.values)
+            if not (np.abs(residual[good]) < gone).all() or not (np.abs(slope[good]) < STEEP).all():
+                return False
+        return True
 
     def stepped(self, fitted: Fitted, share: float) -> Hypothesis:
         """The hypothesis after (part of) a step, its path taken along."""

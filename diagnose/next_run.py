@@ -9,7 +9,7 @@ import numpy as np
 
 from ..simulate.model import alpha_from_y
 from .hypothesis import Hypothesis
-from .inference import Fitted, Inference
+from .inference import STEEP, Fitted, Inference
 from .tow import TowSimulator, own_sds
 from .tow_data import TowRun
 from .tow_model import TowModel
@@ -64,6 +64,8 @@ def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | No
         residual, slope = linear[0].rows[index]
         other = linear[1].rows[index][0]
         if not np.isfinite(residual).all() or np.abs(residual[:, 1]).max() > TURNED_OVER:
+            continue
+        if not np.isfinite(other).all() or not (np.abs(slope) < STEEP).all():
             continue
         apart = other - residual
         white, j = noise.whitened(index, first.forces, (apart, slope))

@@ -31,7 +31,8 @@ def main() -> None:
     given = parser.parse_args()
     head = ("planted", "size", "verdict", "first", "p", "no gap", "unknown", "before", "after", "s")
     print(("{:22}{:>8} {:9}{:44}{:>6}{:>8}{:>9}{:>8}{:>7}{:>5}").format(*head), flush=True)
-    for number, planted in enumerate(given.only):
+    for planted in given.only:
+        number = list(EFFECTS).index(planted)
         for seed in range(given.seeds):
             case = campaign(planted, np.random.default_rng([seed, number]))
             began = time.perf_counter()

@@ -41,7 +41,7 @@ EFFECTS = {
     "hull_asymmetry": 0.08,
     "added_mass_coupling": 20.0,
     "fluid_memory": 0.12,
-    "bank_suction": 0.00012,
+    "bank_suction": 0.0003,
     "cross_current": 0.01,
     "speed_drift": 0.03,
     "tension_variation": 1.0,

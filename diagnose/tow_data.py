@@ -167,7 +167,7 @@ def corrected(tow: TowRun, run: Run, mapping: Any) -> Array:
 
 def _few(tracks: pd.DataFrame, step_s: float) -> pd.DataFrame:
     """About one frame of each block, in which all marks were measured."""
-    whole = tracks.groupby("frame")["status"].transform(lambda s: (s == "measured").all())
+    whole = tracks["status"].eq("measured").groupby(tracks["frame"]).transform("all")
     rows = tracks[whole]
     frames, first = np.unique(rows["frame"].to_numpy(), return_index=True)
     block = np.floor((rows["t_s"].to_numpy()[first] - rows["t_s"].min()) / step_s + 0.5).astype(int)

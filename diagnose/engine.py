@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import log_ndtr
 
 from ..geometry.normal import inverse_of_normal
 from ..record.errors import EstimationError
@@ -18,9 +17,10 @@ from ..simulate.model import Array
 from .effects import Effect
 from .grams import Grams
 from .hypothesis import Hypothesis, with_effects
-from .inference import Fitted, Inference
+from .inference import Fitted, Inference, on_its_side
 from .noise import Forces
 from .scan import Leftover, leftover
+from .side_by_side import side_by_side
 from .simulator import Simulator
 
 P_NO_GAP, P_SINGLE, P_PAIR, P_UNKNOWN = 0.5, 0.36, 0.07, 0.07
@@ -125,9 +125,9 @@ def ranked(
     say = progress or (lambda _: None)
     say("the simulator as it is")
     inference = Inference(simulator)
-    base = _first_fit(inference, simulator.starts())
-    inference.noise = simulator.noise(base.hypothesis)
-    base = _taken_on(inference, inference.fit([base.hypothesis], [base.forces], 2, (0,)))[0]
+    first, forces = _first_fit(inference, simulator.starts())
+    inference.noise = simulator.noise(first)
+    base = _taken_on(inference, inference.fit([first], [forces], 2, (0,)))[0]
     usable, excluded = simulator.usable(library)
     usable = [*usable, *simulator.suggested(base)]
     say(f"{len(usable)} effects by their scores")
@@ -157,20 +157,24 @@ def ranked(
     return inference, _ranking(inference, base, candidates, free_form, excluded)
 
 
-def _first_fit(inference: Inference, starts: Sequence[Hypothesis]) -> Fitted:
+def _first_fit(inference: Inference, starts: Sequence[Hypothesis]) -> tuple[Hypothesis, Forces]:
     """From the measured motion, at first without asking that it is one motion; the best end of all starts."""
-    found: list[Fitted] = []
-    for start in starts:
+
+    def ended(start: Hypothesis) -> tuple[float, Hypothesis, Forces] | None:
         try:
-            found += inference.fit([start], [Forces()], BASE_STEPS, (OPEN_STEPS,), OPEN_STEPS)
+            found = inference.fit([start], [Forces()], BASE_STEPS, (OPEN_STEPS,), OPEN_STEPS)[0]
         except (EstimationError, np.linalg.LinAlgError):
-            continue
+            return None
+        return found.log_evidence, found.hypothesis, found.forces
+
+    found = [end for end in side_by_side(ended, starts) if end is not None]
     if not found:
         raise EstimationError(
             "the simulator without effects cannot follow these runs at all: its motion grows beyond bounds; for a tow: is it "
             "stable (X_T > X_v), and are tow_point_m and tension_n right?"
         )
-    return max(found, key=lambda f: f.log_evidence)
+    _, best, forces = max(found, key=lambda end: end[0])
+    return best, forces
 
 
 def _settled(inference: Inference, candidates: list[Candidate], base: Fitted) -> list[Candidate]:
@@ -193,9 +197,7 @@ def _taken_on(inference: Inference, fitted: Sequence[Fitted]) -> list[Fitted]:
     """
     shares = (1.0, FIRM_SHARE)
     starts = [(f, share) for f in fitted for share in shares]
-    forces = [
-        replace(f.forces, side_n=share * f.forces.side_n, moment_n_m=share * f.forces.moment_n_m) for f, share in starts
-    ]
+    forces = [f.forces.scaled(share) for f, share in starts]
     ends = inference.fit([f.hypothesis for f, _ in starts], forces, REFIT_STEPS, ())
     answers = []
     for k, old in enumerate(fitted):
@@ -217,8 +219,7 @@ def screened(
     fixed = inference.fixed(here) + here.size
     answers: dict[str, float] = {}
     for share in shares:
-        forces = replace(base.forces, side_n=share * base.forces.side_n, moment_n_m=share * base.forces.moment_n_m)
-        part = inference.reduced(grams, linear.hypothesis, forces)
+        part = inference.reduced(grams, linear.hypothesis, base.forces.scaled(share))
         precision, gap, _ = inference.priors(linear.hypothesis)
         matrix, right = part.matrix + np.diag(np.where(np.arange(len(precision)) < fixed, precision, 0)), part.right
         right = right + np.where(np.arange(len(precision)) < fixed, precision * gap, 0)
@@ -237,8 +238,7 @@ def screened(
             spread = np.linalg.inv(scaled)
             for k, parameter in enumerate(effect.parameters):
                 if parameter.one_sided:
-                    z = float(spread[k] @ (sd * pull)) / np.sqrt(spread[k, k])
-                    value += np.log(2) + float(log_ndtr(z))
+                    value += on_its_side(float(spread[k] @ (sd * pull)) / np.sqrt(spread[k, k]))
             value = float(value) if np.isfinite(value) else -np.inf
             answers[effect.label] = max(answers.get(effect.label, -np.inf), value)
     return answers
@@ -259,8 +259,7 @@ def _fit_all(
 ) -> list[tuple[tuple[Effect, ...], Fitted]]:
     hypotheses = [with_effects(base.hypothesis, list(effects)) for effects in sets]
     share, steps, turns = (FIRM_SHARE, GROSS_STEPS, (GROSS_STEPS - 1,)) if gross else (1.0, REFIT_STEPS, (1,))
-    forces = replace(base.forces, side_n=share * base.forces.side_n, moment_n_m=share * base.forces.moment_n_m)
-    found = inference.fit(hypotheses, [forces] * len(sets), steps, turns)
+    found = inference.fit(hypotheses, [base.forces.scaled(share)] * len(sets), steps, turns)
     return list(zip(sets, found, strict=True))
 
 

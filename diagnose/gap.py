@@ -14,8 +14,9 @@ from .effects import Effect
 from .engine import TWINS, Candidate, Progress, Ranking, ranked
 from .held_out import Shrink, shrink
 from .inference import Fitted, Inference
-from .next_run import Design, next_run
+from .next_run import next_run
 from .noise import TIMES_S
+from .side_by_side import side_by_side
 from .simulator import Simulator
 from .where import Place, where
 from .words import sentences
@@ -77,9 +78,8 @@ def diagnosed(
     place = where(inference, ranking, best)
     rows, headline = _rows(inference, ranking, held, rng, best)
     twins = _twins(ranking, best, simulator.symmetries)
-    say("the run that would tell most")
-    design = _next(inference, ranking, best)
     names = [run.name for run in simulator.runs]
+    say("the run that would tell most")
     file = GapFile(
         schema="towline/gap",
         tool=tool,
@@ -98,7 +98,7 @@ def diagnosed(
         p_no_gap=ranking.p_no_gap,
         p_unknown=ranking.p_unknown,
         set95=[list(names) for names in ranking.set95],
-        next_run=None if design is None else _next_file(design, ranking, best),
+        next_run=_next(inference, ranking, best),
         derivatives={
             "before": _derivatives(ranking.base, simulator.shared_names),
             **({"after": _derivatives(best.fitted, simulator.shared_names)} if best is not None else {}),
@@ -130,12 +130,14 @@ def _rows(
     rng: np.random.Generator,
     best: Candidate | None,
 ) -> tuple[list[RankedEffects], Shrink | None]:
+    shown = ranking.candidates[:SHOWN]
+    gaps = side_by_side(
+        lambda pair: shrink(inference, ranking.base, pair[0].fitted, held, pair[1]),
+        list(zip(shown, rng.spawn(len(shown)), strict=True)),
+    )
     rows: list[RankedEffects] = []
     headline: Shrink | None = None
-    for index, (candidate, probability) in enumerate(zip(ranking.candidates, ranking.probabilities, strict=True)):
-        if index >= SHOWN:
-            break
-        gap = shrink(inference, ranking.base, candidate.fitted, held, rng)
+    for candidate, probability, gap in zip(shown, ranking.probabilities, gaps, strict=False):
         if candidate is best:
             headline = gap
         rows.append(
@@ -202,22 +204,16 @@ def _twins(
     return found
 
 
-def _next(inference: Inference, ranking: Ranking, best: Candidate | None) -> Design | None:
+def _next(inference: Inference, ranking: Ranking, best: Candidate | None) -> NextRun | None:
     """Between the headline and its nearest rival (no gap among them)."""
-    if not ranking.candidates:
-        return None
-    first = best.fitted if best is not None else ranking.base
     rivals = [c for c in ranking.candidates if c is not best and len(c.effects) == 1]
     if not rivals:
         return None
-    second = max(rivals, key=lambda c: c.log_evidence).fitted
-    return next_run(inference, first, second)
-
-
-def _next_file(design: Design, ranking: Ranking, best: Candidate | None) -> NextRun:
-    rivals = [c for c in ranking.candidates if c is not best and len(c.effects) == 1]
-    rival = max(rivals, key=lambda c: c.log_evidence).names[0]
-    against = best.names[0] if best is not None else "no gap"
+    second = max(rivals, key=lambda c: c.log_evidence)
+    design = next_run(inference, best.fitted if best is not None else ranking.base, second.fitted)
+    if design is None:
+        return None
+    rival, against = second.names[0], best.names[0] if best is not None else "no gap"
     size = f"{design.distance:.0f}" if design.distance < LARGEST_D else f"over {LARGEST_D:.0f}"
     told = "tells" if design.distance > 20 else "tells best, though not surely,"
     why = f"{design.differs}: {told} {against} from {rival} (expected D {size}; 20 is enough)"

@@ -44,9 +44,15 @@ class Grams:
         self._measured = np.array([noise.runs[i].log for i in self.runs])
         self._shown: dict[int, list[Array]] = {}
         self._rest: dict[tuple[int, tuple[int, ...]], Array] = {}
+        self._last: tuple[Forces, Array, Array] | None = None
 
     def at(self, forces: Forces) -> tuple[Array, Array]:
-        """Inner products (runs, m, m) and log determinants of the noise (runs,)."""
+        """Inner products (runs, m, m) and log determinants of the noise (runs,); not to be written to."""
+        if self._last is None or self._last[0] != forces:
+            self._last = (forces, *self._at(forces))
+        return self._last[1:]
+
+    def _at(self, forces: Forces) -> tuple[Array, Array]:
         time = forces.time
         spaces = [self._noise.space(i, time) for i in self.runs]
         if time not in self._shown:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..simulate.model import Array
-from .grams import Grams
 from .inference import Fitted, Inference
 from .noise import Forces
 
@@ -35,9 +34,9 @@ class Shrink:
     residuals: dict[int, tuple[Array, Array]]
 
 
-def aside(inference: Inference, fitted: Fitted, forces: Forces, grams: Grams, run: int, others: Sequence[int]) -> Array:
+def aside(inference: Inference, fitted: Fitted, forces: Forces, run: int, others: Sequence[int]) -> Array:
     """Whitened residual (m n,) of what moves, of a run that took no part in the fit."""
-    h = fitted.hypothesis
+    h, grams = fitted.hypothesis, fitted.grams
     step = inference.solve(grams, h, forces, others).shared
     own = inference.reduced(grams, h, forces, [run]).own_step(step)[0]
     left = inference.left(fitted.linear, forces, step, own, run)
@@ -56,15 +55,14 @@ def shrink(
     count, free = len(inference.simulator.runs), inference.simulator.free
     lengths = [len(run.centre_s) for run in inference.simulator.runs]
     forces = best.forces
-    both = [(f, Grams(f.linear.columns, inference.noise_about(f.linear))) for f in (base, best)]
     turns = [(i, [j for j in range(count) if j != i]) for i in range(count)]
     if held:
         turns = [(i, [j for j in range(count) if j not in held]) for i in held]
     residuals: dict[int, tuple[Array, Array]] = {}
     for run, others in turns:
-        residuals[run] = tuple(aside(inference, f, forces, g, run, others) for f, g in both)  # pyright: ignore
+        residuals[run] = tuple(aside(inference, f, forces, run, others) for f in (base, best))  # pyright: ignore
     before, after = (_gap([r[k] for r in residuals.values()], free) for k in (0, 1))
-    parts = [(b, a, lengths[i]) for i, (b, a) in residuals.items()]
+    parts = [_sums(b, a, lengths[i]) for i, (b, a) in residuals.items()]
     draws = [_drawn(parts, free, rng) for _ in range(DRAWS)]
     values = np.array([_share(b, a) for b, a in draws])
     interval = (float(np.percentile(values, LOW)), float(np.percentile(values, HIGH)))
@@ -81,17 +79,21 @@ def _share(before: float, after: float) -> float:
     return float(np.clip(1 - max(after**2 - 1, 0.0) / excess, 0.0, 1.0)) if excess > 0 else 0.0
 
 
-def _drawn(parts: Sequence[tuple[Array, Array, int]], free: int, rng: np.random.Generator) -> tuple[float, float]:
-    """A bootstrap draw over runs, and stretches of time within them; parts are before, after, values per channel."""
+def _sums(before: Array, after: Array, n: int) -> tuple[Array, int, int]:
+    """(2, n + 1) squared residuals of all channels up to each time, how many values there are, and n."""
+    squares = np.array([(r.reshape(-1, n) ** 2).sum(axis=0) for r in (before, after)])
+    return np.concatenate([np.zeros((2, 1)), np.cumsum(squares, axis=1)], axis=1), before.size, n
+
+
+def _drawn(parts: Sequence[tuple[Array, int, int]], free: int, rng: np.random.Generator) -> tuple[float, float]:
+    """A bootstrap draw over runs, and stretches of time within them; parts are of ``_sums``."""
     chosen = rng.integers(len(parts), size=len(parts))
     sums, total = np.zeros(2), 0
     for index in chosen:
-        *both, n = parts[index]
-        starts = rng.integers(0, max(n - BLOCKS_TOGETHER, 1), size=max(n // BLOCKS_TOGETHER, 1))
-        rows = np.concatenate([np.arange(s, min(s + BLOCKS_TOGETHER, n)) for s in starts])
-        for k, values in enumerate(both):
-            drawn = values.reshape(-1, n)[:, rows]
-            sums[k] += float((drawn**2).sum()) * values.size / drawn.size
-        total += both[0].size - free
+        up_to, values, n = parts[index]
+        begin = rng.integers(0, max(n - BLOCKS_TOGETHER, 1), size=max(n // BLOCKS_TOGETHER, 1))
+        end = np.minimum(begin + BLOCKS_TOGETHER, n)
+        sums += (up_to[:, end] - up_to[:, begin]).sum(axis=1) * n / (end - begin).sum()
+        total += values - free
     before, after = np.sqrt(sums / max(total, 1))
     return float(before), float(after)

@@ -10,6 +10,11 @@ import numpy as np
 from ..simulate.model import Array
 from .effects import Effect
 
+FREE = 1e6
+"""Prior standard deviation of a number that the data alone decide."""
+EFFECT_STEP = 0.02
+"""How far an effect's number is moved for a slope, of its prior standard deviation."""
+
 
 @dataclass(frozen=True)
 class Path:
@@ -80,4 +85,4 @@ def with_effects(h: Hypothesis, effects: Sequence[Effect]) -> Hypothesis:
     return replace(h, effects=(*h.effects, *effects), numbers=(*h.numbers, *numbers))
 
 
-__all__ = ["Hypothesis", "Path", "Slopes", "with_effects"]
+__all__ = ["EFFECT_STEP", "FREE", "Hypothesis", "Path", "Slopes", "with_effects"]

@@ -20,6 +20,7 @@ from .grams import Columns, Grams, Reduced, reduced
 from .hypothesis import Hypothesis, Slopes
 from .noise import SMALLEST, TIMES_S, Forces, Noise
 from .shooting import MOST_CLOSINGS
+from .side_by_side import side_by_side
 from .simulator import Simulator
 
 LARGEST_SHARE = 0.4
@@ -28,6 +29,8 @@ SHORTER = 0.3
 FORCE_TRIALS = 16
 SMALLER_TRIED, LEAST_TRIED = (1.0, 0.25, 0.06, 0.015), 3e-4
 ALL_TIMES = tuple(range(len(TIMES_S)))
+GROUPS = 2
+"""Hypotheses are fitted in so many groups at the same time."""
 NEAR = 25.0
 """Log evidence behind the best from which the noise is not estimated once more."""
 STEEP = 1e60
@@ -88,6 +91,7 @@ class Fitted:
     log_evidence : with the noise's prior and one-sided ones
     solved : the last linear problem
     linear : the linearisation behind it
+    grams : its inner products
     """
 
     hypothesis: Hypothesis
@@ -95,6 +99,14 @@ class Fitted:
     log_evidence: float
     solved: Solved
     linear: Linear
+    grams: Grams
+
+
+def on_its_side(z: float) -> float:
+    """What a one-sided prior adds to the log evidence: log of twice the probability that a number, z of its own standard
+    deviations on its side, is there.
+    """
+    return float(np.log(2) + log_ndtr(z))
 
 
 class Inference:
@@ -168,13 +180,13 @@ class Inference:
         return Solved(-0.5 * (chi_square + log), here, chi_square, step, part.own_step(step), covariance)
 
     def one_sided(self, h: Hypothesis, solved: Solved) -> float:
-        """What one-sided priors add to the log evidence: twice the probability that the numbers are on their side."""
+        """What one-sided priors add to the log evidence."""
         at, total = self.fixed(h), 0.0
         for effect, numbers in zip(h.effects, h.numbers, strict=True):
             for parameter, number in zip(effect.parameters, numbers, strict=True):
                 if parameter.one_sided:
                     sd = np.sqrt(max(solved.covariance[at, at], 1e-300))
-                    total += np.log(2) + float(log_ndtr((number + solved.shared[at] - parameter.none) / sd))
+                    total += on_its_side((number + solved.shared[at] - parameter.none) / sd)
                 at += 1
         return total
 
@@ -232,14 +244,32 @@ class Inference:
         noise_turns : steps after which the noise is estimated anew; it is again at the end, for all that come near the best
         open_turns : the first steps, in which paths stay open and every step is taken
         """
+        count = len(hypotheses)
+        groups = [
+            (hypotheses[k::GROUPS], forces[k::GROUPS], steps, noise_turns, open_turns, count == 1)
+            for k in range(min(GROUPS, count))
+        ]
+        known = [self.noise, *(e for h in hypotheses for e in h.effects)]
+        found = side_by_side(lambda group: self._turns(*group), groups, known)
+        return self._with_noise([found[k % GROUPS][k // GROUPS] for k in range(count)])
+
+    def _turns(
+        self,
+        hypotheses: Sequence[Hypothesis],
+        forces: Sequence[Forces],
+        steps: int,
+        noise_turns: Sequence[int],
+        open_turns: int,
+        all_times: bool,
+    ) -> list[Fitted]:
         current, sizes = list(hypotheses), list(forces)
         answers: list[Fitted | None] = [None] * len(hypotheses)
         shares = [1.0] * len(hypotheses)
         for turn in range(steps + 1):
+            estimate = turn in noise_turns and turn < steps
             linears = self.linear(current, 0 if turn < open_turns else MOST_CLOSINGS)
-            found = self._all_fitted(linears, sizes, turn in noise_turns, turn == steps)
-            for index, fitted in enumerate(found):
-                old = answers[index]
+            for index, linear in enumerate(linears):
+                fitted, old = self._one_fitted(linear, sizes[index], estimate, all_times), answers[index]
                 free = turn <= open_turns or turn in noise_turns
                 if fitted is not None and (old is None or free or fitted.solved.here >= old.solved.here):
                     answers[index], shares[index] = fitted, 1.0
@@ -253,42 +283,38 @@ class Inference:
                     current[index] = self.stepped(kept, shares[index])
         return [a for a in answers if a is not None]
 
-    def _all_fitted(
-        self, linears: Sequence[Linear], sizes: Sequence[Forces], estimate: bool, last: bool
-    ) -> list[Fitted | None]:
-        """Linear problems solved; the noise estimated for all, or at last for those near the best."""
-        grams = [Grams(one.columns, self.noise_about(one)) if self._stands(one) else None for one in linears]
-        found: list[Fitted | None] = []
-        for one, gram, forces in zip(linears, grams, sizes, strict=True):
-            fitted = None
-            if gram is not None:
-                fitted = self._one_fitted(one, gram, forces, estimate and not last, len(linears) == 1)
-            found.append(fitted)
-        if not last:
-            return found
-        best = max((f.log_evidence for f in found if f is not None), default=0.0)
-        for index, (old, gram) in enumerate(zip(found, grams, strict=True)):
-            if old is not None and gram is not None and old.log_evidence > best - NEAR:
-                h, first = old.hypothesis, old.forces
-                forces, solved = self.best_forces(gram, h, first, sorted(ALL_TIMES, key=lambda k: k != first.time))
-                log_evidence = (
-                    solved.log_evidence + forces.log_prior(self.simulator.most_force) + self.one_sided(h, solved)
-                )
-                found[index] = replace(old, forces=forces, solved=solved, log_evidence=log_evidence)
-        return found
+    def _with_noise(self, found: Sequence[Fitted]) -> list[Fitted]:
+        """The noise estimated once more for those near the best."""
+        best = max(f.log_evidence for f in found)
 
-    def _one_fitted(
-        self, linear: Linear, grams: Grams, forces: Forces, estimate: bool, all_times: bool
-    ) -> Fitted | None:
-        h = linear.hypothesis
+        def again(k: int) -> tuple[Forces, Solved]:
+            first = found[k].forces
+            times = sorted(ALL_TIMES, key=lambda k: k != first.time)
+            return self.best_forces(found[k].grams, found[k].hypothesis, first, times)
+
+        near = [k for k, fitted in enumerate(found) if fitted.log_evidence > best - NEAR]
+        answers = list(found)
+        for k, noise in zip(near, side_by_side(again, near), strict=True):
+            answers[k] = self._fitted(found[k].linear, found[k].grams, *noise)
+        return answers
+
+    def _one_fitted(self, linear: Linear, forces: Forces, estimate: bool, all_times: bool) -> Fitted | None:
+        """The linear problem solved; the noise estimated where wished. None: it has no solution."""
+        if not self._stands(linear):
+            return None
+        h, grams = linear.hypothesis, Grams(linear.columns, self.noise_about(linear))
         try:
             solved = self.solve(grams, h, forces)
             if estimate:
                 forces, solved = self.best_forces(grams, h, forces, ALL_TIMES if all_times else (forces.time,))
         except np.linalg.LinAlgError:
             return None
+        return self._fitted(linear, grams, forces, solved)
+
+    def _fitted(self, linear: Linear, grams: Grams, forces: Forces, solved: Solved) -> Fitted:
+        h = linear.hypothesis
         log_evidence = solved.log_evidence + forces.log_prior(self.simulator.most_force) + self.one_sided(h, solved)
-        return Fitted(h, forces, log_evidence, solved, linear)
+        return Fitted(h, forces, log_evidence, solved, linear, grams)
 
     def _stands(self, linear: Linear) -> bool:
         gone = self.simulator.gone
@@ -317,4 +343,4 @@ class Inference:
         )
 
 
-__all__ = ["TIMES_S", "Fitted", "Inference", "Linear", "Solved"]
+__all__ = ["TIMES_S", "Fitted", "Inference", "Linear", "Solved", "on_its_side"]

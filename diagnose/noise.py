@@ -8,7 +8,7 @@ restricted likelihood.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag, solve_triangular, toeplitz
@@ -39,6 +39,10 @@ class Forces:
     side_n: float = FORCE_SD_N
     moment_n_m: float = MOMENT_SD_N_M
     time: int = 1
+
+    def scaled(self, share: float) -> Forces:
+        """Forces of this share of the size."""
+        return replace(self, side_n=share * self.side_n, moment_n_m=share * self.moment_n_m)
 
     def log_prior(self, most: float) -> float:
         """Log density of the sizes; above ``most`` a force is no noise any more, and the density falls off at once."""

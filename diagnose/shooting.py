@@ -18,6 +18,8 @@ from ..simulate.model import Array
 BLOW_UP = 1e3
 CLOSE = 1e-4
 """A path whose Newton step is smaller than this (m, rad, m/s, rad/s) is closed by one step more to its square."""
+HOPELESS = 3.0
+"""A path that Newton moves by more is integrated step by step instead."""
 MOST_CLOSINGS = 8
 STATE_STEP = 1e-6
 STEPS_BETWEEN = 2
@@ -96,4 +98,4 @@ def carried(transition: Array, push: Array, start: Array) -> Array:
     return answer
 
 
-__all__ = ["CLOSE", "MOST_CLOSINGS", "STATE_STEP", "between", "carried", "integrated", "stepped"]
+__all__ = ["CLOSE", "HOPELESS", "MOST_CLOSINGS", "STATE_STEP", "between", "carried", "integrated", "stepped"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..simulate.model import DERIVATIVE_UNITS, Array
 from .effects import Effect
-from .hypothesis import Hypothesis
+from .hypothesis import FREE, Hypothesis
 from .noise import Noise
 from .slackness import slack_effects
 from .tow_data import TowRun
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 PRIORS = {"y_b": 1.5e-3, "beta_b": 1.5e-3, "tension": 5e-3, "tow_point": 7e-4, "line": 7e-4, "speed": 1.5e-3}
 """Of each run's own numbers where [priors] is silent: m, rad; tension and speed relative."""
-FREE = 1e6
 LARGEST_FORCE_SHARE = 0.05
 """Of the line's pull: random forces above this are a gap, not noise."""
 SMALLEST_SD = 0.003

@@ -186,10 +186,10 @@ def _from_pixels(marks: Marks) -> _Series:
     far = np.linalg.norm(apart, axis=1)
     stated = float(np.hypot(*(np.array(bow.body_m) - np.array(stern.body_m))))
     along = apart / far[:, None]
-    across, cosine, sine = pose, np.cos(pose[:, 2]), np.sin(pose[:, 2])
+    cosine, sine = np.cos(pose[:, 2]), np.sin(pose[:, 2])
     x_t, y_t = float(tow.tow_point_m or 0.0), tow.tow_point_offset_m
     arm = np.column_stack([x_t * cosine - y_t * sine, x_t * sine + y_t * cosine])
-    off = across[:, :2] + arm - np.array(tow.post_m)
+    off = pose[:, :2] + arm - np.array(tow.post_m)
     radius = np.linalg.norm(off, axis=1)
     values = np.column_stack(
         [pose[:, 1] - tow.post_m[1], pose[:, 2], radius - float(tow.line_length_m or 0.0), far - stated]

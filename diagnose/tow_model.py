@@ -9,12 +9,12 @@ import numpy as np
 
 from ..simulate.model import Array
 from .effects import Effect
-from .hypothesis import Hypothesis, Path, Slopes
-from .shooting import BLOW_UP, CLOSE, MOST_CLOSINGS, STATE_STEP, between, carried, integrated, stepped
+from .hypothesis import EFFECT_STEP, Hypothesis, Path, Slopes
+from .shooting import BLOW_UP, CLOSE, HOPELESS, MOST_CLOSINGS, STATE_STEP, between, carried, integrated, stepped
 from .tow_data import TowRun, corrected
 from .tow_rates import Fields, Numbers, TowRates, tow_of
 from .tow_seen import TowSeen
-from .variations import EFFECT_STEP, FIXED, PROBE_N, Variations, joined
+from .variations import FIXED, PROBE_N, Variations, joined
 
 BEYOND = 4
 """Blocks after the end of the longest run: a clock that runs off may need them."""
@@ -135,14 +135,17 @@ class TowModel:
             return list(np.moveaxis(whole, 3, 0))
         paths = np.stack([_with_lags(h.path, lags) for h in hypotheses if h.path is not None], axis=-1)
         start = numbers.start()
-        size = np.zeros(len(hypotheses))
+        going, lost = np.full(len(hypotheses), closings > 0), np.zeros(len(hypotheses), dtype=bool)
         for _ in range(closings):
-            step = self._newton(hypotheses, lags, paths, start)
-            paths = np.clip(paths + step, -BLOW_UP, BLOW_UP)
+            some = [int(k) for k in np.flatnonzero(going)]
+            step = self._newton([hypotheses[i] for i in some], lags, paths[..., some], start[..., some])
+            paths[..., some] = np.clip(paths[..., some] + step, -BLOW_UP, BLOW_UP)
             size = np.abs(step).max(axis=(0, 1, 2))
-            if (size < CLOSE).all() or not np.isfinite(size).all():
+            lost[some] = ~(size < HOPELESS)
+            going[some] = (size >= CLOSE) & (size < HOPELESS)
+            if not going.any():
                 break
-        lost = ~(size < CLOSE)
+        lost |= going
         if lost.any():
             some = [replace(h, path=None) for h, far in zip(hypotheses, lost, strict=True) if far]
             paths[..., lost] = np.stack(self._paths(some, lags, 0), axis=-1)

@@ -15,16 +15,13 @@ import numpy as np
 from ..record.errors import InputError
 from ..simulate.model import Array
 from .effects import Effect
-from .hypothesis import Hypothesis, Slopes
+from .hypothesis import EFFECT_STEP, FREE, Hypothesis, Slopes
 from .noise import FORCE_SD_N, TIMES_S, Measured, Noise, forced
 
 if TYPE_CHECKING:
     from .inference import Fitted
 
-FREE = 1e6
 STEP_SHARE = 1e-4
-EFFECT_STEP = 0.02
-"""Of an effect's prior standard deviation."""
 Numbers = dict[str, Array]
 Simulate = Callable[["UsersRun", Numbers, dict[str, tuple[Array, ...]]], Array]
 """(run, name -> (k,) numbers, effect name -> its numbers (k,) each) -> (n, c, k): k simulations of a run, side by side."""

@@ -9,13 +9,11 @@ import numpy as np
 
 from ..simulate.model import Array
 from .effects import Effect
-from .hypothesis import Hypothesis
+from .hypothesis import EFFECT_STEP, Hypothesis
 from .tow_rates import OWN, Active, Numbers
 
 STEPS = {"alpha": 1e-5, "beta": 1e-5, "v": 1e-5, "r": 1e-5, "y_b": 1e-4, "beta_b": 1e-4}
 RELATIVE_STEP = 1e-4
-EFFECT_STEP = 0.02
-"""Of an effect's prior standard deviation."""
 FIXED = 6 + len(OWN)
 IN_RATES = (*range(6), *(6 + OWN.index(name) for name in ("tension", "tow_point", "line", "speed")))
 SEEN = tuple(6 + OWN.index(name) for name in ("y_b", "beta_b", "tension", "tow_point", "line", "speed"))
@@ -146,4 +144,4 @@ def joined(blocks: Sequence[Block], lags_s: tuple[float, ...]) -> tuple[Numbers,
     return Numbers(six, own, tuple(active), lags_s), begins
 
 
-__all__ = ["EFFECT_STEP", "FIXED", "PROBE_N", "Block", "Variations", "joined"]
+__all__ = ["FIXED", "PROBE_N", "Block", "Variations", "joined"]

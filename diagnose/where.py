@@ -9,7 +9,6 @@ import numpy as np
 from ..simulate.model import Array
 from .effects import STAGES, Effect
 from .engine import Candidate, Ranking
-from .grams import Grams
 from .inference import Fitted, Inference
 
 MOST = 0.6
@@ -90,10 +89,7 @@ def _stages(candidate: Candidate, effect: Effect) -> dict[str, float]:
 def _drops(inference: Inference, base: Fitted, after: Fitted) -> dict[str, Array]:
     """Squared whitened residuals before minus after, (n,) per run, all channels; at the after's noise."""
     forces = after.forces
-    solved = []
-    for fitted in (base, after):
-        linear = fitted.linear
-        solved.append(inference.solve(Grams(linear.columns, inference.noise_about(linear)), fitted.hypothesis, forces))
+    solved = [inference.solve(fitted.grams, fitted.hypothesis, forces) for fitted in (base, after)]
     answers = {}
     for index, run in enumerate(inference.simulator.runs):
         one, two = (

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import importlib.util
+import re
 import sys
+from collections.abc import Callable
+from html.parser import HTMLParser
 from pathlib import Path
 from types import ModuleType
 
@@ -57,3 +61,45 @@ def campaigns(root: Path) -> ModuleType:
 def cases(root: Path) -> ModuleType:
     """Filmed campaigns with a planted effect."""
     return _cases(root, "gap_cases")
+
+
+class _Outline(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.references: list[str] = []
+        self.identifiers: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+        given = {key: value or "" for key, value in attrs}
+        self.references += [given[key] for key in ("src", "href", "srcset", "data", "action") if key in given]
+        if "id" in given:
+            self.identifiers.append(given["id"])
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="session")
+def self_contained() -> Callable[[str], list[bytes]]:
+    """Asserts that a page is well formed and asks nothing of the outside; gives its drawn pictures."""
+
+    def pictures_of(page: str) -> list[bytes]:
+        outline = _Outline()
+        outline.feed(page)
+        assert outline.open == []
+        assert len(set(outline.identifiers)) == len(outline.identifiers)
+        for reference in outline.references:
+            assert reference.startswith(("data:image/", "#"))
+            if reference.startswith("#"):
+                assert reference[1:] in outline.identifiers
+        assert not re.search(r"@import|url\(|<link|<iframe|<script", page)
+        drawn = [base64.b64decode(r.partition(",")[2]) for r in outline.references if r.startswith("data:image/svg")]
+        for svg in drawn:
+            assert not re.search(rb'href="(?!#|data:)', svg)
+            assert b"script" not in svg  # no name enters a picture
+        return drawn
+
+    return pictures_of

@@ -1,0 +1,50 @@
+"""Pieces of a diagnosis on two cores: the answers of one, whatever happens to the other."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import pytest
+
+from towline.diagnose.side_by_side import side_by_side
+from towline.record import EstimationError
+
+TWO = pytest.mark.skipif(
+    sys.platform != "linux" or len(os.sched_getaffinity(0)) < 2, reason="the system copies no process, or has one core"
+)
+
+
+def test_answers_stand_in_the_items_order_and_known_things_stand_for_themselves() -> None:
+    known = [lambda: 1, lambda: 2]  # functions that no pickle takes
+    answers = side_by_side(lambda k: (k * k, known[k % 2]), range(5), known)
+    assert [a for a, _ in answers] == [0, 1, 4, 9, 16]
+    assert all(thing is known[k % 2] for k, (_, thing) in enumerate(answers))
+
+
+@TWO
+def test_half_is_done_elsewhere() -> None:
+    assert len(set(side_by_side(lambda _: os.getpid(), range(4)))) == 2
+
+
+@TWO
+def test_a_copy_that_dies_costs_only_time() -> None:
+    here = os.getpid()
+
+    def work(item: int) -> int:
+        if os.getpid() != here:
+            os.kill(os.getpid(), 9)
+        return item
+
+    assert side_by_side(work, range(4)) == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("bad", [0, 1])
+def test_an_error_comes_through_from_either_side(bad: int) -> None:
+    def work(item: int) -> int:
+        if item == bad:
+            raise EstimationError(f"item {item} cannot be fitted")
+        return item
+
+    with pytest.raises(EstimationError, match=f"item {bad} cannot"):
+        side_by_side(work, range(2))

@@ -26,7 +26,7 @@ from .simulator import Simulator
 P_NO_GAP, P_SINGLE, P_PAIR, P_UNKNOWN = 0.5, 0.36, 0.07, 0.07
 """Prior shares."""
 TRIED_SINGLE, TRIED_PAIR = 6, 3
-BASE_STEPS, OPEN_STEPS, REFIT_STEPS, GROSS_STEPS = 8, 3, 3, 5
+OPEN_STEPS, BASE_STEPS, REFIT_STEPS, GROSS_STEPS = 3, 5, 3, 5
 FORM_SHARE = 0.03
 """No effect's form is truer than this: what is left over below this share of what it explains is no second effect, nor unknown."""
 AT_MOST = 0.9
@@ -124,9 +124,8 @@ def ranked(
     """
     say = progress or (lambda _: None)
     say("the simulator as it is")
-    inference = Inference(simulator)
-    first, forces = _first_fit(inference, simulator.starts())
-    inference.noise = simulator.noise(first)
+    first, forces = _first_fit(simulator)
+    inference = Inference(simulator, simulator.noise(first))
     base = _taken_on(inference, inference.fit([first], [forces], 2, (0,)))[0]
     usable, excluded = simulator.usable(library)
     usable = [*usable, *simulator.suggested(base)]
@@ -157,17 +156,20 @@ def ranked(
     return inference, _ranking(inference, base, candidates, free_form, excluded)
 
 
-def _first_fit(inference: Inference, starts: Sequence[Hypothesis]) -> tuple[Hypothesis, Forces]:
+def _first_fit(simulator: Simulator) -> tuple[Hypothesis, Forces]:
     """From the measured motion, at first without asking that it is one motion; the best end of all starts."""
 
     def ended(start: Hypothesis) -> tuple[float, Hypothesis, Forces] | None:
         try:
-            found = inference.fit([start], [Forces()], BASE_STEPS, (OPEN_STEPS,), OPEN_STEPS)[0]
+            begun = Inference(simulator, simulator.noise(start)).fit([start], [Forces()], OPEN_STEPS, (), OPEN_STEPS)[0]
+            # the motion that carries the random forces is known better now
+            inference = Inference(simulator, simulator.noise(begun.hypothesis))
+            found = inference.fit([begun.hypothesis], [begun.forces], BASE_STEPS)[0]
         except (EstimationError, np.linalg.LinAlgError):
             return None
         return found.log_evidence, found.hypothesis, found.forces
 
-    found = [end for end in side_by_side(ended, starts) if end is not None]
+    found = [end for end in side_by_side(ended, simulator.starts()) if end is not None]
     if not found:
         raise EstimationError(
             "the simulator without effects cannot follow these runs at all: its motion grows beyond bounds; for a tow: is it "
@@ -213,9 +215,17 @@ def screened(
 
     The base's random forces have taken up part of what an effect does: seen with smaller ones it stands out.
     """
+    halves = [effects[k::2] for k in range(min(2, len(effects)))]
+    answers: dict[str, float] = {}
+    for part in side_by_side(lambda half: _scores(inference, base, half, shares), halves):
+        answers.update(part)
+    return answers
+
+
+def _scores(inference: Inference, base: Fitted, effects: Sequence[Effect], shares: Sequence[float]) -> dict[str, float]:
     here = base.hypothesis
     linear = inference.linear([with_effects(here, list(effects))])[0]
-    grams = Grams(linear.columns, inference.noise_about(linear))
+    grams = Grams(linear.columns, inference.noise)
     fixed = inference.fixed(here) + here.size
     answers: dict[str, float] = {}
     for share in shares:
@@ -231,17 +241,22 @@ def screened(
             cross = matrix[own, :fixed] @ inverse
             left = matrix[own, own] - cross @ matrix[:fixed, own]
             pull = right[own] - cross @ right[:fixed]
-            sd = np.array([p.sd for p in effect.parameters])
-            scaled = np.eye(len(sd)) + sd[:, None] * left * sd[None, :]
-            gain = float((sd * pull) @ np.linalg.solve(scaled, sd * pull))
-            value = 0.5 * gain - 0.5 * np.linalg.slogdet(scaled)[1]
-            spread = np.linalg.inv(scaled)
-            for k, parameter in enumerate(effect.parameters):
-                if parameter.one_sided:
-                    value += on_its_side(float(spread[k] @ (sd * pull)) / np.sqrt(spread[k, k]))
-            value = float(value) if np.isfinite(value) else -np.inf
+            value = _score(effect, left, pull)
             answers[effect.label] = max(answers.get(effect.label, -np.inf), value)
     return answers
+
+
+def _score(effect: Effect, left: Array, pull: Array) -> float:
+    """Log evidence that an effect would add, by its information ``left`` (p, p) and its gradient ``pull`` (p,)."""
+    sd = np.array([p.sd for p in effect.parameters])
+    scaled = np.eye(len(sd)) + sd[:, None] * left * sd[None, :]
+    gain = float((sd * pull) @ np.linalg.solve(scaled, sd * pull))
+    value = 0.5 * gain - 0.5 * np.linalg.slogdet(scaled)[1]
+    spread = np.linalg.inv(scaled)
+    for k, parameter in enumerate(effect.parameters):
+        if parameter.one_sided:
+            value += on_its_side(float(spread[k] @ (sd * pull)) / np.sqrt(spread[k, k]))
+    return float(value) if np.isfinite(value) else -np.inf
 
 
 def _best_variants(scores: dict[str, float], effects: Sequence[Effect], count: int) -> list[Effect]:

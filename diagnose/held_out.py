@@ -40,7 +40,7 @@ def aside(inference: Inference, fitted: Fitted, forces: Forces, run: int, others
     step = inference.solve(grams, h, forces, others).shared
     own = inference.reduced(grams, h, forces, [run]).own_step(step)[0]
     left = inference.left(fitted.linear, forces, step, own, run)
-    return left[: len(inference.noise_about(fitted.linear).runs[run].white)]
+    return left[: len(inference.noise.runs[run].white)]
 
 
 def shrink(

@@ -115,19 +115,18 @@ class Inference:
     Parameters
     ----------
     simulator : of all runs
+    noise : of the measurement, and of random forces about a motion near these
 
     Attributes
     ----------
-    noise : of the base; None: not known yet
     mode_count : of camera modes, over all runs
     """
 
-    def __init__(self, simulator: Simulator) -> None:
-        self.simulator = simulator
+    def __init__(self, simulator: Simulator, noise: Noise) -> None:
+        self.simulator, self.noise = simulator, noise
         self.own_sd, self.stated = simulator.own_sd, simulator.stated
         self.own_count = simulator.own_sd.shape[1]
         self.mode_count = simulator.modes[0].shape[2]
-        self.noise: Noise | None = None
 
     def linear(self, hypotheses: Sequence[Hypothesis], closings: int = MOST_CLOSINGS) -> list[Linear]:
         """Linearise hypotheses, all together; ``closings`` 0: about paths that may be open."""
@@ -145,11 +144,6 @@ class Inference:
     def fixed(self, h: Hypothesis) -> int:
         """Shared numbers and modes: what stands before the effects' numbers."""
         return len(h.shared) + self.mode_count
-
-    def noise_about(self, linear: Linear) -> Noise:
-        """The noise: the base's, once it is known."""
-        # the dynamics that carry the random forces are the base's: near enough, and the same for all hypotheses
-        return self.noise or self.simulator.noise(linear.hypothesis)
 
     def reduced(self, grams: Grams, h: Hypothesis, forces: Forces, only: Sequence[int] | None = None) -> Reduced:
         """Normal equations of the shared numbers, the runs' own eliminated; ``only``: these runs."""
@@ -194,7 +188,7 @@ class Inference:
         """(N,) whitened residual of a run after a step of shared and own numbers."""
         table = linear.columns.tables[run]
         rest = table[:, :, 0] - table[:, :, 1:] @ np.concatenate([shared, own])
-        return self.noise_about(linear).whitened(run, forces, [rest])[0]
+        return self.noise.whitened(run, forces, [rest])[0]
 
     def best_forces(self, grams: Grams, h: Hypothesis, first: Forces, times: Sequence[int]) -> tuple[Forces, Solved]:
         """Sizes and time constant (of ``times``) of the random forces by the restricted likelihood."""
@@ -302,7 +296,7 @@ class Inference:
         """The linear problem solved; the noise estimated where wished. None: it has no solution."""
         if not self._stands(linear):
             return None
-        h, grams = linear.hypothesis, Grams(linear.columns, self.noise_about(linear))
+        h, grams = linear.hypothesis, Grams(linear.columns, self.noise)
         try:
             solved = self.solve(grams, h, forces)
             if estimate:

@@ -49,7 +49,7 @@ def leftover(inference: Inference, fitted: Fitted) -> Leftover:
     rest = []
     for index, run in enumerate(runs):
         left = inference.left(fitted.linear, fitted.forces, solved.shared, solved.own[index], index)
-        moving = inference.noise_about(fitted.linear).measured[index].moving
+        moving = inference.noise.measured[index].moving
         good = np.isfinite(run.values[:, :moving])
         rest.append(np.where(good, left[: good.size].reshape(moving, -1).T, 0.0))
     names = [run.name for run in runs]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from ..record.errors import EstimationError
 from ..simulate.model import Array, alpha_from_y, line_force
@@ -104,7 +104,7 @@ def consistency(fit: Fit, runs: list[RunData], progress: Callable[[str], None] |
         scatter,
         float(square) if told else None,
         degrees,
-        float(chi2.sf(square, degrees)) if told else None,
+        float(chdtrc(degrees, square)) if told else None,
     )
 
 

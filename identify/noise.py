@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from ..simulate.model import Array
 
@@ -164,4 +164,4 @@ def ljung_box_p(residual: Array, fitted: int = 0, lags: int = 30, elsewhere: tup
     rho = autocorrelation(residual, lags)[1:]
     statistic = n * (n + 2) * float((rho**2 / (n - np.arange(1, lags + 1))).sum())
     statistic /= 1 + elsewhere[0] * n / (elsewhere[1] * lags)
-    return float(chi2.sf(statistic, max(lags - fitted, 1)))
+    return float(chdtrc(max(lags - fitted, 1), statistic))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from ..record.results import Derivative, DerivativesFile, Measured, RunFit, SteadyFile
 from ..record.schema import ModelTable, WaterTable
@@ -159,7 +159,7 @@ def _stability(fit: Fit, covariance: np.ndarray) -> list[str]:
     _, _, y_v, y_r, n_v, n_r = fit.six
     slope = np.array([0, 0, n_r, -n_v, -y_r, y_v])
     value, sd = y_v * n_r - n_v * y_r, float(np.sqrt(slope @ covariance @ slope))
-    sure = float(norm.cdf(abs(value) / sd)) if sd > 0 else 1.0
+    sure = float(ndtr(abs(value) / sd)) if sd > 0 else 1.0
     if sure > SURE:
         return []
     verdict = "stable" if value > 0 else "unstable"

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2, norm
+from scipy.special import chdtrc, ndtri
 
 from ..record.errors import EstimationError, InputError
 from ..record.results import Measured, SteadyTow
@@ -264,7 +264,7 @@ def fit_steady(tows: list[SteadyState], x_delta_m: float | None = None) -> Stead
     if degrees:
         square = float(rest @ np.linalg.inv(total) @ rest)
         per_dof = square / degrees
-        if chi2.sf(square, degrees) < 0.01:
+        if chdtrc(degrees, square) < 0.01:
             inverse = inverse * per_dof
             notes.append(
                 f"the tows do not lie on one line to within their errors (chi-square {square:.1f} of {degrees}): "
@@ -277,7 +277,7 @@ def fit_steady(tows: list[SteadyState], x_delta_m: float | None = None) -> Stead
         if not tow.settled:
             notes.append(f"run {tow.name!r} still drifts at its end; a longer tow would settle it")
     sd = np.sqrt(np.diag(inverse))
-    half = float(norm.ppf(0.975) * sd[0])
+    half = float(ndtri(0.975) * sd[0])
     hull = _hull_from_steady(tows, force, x_v, k, inverse, x_delta_m)
     return SteadyFit(
         x_v_m=Measured(value=float(x_v), std=float(sd[0])),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from ...record.errors import EstimationError
 from ...record.results import Measured
@@ -99,7 +99,7 @@ def straight_line_stability(six: Array, covariance: Array) -> StraightLine:
     criterion = one(value, [0, 0, n_r, -n_v, -y_r, y_v])
     x_v = one(n_v / y_v, [0, 0, -n_v / y_v**2, 0, 1 / y_v, 0])
     x_r = one(n_r / y_r, [0, 0, 0, -n_r / y_r**2, 0, 1 / y_r])
-    probability = float(norm.cdf(value / criterion.std)) if criterion.std > 0 else float(value > 0)
+    probability = float(ndtr(value / criterion.std)) if criterion.std > 0 else float(value > 0)
     verdict = "stable" if value > 0 else "unstable"
     sure = probability if value > 0 else 1 - probability
     sentence = (

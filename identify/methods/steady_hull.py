@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import chdtrc, ndtri
 
 from ...record.errors import EstimationError
 from ...record.results import Measured
@@ -114,7 +114,7 @@ def fit_steady_hull(
     notes, per_dof = [], None
     if degrees > 0:
         per_dof = square / degrees
-        if chi2.sf(square, degrees) < 0.01:
+        if chdtrc(degrees, square) < 0.01:
             inverse = inverse * per_dof
             notes.append(
                 f"the tows do not close to within their errors (chi-square {square:.1f} of {degrees}): intervals "
@@ -207,7 +207,7 @@ def _result(
         for place, part in enumerate((four[1], four[3])):
             value = part.value / rudder
             per_rad[place] = Measured(value=value, std=float(np.hypot(part.std / rudder, value * rudder_sd / rudder)))
-    half = float(norm.ppf(0.975))
+    half = float(ndtri(0.975))
     named = {**dict(zip(NAMES, four, strict=True)), "x_v_m": x_v, "x_delta_m": x_delta}
     return SteadyHull(
         *four,

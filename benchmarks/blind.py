@@ -12,6 +12,7 @@ import argparse
 import json
 import subprocess
 import time
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
@@ -44,14 +45,22 @@ def main() -> None:
     answers["commit"] = commit
     todo = [c for c in sorted(given.cases.iterdir()) if c.is_dir() and c.name not in answers]
     given.out.parent.mkdir(parents=True, exist_ok=True)
-    with ProcessPoolExecutor(given.workers) as pool:
+    for name, result, spent in _each(todo, given.workers):
+        answers[name] = result
+        best = result["ranking"][0] if result.get("ranking") else {}
+        words = f"{' + '.join(best.get('effects', []))} {best.get('probability', 0):.2f}"
+        print(f"{name}: {result['verdict']:8} {words}, {spent:.1f} s", flush=True)
+        given.out.write_text(json.dumps(answers, indent=1, sort_keys=True) + "\n")
+
+
+def _each(todo: list[Path], workers: int) -> Iterator[tuple[str, dict, float]]:
+    """Answers as they come; one worker has all cores for each campaign."""
+    if workers == 1:
+        yield from map(answer, todo)
+        return
+    with ProcessPoolExecutor(workers) as pool:
         for job in as_completed([pool.submit(answer, case) for case in todo]):
-            name, result, spent = job.result()
-            answers[name] = result
-            best = result["ranking"][0] if result.get("ranking") else {}
-            words = f"{' + '.join(best.get('effects', []))} {best.get('probability', 0):.2f}"
-            print(f"{name}: {result['verdict']:8} {words}, {spent:.0f} s", flush=True)
-            given.out.write_text(json.dumps(answers, indent=1, sort_keys=True) + "\n")
+            yield job.result()
 
 
 if __name__ == "__main__":

@@ -58,6 +58,8 @@ def _answer(name: str, folders: list[Path], to: Path) -> str:
         found["failed"] = result.failed
     except TowlineError as error:
         found["error"] = str(error)
+    except Exception as error:  # a defect: this case has no answer, and the score says so; the others go on
+        found["error"] = f"{type(error).__name__}: {error}"
     found["seconds"] = round(time.perf_counter() - began, 2)
     write_text(to, json.dumps(found, indent=1, sort_keys=True) + "\n")
     return name

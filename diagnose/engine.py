@@ -25,7 +25,7 @@ from .simulator import Simulator
 
 P_NO_GAP, P_SINGLE, P_PAIR, P_UNKNOWN = 0.5, 0.36, 0.07, 0.07
 """Prior shares."""
-TRIED_SINGLE, TRIED_PAIR = 6, 3
+TRIED_SINGLE, TRIED_PAIR, SIBLINGS = 6, 3, 3
 OPEN_STEPS, BASE_STEPS, REFIT_STEPS, GROSS_STEPS = 3, 5, 3, 5
 FORM_SHARE = 0.03
 """No effect's form is truer than this: what is left over below this share of what it explains is no second effect, nor unknown."""
@@ -149,6 +149,7 @@ def ranked(
         for effects, f in fitted
         if effects[0] in free
     ]
+    candidates += _siblings(inference, base, candidates, usable, scores, gross)
     candidates.sort(key=lambda c: -c.log_evidence)
     candidates = _settled(inference, candidates, base)
     candidates += _pairs(inference, candidates, base, usable, len(names), say, gross)
@@ -177,6 +178,24 @@ def _first_fit(simulator: Simulator) -> tuple[Hypothesis, Forces]:
         )
     _, best, forces = max(found, key=lambda end: end[0])
     return best, forces
+
+
+def _siblings(
+    inference: Inference,
+    base: Fitted,
+    candidates: Sequence[Candidate],
+    usable: Sequence[Effect],
+    scores: dict[str, float],
+    gross: bool,
+) -> list[Candidate]:
+    """Other variants of the best effect: a score is one step's, and they are near to one another."""
+    best = max(candidates, key=lambda c: c.log_evidence, default=None)
+    if best is None or best.log_evidence < CLEAR:
+        return []
+    others = [e for e in usable if e.name == best.names[0] and e.label != best.effects[0].label]
+    others = sorted(others, key=lambda e: -scores[e.label])[:SIBLINGS]
+    fitted = _fit_all(inference, base, [(e,) for e in others], gross) if others else []
+    return [Candidate(effects, f, f.log_evidence - base.log_evidence, best.log_prior) for effects, f in fitted]
 
 
 def _settled(inference: Inference, candidates: list[Candidate], base: Fitted) -> list[Candidate]:

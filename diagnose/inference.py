@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import log_ndtr
+from scipy.special import log_ndtr, logsumexp
 
 from ..geometry.normal import inverse_of_normal
 from ..record.errors import EstimationError
@@ -173,16 +174,34 @@ class Inference:
         here = -0.5 * (part.before + known + log)
         return Solved(-0.5 * (chi_square + log), here, chi_square, step, part.own_step(step), covariance)
 
-    def one_sided(self, h: Hypothesis, solved: Solved) -> float:
-        """What one-sided priors add to the log evidence."""
-        at, total = self.fixed(h), 0.0
-        for effect, numbers in zip(h.effects, h.numbers, strict=True):
-            for parameter, number in zip(effect.parameters, numbers, strict=True):
-                if parameter.one_sided:
-                    sd = np.sqrt(max(solved.covariance[at, at], 1e-300))
-                    total += on_its_side((number + solved.shared[at] - parameter.none) / sd)
-                at += 1
-        return total
+    def sized(self, h: Hypothesis, solved: Solved) -> float:
+        """What the effects' priors add to the log evidence beside one normal distribution each: an effect may be of any of its
+        sizes, and some numbers are on one side only.
+        """
+        if not h.size:
+            return 0.0
+        own = slice(self.fixed(h), self.fixed(h) + h.size)
+        parameters = [p for e in h.effects for p in e.parameters]
+        sd = np.array([p.sd for p in parameters])
+        sided = np.flatnonzero([p.one_sided for p in parameters])
+        mean = np.concatenate(h.numbers) - [p.none for p in parameters] + solved.shared[own]
+        # in units of the widest prior; what the data alone say is the posterior without it
+        data = np.linalg.inv(solved.covariance[own, own] / np.outer(sd, sd))
+        pull = data @ (mean / sd)
+        data = data - np.eye(len(sd))
+        logs: list[float] = []
+        for shares in product(*(e.sizes for e in h.effects)):
+            share = np.repeat(shares, [len(e.parameters) for e in h.effects])
+            scaled = np.eye(len(sd)) + share[:, None] * data * share
+            there = np.linalg.inv(scaled)
+            log = 0.5 * (share * pull) @ there @ (share * pull) - 0.5 * np.linalg.slogdet(scaled)[1]
+            z = (there @ (share * pull))[sided] / np.sqrt(np.diag(there)[sided])
+            logs.append(float(log) + sum(on_its_side(one) for one in z))
+        whole = (
+            0.5 * pull @ np.linalg.solve(data + np.eye(len(sd)), pull)
+            - 0.5 * np.linalg.slogdet(data + np.eye(len(sd)))[1]
+        )
+        return float(logsumexp(logs) - np.log(len(logs)) - whole)
 
     def left(self, linear: Linear, forces: Forces, shared: Array, own: Array, run: int) -> Array:
         """(N,) whitened residual of a run after a step of shared and own numbers."""
@@ -307,7 +326,7 @@ class Inference:
 
     def _fitted(self, linear: Linear, grams: Grams, forces: Forces, solved: Solved) -> Fitted:
         h = linear.hypothesis
-        log_evidence = solved.log_evidence + forces.log_prior(self.simulator.most_force) + self.one_sided(h, solved)
+        log_evidence = solved.log_evidence + forces.log_prior(self.simulator.most_force) + self.sized(h, solved)
         return Fitted(h, forces, log_evidence, solved, linear, grams)
 
     def _stands(self, linear: Linear) -> bool:

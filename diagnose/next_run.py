@@ -122,8 +122,8 @@ def _taken_over(h: Hypothesis, settings: Sequence[tuple[float, ...]]) -> Hypothe
 
 
 def _without_camera(h: Hypothesis) -> Hypothesis:
-    """Camera faults and slack windows belong to the runs made."""
-    kept = [(e, n) for e, n in zip(h.effects, h.numbers, strict=True) if e.correct is None and e.name != "slack_line"]
+    """Camera faults, windows and bounces belong to the runs made."""
+    kept = [(e, n) for e, n in zip(h.effects, h.numbers, strict=True) if e.correct is None and not e.bound]
     return replace(h, effects=tuple(e for e, _ in kept), numbers=tuple(n for _, n in kept))
 
 

@@ -11,7 +11,9 @@ from ..simulate.model import DERIVATIVE_UNITS, Array
 from .effects import Effect
 from .hypothesis import FREE, Hypothesis
 from .noise import Noise
+from .shifts import shift_effects
 from .slackness import slack_effects
+from .springs import springing_effects
 from .tow_data import TowRun
 from .tow_model import TowModel
 from .tow_noise import tow_noise
@@ -86,8 +88,12 @@ class TowSimulator(TowModel):
         return usable, excluded
 
     def suggested(self, base: Fitted) -> list[Effect]:
-        """Windows in which the line may have gone slack."""
-        return slack_effects(self.runs, base)
+        """Windows in which the line may have gone slack, its bounces, and when the camera may have been turned."""
+        return [
+            *slack_effects(self.runs, base),
+            *springing_effects(self.runs, base),
+            *shift_effects(self.runs, base),
+        ]
 
     def free_forms(self) -> Sequence[Effect]:
         """Forces of many shapes, and faults of what is seen."""

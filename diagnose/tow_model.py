@@ -57,7 +57,10 @@ class TowModel:
     def _correction(self, tow: TowRun, effect: Effect, numbers: Array) -> Array:
         """Change of the values (n, 4) when the fault is taken out."""
         assert effect.correct is not None
-        key = (tow.name, effect.label, numbers.tobytes())
+        share = None if effect.when is None else effect.when(tow.name, tow.centre_s)
+        if share is not None and not share.any():
+            return np.zeros_like(tow.values)
+        key = (tow.name, effect.correct, numbers.tobytes())
         if key not in self._corrections:
             if tow.marks is None:
                 # a motion can only be shifted: the post is all that is stated of its geometry
@@ -67,7 +70,7 @@ class TowModel:
             else:
                 change = corrected(tow, *effect.correct(tow.marks.run, tow.marks.fit, *numbers))
             self._corrections[key] = change
-        return self._corrections[key]
+        return self._corrections[key] if share is None else share[:, None] * self._corrections[key]
 
     # the simulated side -----------------------------------------------------------------------------------------------
 
@@ -81,7 +84,7 @@ class TowModel:
         closings : Newton steps that may be taken to close the hypotheses' paths first; 0 leaves them open, and the residual is
             what the linearised motion would leave
         """
-        lags = tuple(sorted({e.lag_s for h in hypotheses for e in h.effects if e.lag_s}))
+        lags = _lags(hypotheses)
         paths = self._paths(hypotheses, lags, closings)
         groups = [Variations(h, len(self.runs)) for h in hypotheses]
         transition, push, start = self._steps(groups, paths, lags)
@@ -101,7 +104,7 @@ class TowModel:
 
     def values(self, hypotheses: Sequence[Hypothesis]) -> list[list[Array]]:
         """What hypotheses say would be measured: per hypothesis and run (n, 4)."""
-        lags = tuple(sorted({e.lag_s for h in hypotheses for e in h.effects if e.lag_s}))
+        lags = _lags(hypotheses)
         numbers, _ = joined([Variations(h, len(self.runs)).columns((), 0) for h in hypotheses], lags)
         return self._seen.values(numbers, np.stack(self._paths(hypotheses, lags, MOST_CLOSINGS), axis=-1))
 
@@ -230,6 +233,11 @@ def _moved_states(paths: Array, begins: Sequence[int], widths: Sequence[int]) ->
         for s in range(len(paths)):
             whole[s, ..., begin + 1 + s] += STATE_STEP
     return whole
+
+
+def _lags(hypotheses: Sequence[Hypothesis]) -> tuple[float, ...]:
+    """Time constants of all their effects."""
+    return tuple(sorted({e.lag_s for h in hypotheses for e in h.effects if e.lag_s}))
 
 
 def _with_lags(path: Path, lags: tuple[float, ...]) -> Array:

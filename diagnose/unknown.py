@@ -81,6 +81,7 @@ def free_forms() -> tuple[Effect, ...]:
             "A force on the hull that no effect of the library has.",
             "Look at when and where it shows.",
             force=_force,
+            sizes=(1.0,),
             variant=f"{size:g} N",
         )
         for size in SIZES_N
@@ -97,6 +98,7 @@ def free_forms() -> tuple[Effect, ...]:
             "Something in camera or clock that no effect of the library has.",
             "Run towline check; look where the invariants depart.",
             observe=_seen,
+            sizes=(1.0,),
             variant=f"{1e3 * size:g} mm",
         )
         for size in SIZES_M

@@ -11,6 +11,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -61,6 +62,23 @@ def campaigns(root: Path) -> ModuleType:
 def cases(root: Path) -> ModuleType:
     """Filmed campaigns with a planted effect."""
     return _cases(root, "gap_cases")
+
+
+@pytest.fixture(scope="session")
+def tow_runs(cases: ModuleType) -> Callable[[int, int], list]:
+    """(seed, how many) -> tows without any effect, as the diagnosis takes them."""
+    from towline.diagnose.tow_data import block_step, tow_run
+    from towline.geometry import motion_from_tracks, run_datum
+
+    def made(seed: int, count: int) -> list:
+        found = []
+        for run, tracks, static in cases.campaign("none", np.random.default_rng(seed)).runs[:count]:
+            fit = run_datum(run, None)
+            motion = motion_from_tracks(run, tracks, fit)
+            found.append(tow_run(run, motion.motion, motion.common, tracks, fit, static, block_step([45.0])))
+        return found
+
+    return made
 
 
 class _Outline(HTMLParser):

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
+from scipy.stats import norm
 
-from towline.diagnose.effects import LIBRARY
+from towline.diagnose.effects import LIBRARY, Effect, Parameter
 from towline.diagnose.grams import Columns, Grams, reduced
 from towline.diagnose.hypothesis import Hypothesis, Path
+from towline.diagnose.inference import Inference, Solved
 from towline.diagnose.noise import Forces
 from towline.diagnose.shooting import between, carried
-from towline.diagnose.tow_data import block_step, tow_run
 from towline.diagnose.tow_model import TowModel
 from towline.diagnose.tow_noise import tow_noise
 from towline.diagnose.tow_start import base_hypotheses, measured_path
@@ -27,15 +30,8 @@ PUSHED = tuple(e for e in LIBRARY if e.correct is None and e.name != "sync_delay
 
 
 @pytest.fixture(scope="module")
-def runs(cases: ModuleType) -> list:
-    from towline.geometry import motion_from_tracks, run_datum
-
-    made = []
-    for run, tracks, static in cases.campaign("none", np.random.default_rng(2)).runs[:2]:
-        fit = run_datum(run, None)
-        motion = motion_from_tracks(run, tracks, fit)
-        made.append(tow_run(run, motion.motion, motion.common, tracks, fit, static, block_step([45.0])))
-    return made
+def runs(tow_runs: Callable[[int, int], list]) -> list:
+    return tow_runs(2, 2)
 
 
 @pytest.fixture(scope="module")
@@ -194,6 +190,32 @@ def test_own_numbers_are_eliminated(runs: list, hypothesis: Hypothesis) -> None:
     np.testing.assert_allclose(part.own_step(step).ravel(), whole[3:], rtol=1e-6)
     rest = np.concatenate(rights) - np.concatenate(rows) @ whole
     assert np.isclose(part.chi_square - part.right @ step, rest @ rest, rtol=1e-6)
+
+
+@pytest.mark.parametrize("mean", [-0.01, 0.02, 0.4, 3.0])
+@pytest.mark.parametrize("sided", [False, True])
+def test_an_effect_of_any_size_has_the_evidence_of_the_integral(mean: float, sided: bool) -> None:
+    """One number with a normal likelihood: against the integral over the mixed prior by quadrature."""
+    sd, spread = 2.0, 0.15
+    effect = Effect("one", "sway", (Parameter("x", "", sd, one_sided=sided),), "", "")
+
+    def prior(x: float, share: float) -> float:
+        return float(norm.pdf(x, 0, share * sd)) * (2.0 * (x > 0) if sided else 1.0)
+
+    def integral(share: float) -> float:
+        likelihood = lambda x: norm.pdf(x, mean, spread) * prior(x, share)  # noqa: E731
+        return quad(likelihood, -3, 6, points=[0.0, mean], limit=400)[0]
+
+    wanted = np.log(np.mean([integral(share) for share in effect.sizes]))
+    # Laplace at the widest size, both sides: what ``sized`` is added to
+    variance = 1 / (1 / spread**2 + 1 / sd**2)
+    plain = float(norm.logpdf(mean, 0, np.hypot(spread, sd)))
+    inference = object.__new__(Inference)
+    inference.mode_count = 0
+    h = Hypothesis(np.zeros(0), np.zeros((1, 0)), (effect,), (np.zeros(1),))
+    step = np.array([variance * mean / spread**2])
+    solved = Solved(0.0, 0.0, 0.0, step, np.zeros((1, 0)), np.array([[variance]]))
+    assert plain + inference.sized(h, solved) == pytest.approx(wanted, abs=1e-6)
 
 
 def test_numbers_that_are_not_told_get_nothing() -> None:

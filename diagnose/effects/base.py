@@ -20,6 +20,10 @@ from ...simulate.model import Array
 STAGES = ("camera", "clock", "line", "sway", "yaw")
 
 
+SIZES = (1.0, 0.3, 0.1, 0.03)
+"""An effect is as likely to be small as to be large, down to what nobody would see."""
+
+
 @dataclass(frozen=True)
 class Parameter:
     """A number of an effect.
@@ -122,8 +126,11 @@ class Effect:
     clock : (t_s, *numbers) -> change of time, s
     observe : (seen, *numbers) -> change of measured x, y, beta, marker distance
     correct : (run, datum fit, *numbers) -> (run, mapping) as they would be without the fault
+    when : (run's name, (n,) s) -> (n,) share of that fault at work; None: always and in all runs
     lag_s : time constant of ``v_lag``, ``r_lag``
     variant : tells effects of one name apart
+    bound : it belongs to the runs made (windows, bounces), and says nothing of another
+    sizes : shares of the parameters' standard deviations that are as likely: how small the effect may be where it exists
     needs : (run) -> why it cannot be judged with this run, or ""
     """
 
@@ -143,8 +150,11 @@ class Effect:
     clock: Callable[..., Any] | None = None
     observe: Callable[..., tuple[Any, Any, Any, Any]] | None = None
     correct: Callable[..., tuple[Any, Any]] | None = None
+    when: Callable[[str, Array], Array] | None = None
     lag_s: float = 0.0
     variant: str = ""
+    bound: bool = False
+    sizes: tuple[float, ...] = SIZES
     needs: Callable[[Any], str] = field(default=lambda _: "")
 
     @property

@@ -36,8 +36,9 @@ def _current(s: Situation, speed, shear):
     return -s.y_v * flow, -s.n_v * flow
 
 
-def _memory(s: Situation, sway, yaw):
-    return sway * s.y_v * (s.v_lag - s.v_m_s), yaw * s.n_r * (s.r_lag - s.r_rad_s)
+def _memory(s: Situation, sway, yaw, moment):
+    late = s.v_lag - s.v_m_s
+    return sway * s.y_v * late, yaw * s.n_r * (s.r_lag - s.r_rad_s) + moment * s.n_v * late
 
 
 def _bank(s: Situation, force, arm):
@@ -115,7 +116,11 @@ MEMORY = tuple(
     Effect(
         "fluid_memory",
         "sway",
-        (Parameter("share_sway", "", 0.3, one_sided=True), Parameter("share_yaw", "", 0.3, one_sided=True)),
+        (
+            Parameter("share_sway", "", 0.3, one_sided=True),
+            Parameter("share_yaw", "", 0.3, one_sided=True),
+            Parameter("share_n_v", "", 0.3),
+        ),
         "Part of the damping comes from vortices and waves shed a little earlier: it lags behind the motion.",
         "Use damping with memory (a first-order lag) in the simulator.",
         "Cummins (1962)",

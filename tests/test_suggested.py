@@ -1,0 +1,86 @@
+"""Effects that a residual itself suggests: a bounce on a soft line, a camera turned between runs or in one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+from towline.diagnose.hypothesis import Hypothesis
+from towline.diagnose.shifts import shift_effects
+from towline.diagnose.springs import springing_effects
+from towline.diagnose.tow_model import TowModel
+
+RATE_HZ, DECAY_S, SIZE_M = 0.46, 0.09, 0.002
+
+
+@pytest.fixture(scope="module")
+def runs(tow_runs: Callable[[int, int], list]) -> list:
+    return tow_runs(4, 3)
+
+
+def left(
+    runs: list, rng: np.random.Generator, line: list | None = None, distance: list | None = None
+) -> SimpleNamespace:
+    """What a base fit might leave: the channels' own noise, and what is added to line and marker distance."""
+    rows = []
+    for k, run in enumerate(runs):
+        rest = np.column_stack(
+            [rng.normal(0, np.sqrt(np.median(np.diag(c))), len(run.centre_s)) for c in run.covariance]
+        )
+        rest[:, 2] += 0.0 if line is None else line[k]
+        rest[:, 3] += 0.0 if distance is None else distance[k]
+        rows.append((rest, np.zeros((*rest.shape, 0))))
+    return SimpleNamespace(linear=SimpleNamespace(rows=rows))
+
+
+def ring(run, phase: float) -> np.ndarray:
+    """A bounce as its blocks' means see it, from 200 samples each."""
+    fine = run.centre_s[:, None] + run.step_s * (np.arange(200) / 200 - 0.4975)
+    return (SIZE_M * np.exp(-DECAY_S * fine) * np.cos(2 * np.pi * RATE_HZ * fine + phase)).mean(axis=1)
+
+
+def test_noise_suggests_no_bounce_and_a_bounce_is_found_with_each_runs_own_phase(runs: list) -> None:
+    rng = np.random.default_rng(5)
+    assert springing_effects(runs, left(runs, rng)) == []
+    phases = (0.3, 2.0, -1.1)
+    found = springing_effects(runs, left(runs, rng, [ring(r, p) for r, p in zip(runs, phases, strict=True)]))
+    assert len(found) == 1
+    assert found[0].variant == "springs at 0.46, 0.46, 0.46 Hz"
+    t_s = np.arange(0.0, 20.0, 0.05)
+    seen = SimpleNamespace(t_s=t_s[:, None, None], alpha_rad=np.zeros((1, 1, 1)), tension_n=np.ones((3, 1)))
+    bounce = found[0].stretch(seen, 0.0, 0.0, 1.0, 0.0)[:, :, 0]  # pyright: ignore[reportOptionalCall]
+    for k, phase in enumerate(phases):
+        true = SIZE_M * np.exp(-DECAY_S * t_s) * np.cos(2 * np.pi * RATE_HZ * t_s + phase)
+        # four numbers from the blocks of its first 1/(2 decay) seconds, their noise at 4 sd
+        noise = np.sqrt(np.median(np.diag(runs[k].covariance[2])))
+        assert np.abs(bounce[:, k] - true).max() < 4 * noise * np.sqrt(4 * runs[k].step_s * 2 * DECAY_S)
+
+
+def test_a_step_in_line_and_distance_suggests_when_the_camera_turned(runs: list) -> None:
+    rng, at_s = np.random.default_rng(6), 21.37
+    assert [e.variant for e in shift_effects(runs, left(runs, rng))] == [f"from {r.name} on" for r in runs[1:]]
+    run = runs[1]
+    share = np.clip((run.centre_s + run.step_s / 2 - at_s) / run.step_s, 0, 1)
+    step = [np.zeros(len(r.centre_s)) if r is not run else 0.002 * share for r in runs]
+    found = shift_effects(runs, left(runs, rng, step, [-s for s in step]))[-1]
+    assert found.variant.startswith(f"from {run.name}, 21.")
+    assert found.when is not None
+    np.testing.assert_allclose(found.when(run.name, run.centre_s), share, atol=0.15)
+    assert not found.when(runs[0].name, run.centre_s).any()
+    assert found.when(runs[2].name, run.centre_s).all()
+
+
+def test_a_turned_camera_changes_only_what_was_seen_since(runs: list, cases: ModuleType) -> None:
+    effect = shift_effects(runs, left(runs, np.random.default_rng(7)))[1]  # from the third run on
+    tows = [r.data.tow for r in runs]
+    own = np.array([[0.1, 0, 0, 0, 0, 0, t.tension_n, t.tow_point_m, t.line_length_m, t.speed_m_s] for t in tows])
+    h = Hypothesis(np.array(cases.SIX), own, (effect,), (np.array([0.001, 0.0, 0.0]),))
+    always = replace(h, effects=(replace(effect, when=None),))
+    model = TowModel(runs, 1.28)
+    for run, since, ever in zip(runs, model.measured(h), model.measured(always), strict=True):
+        np.testing.assert_array_equal(since, ever if run is runs[2] else run.values)
+        assert np.nanmax(np.abs(ever - run.values)) > 1e-4

@@ -270,7 +270,7 @@ def _score(effect: Effect, left: Array, pull: Array) -> float:
     sd = np.array([p.sd for p in effect.parameters])
     scaled = np.eye(len(sd)) + sd[:, None] * left * sd[None, :]
     gain = float((sd * pull) @ np.linalg.solve(scaled, sd * pull))
-    value = 0.5 * gain - 0.5 * np.linalg.slogdet(scaled)[1]
+    value = 0.5 * gain - 0.5 * np.linalg.slogdet(scaled)[1] - effect.cost
     spread = np.linalg.inv(scaled)
     for k, parameter in enumerate(effect.parameters):
         if parameter.one_sided:

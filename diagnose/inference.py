@@ -327,6 +327,7 @@ class Inference:
     def _fitted(self, linear: Linear, grams: Grams, forces: Forces, solved: Solved) -> Fitted:
         h = linear.hypothesis
         log_evidence = solved.log_evidence + forces.log_prior(self.simulator.most_force) + self.sized(h, solved)
+        log_evidence -= sum(e.cost for e in h.effects)
         return Fitted(h, forces, log_evidence, solved, linear, grams)
 
     def _stands(self, linear: Linear) -> bool:

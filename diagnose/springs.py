@@ -1,16 +1,23 @@
-"""A bounce on a soft line, from the taut-line residual alone."""
+"""A bounce on a soft line, from the taut-line residual alone: one that dies away, or whatever course it takes.
+
+The taut line's radius holds no hydrodynamics: what it does faster than the swing is the line's own. One ring a run says it with
+four numbers; a line that is plucked again and again, or goes slack at times, needs its whole course within a band of frequencies.
+Numbers found so are paid for: half the logarithm of what the residual holds over its noise, each.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 
 from ..simulate.model import Array
 from .effects import Effect
-from .effects.line import Ring, springing
+from .effects.line import springing
 from .tow_data import TowRun
 
 if TYPE_CHECKING:
@@ -19,29 +26,54 @@ if TYPE_CHECKING:
 LEAST_BLOCKS = 20
 RATES_HZ = (0.12, 0.45)
 """Of the blocks' own rate: slower is the swing itself, faster is not seen."""
+BAND_HZ = (0.25, 0.45)
+"""Of a whole course: from this frequency to this share of the blocks' rate."""
 DECAYS_S = (0.02, 0.08, 0.3)
 CLEAR = 60.0
 """What a bounce in all runs must explain of the whitened square, beside two numbers a run."""
+FINER = 8
+"""Samples of a course to a block."""
+
+
+@dataclass(frozen=True)
+class Ring:
+    """A bounce that dies away in one run; its beginning is the run's.
+
+    Attributes
+    ----------
+    size_m : half of its height, complex for its phase
+    decay_s : 1/s
+    rate_rad_s : of the bounce
+    """
+
+    size_m: complex
+    decay_s: float
+    rate_rad_s: float
 
 
 def springing_effects(runs: Sequence[TowRun], base: Fitted) -> list[Effect]:
-    """The bounce that explains most of the taut line's residual, or none."""
+    """The ring and the course that explain most of the taut line's residual; none where there is only noise."""
     rests = [_rest(run, base.linear.rows[i][0][:, 2]) for i, run in enumerate(runs)]
-    if any(rest is None for rest in rests):
-        return []
     whole = [rest for rest in rests if rest is not None]
+    if len(whole) < len(runs):
+        return []
+    return [*_rings(runs, whole), *_courses(runs, whole)]
+
+
+def _rings(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:
     step = runs[0].step_s
-    rates = 2 * np.pi * np.arange(RATES_HZ[0], RATES_HZ[1], step / (2 * max(len(r) * step for r in whole))) / step
+    longest = max(len(r) * step for r in rests)
+    rates = 2 * np.pi * np.arange(RATES_HZ[0], RATES_HZ[1], step / (2 * longest)) / step
     grid = [
-        (sum(_ring(run.centre_s, rest, decay, rate)[0] for run, rest in zip(runs, whole, strict=True)), decay, rate)
+        (sum(_ring(run.centre_s, rest, decay, rate)[0] for run, rest in zip(runs, rests, strict=True)), decay, rate)
         for decay in DECAYS_S
         for rate in rates
     ]
     gain, decay, rate = max(grid)
     if gain < CLEAR + 2 * len(runs):
         return []
-    rings = []
-    for run, rest in zip(runs, whole, strict=True):
+    rings, cost = [], 0.0
+    for run, rest in zip(runs, rests, strict=True):
         end = minimize(
             lambda x, t=run.centre_s, rest=rest: -_ring(t, rest, abs(x[0]), x[1])[0],
             [decay, rate],
@@ -53,11 +85,51 @@ def springing_effects(runs: Sequence[TowRun], base: Fitted) -> list[Effect]:
             },
         )
         own_decay, own_rate = abs(float(end.x[0])), float(end.x[1])
-        size = _ring(run.centre_s, rest, own_decay, own_rate)[1] * _sd(run)
+        explained, size = _ring(run.centre_s, rest, own_decay, own_rate)
         # a mean over a block flattens what comes and goes within it
         flat = float(np.sinc(own_rate * step / (2 * np.pi)))
-        rings.append(Ring(size / flat, own_decay, own_rate))
-    return [springing(rings)]
+        rings.append(Ring(size * _sd(run) / flat, own_decay, own_rate))
+        cost += 2 * float(np.log1p(max(explained, 0.0) / 4))
+    sizes, decays, angular = (np.array([[getattr(r, k)] for r in rings]) for k in ("size_m", "decay_s", "rate_rad_s"))
+
+    def bounce(t_s: Any) -> Array:
+        return np.exp(-decays * t_s) * np.real(sizes * np.exp(1j * angular * t_s))
+
+    heard = ", ".join(f"{r.rate_rad_s / (2 * np.pi):.2f}" for r in rings)
+    return [springing(bounce, f"springs at {heard} Hz", cost)]
+
+
+def _courses(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:
+    step, high = runs[0].step_s, BAND_HZ[1] / runs[0].step_s
+    splines, cost, explained, numbers = [], 0.0, 0.0, 0.0
+    for run, rest in zip(runs, rests, strict=True):
+        n = len(rest)
+        # mirrored at both ends, so that the course does not begin or end with a jump
+        turned = np.concatenate([rest, rest[::-1]])
+        hertz = np.fft.rfftfreq(2 * n, step)
+        inside = (hertz > BAND_HZ[0]) & (hertz < high)
+        waves = np.where(inside, np.fft.rfft(turned), 0.0)
+        own = float((np.fft.irfft(waves, 2 * n)[:n] ** 2).sum())
+        free = max(2 * n * step * (high - BAND_HZ[0]), 1.0)
+        cost += 0.5 * free * float(np.log1p(own / free))
+        explained, numbers = explained + own, numbers + free
+        finer = np.zeros(n * FINER + 1, dtype=complex)
+        finer[: len(waves)] = waves / np.where(inside, np.sinc(hertz * step), 1.0)
+        # the finer samples begin half a block before the first block's middle, less half of their own step
+        values = _sd(run) * FINER * np.fft.irfft(finer, 2 * n * FINER)[: n * FINER]
+        splines.append(CubicSpline(run.centre_s[0] + step * np.arange(n * FINER) / FINER, values))
+    if explained < CLEAR + 3 * numbers:
+        return []
+    count = len(splines)
+
+    def bounce(t_s: Any) -> Array:
+        times = np.broadcast_to(np.asarray(t_s, dtype=float), (*np.broadcast_shapes(np.shape(t_s), (count, 1)),))
+        found = np.empty(times.shape)
+        for k, spline in enumerate(splines):
+            found[..., k, :] = spline(np.clip(times[..., k, :], spline.x[0], spline.x[-1]))
+        return found
+
+    return [springing(bounce, "bounces as its radius shows", cost)]
 
 
 def _sd(run: TowRun) -> float:

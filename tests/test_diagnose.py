@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -20,29 +21,16 @@ from towline.diagnose.tow_model import TowModel
 from towline.diagnose.tow_noise import tow_noise
 from towline.diagnosing import diagnose_folders
 from towline.record import InputError, read_run
-from towline.record.tables import write_table
 from towline.simulate.model import Hull, Tow
 from towline.simulate.motion import Start, simulate_full
 
 
-def written(campaign, folder: Path) -> list[Path]:
-    """The campaign as run folders."""
-    paths = []
-    for run, tracks, static in campaign.runs:
-        path = folder / run.name
-        path.mkdir(parents=True)
-        content = run.file.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
-        (path / "run.toml").write_text(tomlkit.dumps(content))
-        write_table(path / "tracks.csv", tracks)
-        write_table(path / "static.csv", static)
-        paths.append(path)
-    return paths
-
-
 @pytest.mark.parametrize("planted", ["none", "crossflow_drag", "deck_height", "unknown kick"])
-def test_what_was_planted_is_what_is_said(cases: ModuleType, planted: str, tmp_path: Path) -> None:
+def test_what_was_planted_is_what_is_said(
+    write_runs: Callable[[list, Path], list[Path]], cases: ModuleType, planted: str, tmp_path: Path
+) -> None:
     """Clear to the eye in the residual; two seeds in no way chosen. Rates over many campaigns belong to the blind check."""
-    folders = written(cases.campaign(planted, np.random.default_rng([11, 5])), tmp_path)
+    folders = write_runs(cases.campaign(planted, np.random.default_rng([11, 5])).runs, tmp_path)
     folders = folders[:3] if planted == "deck_height" else folders
     found = diagnose_folders(folders)
     file = found.diagnosis.file
@@ -194,10 +182,13 @@ def test_a_users_own_effect_is_one_short_file(tmp_path: Path) -> None:
 
 
 def test_the_command_its_page_and_the_fixed_simulator(
-    cases: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    write_runs: Callable[[list, Path], list[Path]],
+    cases: ModuleType,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Three runs, a current across the tank; one more kept aside; the saved model simulates with the effect."""
-    folders = written(cases.campaign("cross_current", np.random.default_rng(4)), tmp_path / "runs")[:4]
+    folders = write_runs(cases.campaign("cross_current", np.random.default_rng(4)).runs[:4], tmp_path / "runs")
     (tmp_path / "mine.py").write_text(MINE)
     model = tmp_path / "model.toml"
     given = ["--hold-out", str(folders[3]), "--effects", str(tmp_path / "mine.py"), "--write-model", str(model)]
@@ -237,8 +228,13 @@ def test_the_command_its_page_and_the_fixed_simulator(
     assert "no place for it" in capsys.readouterr().err
 
 
-def test_a_free_run_is_refused_by_name(cases: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (folder,) = written(cases.Campaign(cases.campaign("none", np.random.default_rng(1)).runs[:1], "none"), tmp_path)
+def test_a_free_run_is_refused_by_name(
+    write_runs: Callable[[list, Path], list[Path]],
+    cases: ModuleType,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (folder,) = write_runs(cases.campaign("none", np.random.default_rng(1)).runs[:1], tmp_path)
     text = (folder / "run.toml").read_text()
     (folder / "run.toml").write_text('kind = "free"\n' + text)
     assert read_run(folder).file.kind == "free"

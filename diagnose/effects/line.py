@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -14,22 +15,6 @@ GIVES = 0.15
 """Share of the way at which a line that a wave slackens has lost most of its pull."""
 RUB_RATE = 0.004
 """rad/s at which dry friction has turned over (it is smoothed there)."""
-
-
-@dataclass(frozen=True)
-class Ring:
-    """A bounce that dies away in one run; its beginning is the run's.
-
-    Attributes
-    ----------
-    size_m : half of its height, complex for its phase; 0 where a run shows none
-    decay_s : 1/s
-    rate_rad_s : of the bounce
-    """
-
-    size_m: complex
-    decay_s: float
-    rate_rad_s: float
 
 
 def _friction(s: Situation, moment):
@@ -87,34 +72,37 @@ FRICTION = Effect(
 )
 
 
-def springing(rings: Sequence[Ring]) -> Effect:
-    """A soft line on which the model goes on bouncing after the release; the engine finds the rings in the taut-line residual.
+def springing(bounce: Callable[[Any], Any], variant: str, cost: float) -> Effect:
+    """A soft line on which the model bounces; the engine finds the bounce in the taut-line residual.
 
-    The pull follows the bounce by the line's stiffness. The bounce itself is a run's own (its release made it): only its size is
-    a number, and what it does to the pull.
+    The pull follows it by the line's stiffness, and cannot push. Only how much of the bounce is real is a number, and what it does
+    to the pull.
+
+    Parameters
+    ----------
+    bounce : time -> how much longer the line is, m, (..., runs, 1)
+    variant : which bounce, in words
+    cost : log evidence that finding it costs
     """
-    size, decay, rate = (np.array([[getattr(r, k)] for r in rings]) for k in ("size_m", "decay_s", "rate_rad_s"))
-
-    def bounce(t_s):
-        return np.exp(-decay * t_s) * np.real(size * np.exp(1j * rate * t_s))
 
     def tension(s: Situation, compliance, follows, share, stiffness):
         # a longer line stands at a smaller angle
-        return bounce(s.t_s) * (stiffness - share * s.tension_n / s.line_length_m)
+        change = bounce(s.t_s) * (stiffness - share * s.tension_n / s.line_length_m)
+        return np.maximum(change, -s.tension_n)
 
     def stretch(seen: Seen, compliance, follows, share, stiffness):
         return _stretch(seen, compliance, follows) + share * bounce(seen.t_s)
 
-    found = [f"{r.rate_rad_s / (2 * np.pi):.2f}" for r in rings if r.size_m]
     return replace(
         ELASTIC,
         parameters=(*ELASTIC.parameters, Parameter("bounce", "", 1.0), Parameter("stiffness_n_m", "N/m", 200.0)),
         length=lambda tension_n, compliance, *_: compliance * tension_n,
         tension=tension,
         stretch=stretch,
-        variant="springs at " + ", ".join(found) + " Hz",
+        variant=variant,
         bound=True,
         sizes=(1.0,),
+        cost=cost,
     )
 
 

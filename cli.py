@@ -10,13 +10,32 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from . import __version__
+from .commands.outcome import Outcome, one_line
 
 PIPE_WIDTH = 130
 """Columns of a table that does not go to a terminal."""
+JSON_HELP = "say the result as one JSON object on standard output, and nothing else there (docs/commands.md)"
 EXIT_OK, EXIT_ERROR, EXIT_USAGE, EXIT_SOME_FAILED, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
+
+
+class WrongUsage(SystemExit):
+    """The words typed are no command, or not a command's."""
+
+    def __init__(self, command: str, message: str) -> None:
+        super().__init__(EXIT_USAGE)
+        self.command, self.message = command, message
+
+
+class Parser(argparse.ArgumentParser):
+    """Remembers what was wrong, to be said as JSON as well."""
+
+    def error(self, message: str) -> NoReturn:
+        self.print_usage(sys.stderr)
+        print(f"{self.prog}: error: {message}", file=sys.stderr)
+        raise WrongUsage(self.prog.partition(" ")[2], message)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -25,50 +44,78 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     parser = _parser()
-    options = parser.parse_args(arguments)
+    try:
+        options = parser.parse_args(arguments)
+    except WrongUsage as wrong:
+        Outcome(wrong.command or None, "--json" in (sys.argv if arguments is None else arguments)).close(
+            EXIT_USAGE, wrong.message
+        )
+        raise
+    outcome = options.outcome = Outcome(options.command, options.json)
+    try:
+        with outcome.speaking():
+            code, error = _called(parser, options)
+    except Exception as fault:  # the program's own; its traceback follows
+        outcome.close(EXIT_ERROR, f"{type(fault).__name__}: {one_line(str(fault))}")
+        raise
+    if error:
+        print(f"towline: {'' if code == EXIT_INTERRUPTED else 'error: '}{error}", file=sys.stderr)
+    outcome.close(code, error)
+    return code
+
+
+def _called(parser: argparse.ArgumentParser, options: argparse.Namespace) -> tuple[int, str | None]:
+    """Exit code, and, where the command did not end well, why."""
     if options.command is None:
         parser.print_help()
-        return EXIT_USAGE
+        return EXIT_USAGE, "a command is expected" if options.json else None
+    try:
+        return _without_faults(options)
+    except ModuleNotFoundError as error:
+        if options.debug or error.name is None or error.name.startswith("towline"):
+            raise
+        return EXIT_ERROR, f"the package {error.name} is missing; towline doctor says what is needed"
+    except OSError as error:
+        if options.debug:
+            raise
+        place = f"{error.filename}: " if error.filename else ""
+        return EXIT_ERROR, f"{place}{error.strerror or error}"
+    except KeyboardInterrupt:
+        return EXIT_INTERRUPTED, "interrupted; what was finished is kept"
+
+
+def _without_faults(options: argparse.Namespace) -> tuple[int, str | None]:
+    """Call the command; faults of its input become one line."""
+    if options.light:
+        return options.call(options), None
     from .progress import loading
 
     with loading("record"):
         from .record.errors import TowlineError
 
     try:
-        return options.call(options)
+        return options.call(options), None
     except TowlineError as error:
         if options.debug:
             raise
-        print(f"towline: error: {_one_line(str(error))}", file=sys.stderr)
-        return EXIT_ERROR
-    except OSError as error:
-        if options.debug:
-            raise
-        place = f"{error.filename}: " if error.filename else ""
-        print(f"towline: error: {place}{error.strerror or error}", file=sys.stderr)
-        return EXIT_ERROR
-    except KeyboardInterrupt:
-        print("towline: interrupted; what was finished is kept", file=sys.stderr)
-        return EXIT_INTERRUPTED
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())
+        return EXIT_ERROR, one_line(str(error))
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="towline",
         description="From a camera recording of a towed ship model to its hydrodynamic derivatives.",
         epilog="Exit codes: 0 done, 1 error, 2 wrong usage, 3 done but some runs failed, 130 interrupted.",
     )
     parser.add_argument("--version", action="version", version=f"towline {__version__}")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    parser.add_argument("--json", action="store_true", help=JSON_HELP)
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
 
     def command(name: str, call: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=text, description=text)
-        sub.set_defaults(call=call)
+        sub.add_argument("--json", action="store_true", default=argparse.SUPPRESS, help=JSON_HELP)
+        sub.set_defaults(call=call, light=False)
         return sub
 
     sub = command("run", _run, "everything: video to tracks, motion, derivatives or steady state, and an HTML page")
@@ -126,7 +173,9 @@ def _parser() -> argparse.ArgumentParser:
     from .commands import modules
 
     for module in modules():
-        module.add_arguments(command(module.NAME, module.call, module.HELP))
+        sub = command(module.NAME, module.call, module.HELP)
+        sub.set_defaults(light=getattr(module, "LIGHT", False))
+        module.add_arguments(sub)
     return parser
 
 
@@ -181,12 +230,6 @@ def show_progress(follow: bool = False) -> AbstractContextManager[Callable[[str,
     return progress(follow)
 
 
-def say_failed(failed: dict[str, str]) -> None:
-    """One line for each run that failed."""
-    for name, why in failed.items():
-        print(f"towline: failed: {name}: {_one_line(why)}", file=sys.stderr)
-
-
 def _notes(notes: Sequence[str]) -> None:
     for note in notes:
         print(f"note: {note}")
@@ -201,7 +244,7 @@ def _batch(options: argparse.Namespace, fresh: bool = False):
     if not batch.runs:
         if len(batch.failed) == 1:
             raise TowlineError(next(iter(batch.failed.values())))
-        say_failed(batch.failed)
+        options.outcome.fail(batch.failed)
         raise TowlineError("no run could be used")
     return batch
 
@@ -229,9 +272,12 @@ def _simulate(options: argparse.Namespace) -> int:
     write_table(target, motion)
     verdict = scenario_stability(file)
     if verdict is not None:
+        options.outcome.result["stability"] = verdict
         print(f"tow {verdict.sentence}")
         print("roots 1/s: " + ", ".join(f"{root:.4f}" for root in verdict.roots))
-    print(f"wrote {target}: {len(motion)} samples, {motion['t_s'].iloc[-1]:.2f} s")
+    duration_s = motion["t_s"].iloc[-1]
+    options.outcome.result |= {"samples": len(motion), "duration_s": duration_s}
+    options.outcome.wrote(target, more=f": {len(motion)} samples, {duration_s:.2f} s")
     return EXIT_OK
 
 
@@ -244,7 +290,8 @@ def _render(options: argparse.Namespace) -> int:
         render_scenario(
             file, options.scenario.parent, options.out, lambda done, total: show(f"{file.name}: rendering", done, total)
         )
-    print(f"wrote {options.out}")
+    options.outcome.result["name"] = file.name
+    options.outcome.wrote(options.out)
     return EXIT_OK
 
 
@@ -271,50 +318,74 @@ def _track(options: argparse.Namespace) -> int:
                 raise
             failed[str(folder)] = str(error)
             continue
+        options.outcome.result[run.name] = {"markers": _markers_seen(found.table), "notes": found.notes}
         print(f"{run.name}: {_seen(found.table)}")
         _notes(found.notes)
         if filmed:
-            _say_written(run.out, {"tracks.csv": True, "overlay.mp4": overlay, "worst.png": sheet}, found.anew, drawn)
-    say_failed(failed)
+            wanted = {"tracks.csv": True, "overlay.mp4": overlay, "worst.png": sheet}
+            _say_written(options.outcome, run.out, wanted, found.anew, drawn)
+    options.outcome.fail(failed)
     return _code(failed)
 
 
-def _say_written(out: Path, wanted: dict[str, bool], anew: bool, drawn: Sequence[Path]) -> None:
+def _say_written(outcome: Outcome, out: Path, wanted: dict[str, bool], anew: bool, drawn: Sequence[Path]) -> None:
     """Which files were written, and which were up to date."""
     paths = [out / name for name, asked in wanted.items() if asked]
     made = [path for path in paths if path in drawn or (anew and path.name == "tracks.csv")]
-    for what, which in (("wrote", made), ("up to date:", [path for path in paths if path not in made])):
-        if which:
-            print(f"{what} " + ", ".join(map(str, which)))
+    outcome.wrote(*made)
+    if kept := [path for path in paths if path not in made]:
+        print("up to date: " + ", ".join(map(str, kept)))
+
+
+def _markers_seen(table: Any) -> list[dict[str, Any]]:
+    return [_marker_seen(str(marker), rows) for marker, rows in table.groupby("marker", sort=False)]
 
 
 def _seen(table: Any) -> str:
-    return "; ".join(_marker_seen(str(marker), rows) for marker, rows in table.groupby("marker", sort=False))
+    return "; ".join(map(_seen_words, _markers_seen(table)))
 
 
-def _marker_seen(marker: str, rows: Any) -> str:
-    """How often and how well a marker was measured, and why not: "lost: 20 covered, 14 brightness"."""
-    share = (rows["status"] == "measured").mean()
-    text = f"{marker} measured in {100 * share:.2f} % of {len(rows)} frames"
-    sigma = rows[["sigma_u_px", "sigma_v_px"]].median().mean()
-    if not math.isnan(sigma):
-        text += f" (sigma {sigma:.3f} px)"
+def _marker_seen(marker: str, rows: Any) -> dict[str, Any]:
+    """How often and how well a marker was measured, and why not."""
     lost = rows[rows["status"] == "lost"]
-    if len(lost) and "reason" in rows:
-        reasons = Counter(why if isinstance(why, str) and why else "no reason given" for why in lost["reason"])
-        text += "; lost: " + ", ".join(f"{count} {reason}" for reason, count in reasons.most_common())
+    reasons = lost["reason"] if "reason" in rows else []
+    return {
+        "marker": marker,
+        "frames": len(rows),
+        "measured": int((rows["status"] == "measured").sum()),
+        "sigma_px": rows[["sigma_u_px", "sigma_v_px"]].median().mean(),
+        "lost": dict(
+            Counter(why if isinstance(why, str) and why else "no reason given" for why in reasons).most_common()
+        ),
+    }
+
+
+def _seen_words(seen: dict[str, Any]) -> str:
+    """In words: "lost: 20 covered, 14 brightness"."""
+    text = f"{seen['marker']} measured in {100 * seen['measured'] / seen['frames']:.2f} % of {seen['frames']} frames"
+    if not math.isnan(seen["sigma_px"]):
+        text += f" (sigma {seen['sigma_px']:.3f} px)"
+    if seen["lost"]:
+        text += "; lost: " + ", ".join(f"{count} {reason}" for reason, count in seen["lost"].items())
     return text
 
 
 def _motion(options: argparse.Namespace) -> int:
     batch = _batch(options)
     for m in batch.runs:
+        options.outcome.result[m.run.name] = _motion_found(m)
         print(f"{m.run.name}: {_motion_line(m)}")
         if m.camera is not None:
             _notes(m.camera.notes)
-            print("wrote " + ", ".join(str(m.run.out / name) for name in ("marks.csv", "motion.csv", "camera.json")))
-    say_failed(batch.failed)
+            options.outcome.wrote(*(m.run.out / name for name in ("marks.csv", "motion.csv", "camera.json")))
+    options.outcome.fail(batch.failed)
     return _code(batch.failed)
+
+
+def _motion_found(m: Any) -> dict[str, Any]:
+    good = m.motion["status"] == "measured"
+    first_s, last_s = m.motion["t_s"].iloc[0], m.motion["t_s"].iloc[-1]
+    return {"frames": len(m.motion), "measured": int(good.sum()), "duration_s": last_s - first_s, "camera": m.camera}
 
 
 def _motion_line(m: Any) -> str:
@@ -331,19 +402,22 @@ def _motion_line(m: Any) -> str:
     return text
 
 
-def _truth_lines(runs: Sequence[Any]) -> None:
+def _truth_lines(runs: Sequence[Any]) -> dict[str, Any]:
+    """Say how far the motion lies from the truth, of those runs that carry it."""
     from .diagnose import motion_error
     from .stages import truth_motion
 
+    errors: dict[str, Any] = {}
     for m in runs:
         truth = truth_motion(m.run)
         if truth is None:
             continue
-        error = motion_error(m.motion, truth)
+        error = errors[m.run.name] = motion_error(m.motion, truth)
         alpha = f", alpha {error.alpha_deg:.4f} deg" if not math.isnan(error.alpha_deg) else ""
         print(
             f"{m.run.name}: against its truth: y_CG {1e3 * error.y_cg_m:.2f} mm, beta {error.beta_deg:.4f} deg{alpha} rms"
         )
+    return errors
 
 
 def _identify(options: argparse.Namespace) -> int:
@@ -359,6 +433,7 @@ def _identify(options: argparse.Namespace) -> int:
         from .report.format import SYMBOLS_TEXT
 
         compared = compare_to_reference(answer.result, reference)
+        options.outcome.result["comparison"] = compared
         print("\n".join(comparison_lines(compared, SYMBOLS_TEXT)))
         _notes(compared.notes)
     if not options.no_page:
@@ -369,8 +444,8 @@ def _identify(options: argparse.Namespace) -> int:
             shown = fit_page(answer, compared, lambda text: show(text, 0, None))
         page = out / "derivatives.html"
         write_identify_page(page, shown)
-        print(f"page: {page}")
-    say_failed(answer.result.failed)
+        options.outcome.wrote(page, word="page:")
+    options.outcome.fail(answer.result.failed)
     return _code(answer.result.failed)
 
 
@@ -386,7 +461,8 @@ def _fit_and_write(options: argparse.Namespace, batch: Any, out: Path) -> Any:
     write_result(out / "derivatives.json", answer.result)
     _console().print(derivatives_table(answer.result))
     _notes([*answer.result.not_identifiable, *answer.result.notes])
-    print(f"wrote {out / 'derivatives.json'}")
+    options.outcome.result["derivatives"] = answer.result
+    options.outcome.wrote(out / "derivatives.json")
     return answer
 
 
@@ -394,12 +470,12 @@ def _steady(options: argparse.Namespace) -> int:
     from .analysis import output_folder
 
     batch = _batch(options)
-    result = _steady_and_write(batch, options.out or output_folder(options.runs))
-    say_failed(result.failed)
+    result = _steady_and_write(options, batch, options.out or output_folder(options.runs))
+    options.outcome.fail(result.failed)
     return _code(result.failed)
 
 
-def _steady_and_write(batch: Any, out: Path) -> Any:
+def _steady_and_write(options: argparse.Namespace, batch: Any, out: Path) -> Any:
     from .analysis import steadied
     from .record.results import write_result
     from .report import steady_table
@@ -408,7 +484,8 @@ def _steady_and_write(batch: Any, out: Path) -> Any:
     write_result(out / "steady.json", result)
     _console().print(steady_table(result))
     _notes(result.notes)
-    print(f"wrote {out / 'steady.json'}")
+    options.outcome.result["steady"] = result
+    options.outcome.wrote(out / "steady.json")
     return result
 
 
@@ -422,7 +499,8 @@ def _run(options: argparse.Namespace) -> int:
     out = options.out or output_folder(options.runs)
     for m in batch.runs:
         print(f"{m.run.name}: {_motion_line(m)}")
-    _truth_lines(batch.runs)
+    options.outcome.result["runs"] = {m.run.name: _motion_found(m) for m in batch.runs}
+    options.outcome.result["against_truth"] = _truth_lines(batch.runs)
     failed = dict(batch.failed)
     problems: list[str] = []
     remarks: list[str] = []
@@ -436,13 +514,13 @@ def _run(options: argparse.Namespace) -> int:
             failed |= identified.result.failed
             fitted = identified.fitted
         except TowlineError as error:
-            problems.append(f"no derivatives: {_one_line(str(error))}")
+            problems.append(f"no derivatives: {one_line(str(error))}")
     if len({m.run.tow.tow_point_m for m in settled}) > 1:
         try:
-            steady = _steady_and_write(Batch(settled, batch.failed), out)
+            steady = _steady_and_write(options, Batch(settled, batch.failed), out)
             failed |= steady.failed
         except TowlineError as error:
-            problems.append(f"no neutral point: {_one_line(str(error))}")
+            problems.append(f"no neutral point: {one_line(str(error))}")
     elif settled and not tensioned:
         problems.append(
             "no derivatives: no tension is given; no neutral point: steady tows at two or more tow points are needed"
@@ -452,6 +530,7 @@ def _run(options: argparse.Namespace) -> int:
             'no derivatives: runs of kind "free" give their motion only; this version identifies towed and forced runs'
         )
     notes = [*problems, *remarks]
+    options.outcome.result |= {"problems": problems, "remarks": remarks}
     for note in notes:
         print(f"towline: {note}", file=sys.stderr)
     pages = [
@@ -473,6 +552,6 @@ def _run(options: argparse.Namespace) -> int:
     write_page(
         page, title, pages, derivatives, steady, [*notes, *(f"{name}: {why}" for name, why in batch.failed.items())]
     )
-    print(f"page: {page}")
-    say_failed(failed)
+    options.outcome.wrote(page, word="page:")
+    options.outcome.fail(failed)
     return EXIT_ERROR if problems else _code(failed)

@@ -8,6 +8,36 @@ from types import ModuleType
 
 def modules() -> tuple[ModuleType, ...]:
     """The commands' modules, in the order of ``towline --help``."""
-    from . import blind, check, compare, datum, diagnose, lens, plan, rectify
+    from . import (
+        blind,
+        campaign,
+        check,
+        compare,
+        completion,
+        datum,
+        diagnose,
+        doctor,
+        export,
+        import_,
+        init,
+        lens,
+        plan,
+        rectify,
+    )
 
-    return (check, diagnose, blind, compare, datum, lens, plan, rectify)
+    return (
+        init,
+        campaign,
+        check,
+        diagnose,
+        blind,
+        compare,
+        datum,
+        lens,
+        plan,
+        rectify,
+        doctor,
+        completion,
+        import_,
+        export,
+    )

@@ -36,7 +36,7 @@ def call(options: argparse.Namespace) -> int:
     with show_progress() as show:
         if not options.score_only:
             wanted = Wanted(options.cases, options.seed, options.nulls, options.video, tuple(options.only))
-            prepare(out, wanted, lambda text: print(text, flush=True), options.workers, show)
+            prepare(out, wanted, lambda text: _say(options, text), options.workers, show)
             if options.only_write:
                 return EXIT_OK
             diagnose(out, options.workers, show)
@@ -45,7 +45,10 @@ def call(options: argparse.Namespace) -> int:
         if options.next:
             from ..blind.next_runs import next_runs, next_text
 
-            text += "\n" + next_text(next_runs(out, options.workers, show))
+            settled = next_runs(out, options.workers, show)
+            options.outcome.result["next_runs"] = settled
+            text += "\n" + next_text(settled)
+    options.outcome.result["score"] = outcome
     print(text, end="")
     write_text(out / SCORE_TEXT, text)
     written = [out / SCORE_JSON, out / SCORE_TEXT]
@@ -54,5 +57,10 @@ def call(options: argparse.Namespace) -> int:
 
         write_blind_page(out / PAGE, outcome)
         written.append(out / PAGE)
-    print("wrote " + ", ".join(map(str, written)))
+    options.outcome.wrote(*written)
     return EXIT_SOME_FAILED if outcome.missing else EXIT_OK
+
+
+def _say(options: argparse.Namespace, text: str) -> None:
+    options.outcome.result.setdefault("prepared", []).append(text)
+    print(text, flush=True)

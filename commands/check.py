@@ -34,7 +34,7 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
     from ..checking import checked, set_ups
-    from ..cli import EXIT_OK, EXIT_SOME_FAILED, say_failed, show_progress
+    from ..cli import EXIT_OK, EXIT_SOME_FAILED, show_progress
     from ..record.errors import InputError, TowlineError
     from ..record.results import write_result
     from ..record.run import RUN_FILE, read_run
@@ -82,8 +82,9 @@ def call(options: argparse.Namespace) -> int:
 
             write_check_page(out / f"{stem}.html", found)
             paths.append(out / f"{stem}.html")
-        print("wrote " + ", ".join(map(str, paths)))
-    say_failed(failed)
+        options.outcome.result.setdefault("checks", []).append(found.file)
+        options.outcome.wrote(*paths)
+    options.outcome.fail(failed)
     return EXIT_SOME_FAILED if failed else EXIT_OK
 
 

@@ -30,6 +30,7 @@ def call(options: argparse.Namespace) -> int:
     for path in options.results:
         result = read_result(path, DerivativesFile)
         found = compare_to_reference(result, reference)
+        options.outcome.result[str(path)] = found
         print(f"{path}: at {result.speed_m_s:g} m/s, {result.density_kg_m3:g} kg/m3, LBP {result.length_pp_m:g} m")
         print("\n".join(comparison_lines(found, SYMBOLS_TEXT)))
         for note in found.notes:

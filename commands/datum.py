@@ -38,13 +38,14 @@ def call(options: argparse.Namespace) -> int:
     print(f"{'point':20} {'look':22} {'run.toml, px':>20} {'found, px':>20} {'apart':>7} {'sigma':>7} frames")
     for point, stated in zip(found.points, run.file.datum, strict=True):
         print(_line(point, stated))
+    options.outcome.result |= {"points": found.points, "moved": found.moved}
     if found.moved:
         print("note: the camera does not stand still; the first frame alone was used")
     missing = sum(point is not None and bool(point.reason) for point in found.points)
     if options.write:
         path = run.folder / RUN_FILE
         changed = write_datum(path, found.points)
-        print(f"wrote {path}: {changed} points")
+        options.outcome.wrote(path, more=f": {changed} points")
     return 3 if missing else 0
 
 

@@ -31,7 +31,7 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
     from ..analysis import output_folder
-    from ..cli import EXIT_OK, EXIT_SOME_FAILED, say_failed, show_progress
+    from ..cli import EXIT_OK, EXIT_SOME_FAILED, show_progress
     from ..diagnosing import diagnose_folders, write_model
     from ..record.results import write_result
 
@@ -53,8 +53,9 @@ def call(options: argparse.Namespace) -> int:
 
         write_gap_page(out / "gap.html", found)
         written.append(out / "gap.html")
-    print("wrote " + ", ".join(map(str, written)))
-    say_failed(found.failed)
+    options.outcome.result["gap"] = file
+    options.outcome.wrote(*written)
+    options.outcome.fail(found.failed)
     return EXIT_SOME_FAILED if found.failed else EXIT_OK
 
 

@@ -74,9 +74,10 @@ def call(options: argparse.Namespace) -> int:
     hashes = {str(path): sha256_of_file(path) for path in files}
     result = lens_file(answer, found, board, missed, notes, hashes)
     print("\n".join(report_lines(result, found, "" if options.out is None else options.out.name)))
+    options.outcome.result["lens"] = result
     if options.out is not None:
         write_lens(options.out, result)
-        print(f"wrote {options.out}")
+        options.outcome.wrote(options.out)
     return 0
 
 

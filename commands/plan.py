@@ -36,5 +36,6 @@ def call(options: argparse.Namespace) -> int:
     print("\n".join(plan_lines(plan)))
     target = options.out or path.parent / "plan.json"
     write_result(target, plan)
-    print(f"wrote {target}")
+    options.outcome.result["plan"] = plan
+    options.outcome.wrote(target)
     return 0

@@ -51,5 +51,15 @@ def call(options: argparse.Namespace) -> int:
     )
     for note in made.notes:
         print(f"note: {note}")
-    print("wrote " + ", ".join(map(str, made.paths)))
+    options.outcome.result |= {
+        "frame": made.frame,
+        "t_s": made.t_s,
+        "depth_m": made.view.area.depth_m,
+        "x_m": (x0, x1),
+        "y_m": (y0, y1),
+        "mm_per_px": made.view.mm_per_px,
+        "seen_share": made.view.seen_share,
+        "notes": made.notes,
+    }
+    options.outcome.wrote(*made.paths)
     return 0

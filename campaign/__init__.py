@@ -1,0 +1,1 @@
+"""Many runs: found, analysed side by side, kept beside their reasons where they fail, put into one table and one page."""

@@ -1,0 +1,40 @@
+"""One tidy table of a campaign: a row for every quantity of every run and fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from ..record.files import replacing
+from .work import Answer
+
+COLUMNS = ("level", "name", "folder", "quantity", "value", "std", "unit", "reason")
+
+
+def tidy(runs: Sequence[Answer], fits: Sequence[Answer]) -> pd.DataFrame:
+    """Rows of runs, then of fits; what failed has one row with its reason and no quantity."""
+    rows = []
+    for level, answers in (("run", runs), ("fit", fits)):
+        for a in answers:
+            where = a.job if level == "run" else ""
+            if a.reason:
+                rows.append((level, a.name or a.job, where, "", math.nan, math.nan, "", a.reason))
+            for quantity, value, std, unit in a.numbers:
+                rows.append((level, a.name, where, quantity, value, math.nan if std is None else std, unit, ""))
+    return pd.DataFrame(rows, columns=list(COLUMNS)).astype({"value": float, "std": float})
+
+
+def write_tidy(folder: Path, table: pd.DataFrame) -> list[Path]:
+    """campaign.csv and campaign.parquet."""
+    paths = [folder / "campaign.csv", folder / "campaign.parquet"]
+    with replacing(paths[0]) as temporary:
+        table.to_csv(temporary, index=False, lineterminator="\n")
+    with replacing(paths[1]) as temporary:
+        table.to_parquet(temporary, index=False)
+    return paths
+
+
+__all__ = ["COLUMNS", "tidy", "write_tidy"]

@@ -1,0 +1,151 @@
+"""A whole campaign: every run, then every fit, one table, one page."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ..record.errors import TowlineError
+from ..record.run import RUN_FILE
+from .find import OUT, run_folders
+from .table import tidy, write_tidy
+from .work import Answer, Options, fit_job, run_job
+from .workers import Workers
+
+Progress = Callable[[str, int, int | None], None]
+LOCK = ".campaign.lock"
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """What came of it.
+
+    Attributes
+    ----------
+    folder : of the campaign
+    out : of its results
+    runs, fits : in order; failed ones with their reason
+    wrote : files
+    """
+
+    folder: Path
+    out: Path
+    runs: list[Answer]
+    fits: list[Answer]
+    wrote: list[Path]
+
+    @property
+    def failed(self) -> dict[str, str]:
+        """Run or fit -> why it has no result, and runs that a fit left out."""
+        found = {a.job: a.reason for a in (*self.runs, *self.fits) if a.reason}
+        for fit in self.fits:
+            found |= {name: why for name, why in fit.failed.items() if name not in found}
+        return found
+
+
+def campaign(
+    folder: Path,
+    workers: Workers,
+    options: Options | None = None,
+    out: Path | None = None,
+    progress: Progress | None = None,
+) -> Campaign:
+    """Analyse every run below ``folder``; what is up to date is kept.
+
+    Parameters
+    ----------
+    workers : of ``workers.workers``
+    out : where results of several runs go; default: folder/out
+
+    Raises
+    ------
+    TowlineError : there is no run, or another campaign is at work in ``out``
+    """
+    say = progress or (lambda text, done, total: None)
+    found = run_folders(folder)
+    target = out or folder / OUT
+    chosen = asdict(options or Options())
+    with _alone(target):
+        for place in (*(folder / run / OUT for run in found.runs), *_below(target)):
+            _swept(place)
+        jobs = [(run_job, (run, str((folder / run).resolve()), chosen)) for run in found.runs]
+        runs = _answers(workers, jobs, found.runs, "runs", say)
+        runs += [Answer(name, name, f"no {RUN_FILE} in this folder; towline init writes one") for name in found.without]
+        plan = _fits(runs, folder, target)
+        jobs = [(fit_job, (name, *rest, chosen)) for name, *rest in plan]
+        fits = _answers(workers, jobs, [name for name, *_ in plan], "fits", say)
+        runs, fits = ([_from_here(a, folder) for a in answers] for answers in (runs, fits))
+        wrote = write_tidy(target, tidy(runs, fits))
+    return Campaign(folder, target, runs, fits, wrote)
+
+
+def _answers(workers: Workers, jobs: Sequence[Any], order: Sequence[str], what: str, say: Progress) -> list[Answer]:
+    found: dict[str, Answer] = {}
+    failed = 0
+    say(f"{what}: 0 failed", 0, len(jobs))
+    for plain in workers(jobs):
+        answer = _restored(plain)
+        found[answer.job] = answer
+        failed += bool(answer.reason)
+        say(f"{what}: {failed} failed", len(found), len(jobs))
+    return [found[job] for job in order]
+
+
+def _from_here(answer: Answer, folder: Path) -> Answer:
+    """Its reason names files from the campaign's folder, wherever that stands."""
+    return replace(answer, reason=answer.reason.replace(f"{folder.resolve()}{os.sep}", ""))
+
+
+def _restored(plain: dict[str, Any]) -> Answer:
+    numbers = tuple((q, v, s, u) for q, v, s, u in plain["numbers"])
+    return Answer(**{**plain, "numbers": numbers, "hull": tuple(plain["hull"]), "wrote": tuple(plain["wrote"])})
+
+
+def _fits(runs: Sequence[Answer], folder: Path, out: Path) -> list[tuple[str, str, list[str], str]]:
+    """Name, kind, folders and place of every fit: one of each kind for each hull."""
+    groups: dict[tuple[str, tuple[float, ...]], list[str]] = {}
+    for a in runs:
+        if not a.reason and a.wants:
+            groups.setdefault((a.wants, a.hull), []).append(a.job)
+    plan = []
+    for kind in ("derivatives", "steady"):
+        own = {hull: members for (k, hull), members in groups.items() if k == kind}
+        for k, members in enumerate(own.values(), 1):
+            name = kind if len(own) == 1 else f"{kind}-hull-{k}"
+            plan.append((name, kind, [str((folder / m).resolve()) for m in members], str((out / name).resolve())))
+    return plan
+
+
+@contextmanager
+def _alone(out: Path) -> Iterator[None]:
+    """Only one campaign works on a folder; the lock goes with its process, however that ends."""
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        import fcntl
+    except ImportError:  # no such locks on this system
+        yield
+        return
+    with open(out / LOCK, "w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise TowlineError(f"{out}: another campaign is at work here") from None
+        yield
+
+
+def _below(out: Path) -> list[Path]:
+    return [out, *(p for p in sorted(out.iterdir()) if p.is_dir())]
+
+
+def _swept(folder: Path) -> None:
+    """Remove what a killed writer left unfinished."""
+    if folder.is_dir():
+        for path in folder.glob(".*.tmp*"):
+            path.unlink(missing_ok=True)
+
+
+__all__ = ["Campaign", "campaign"]

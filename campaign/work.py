@@ -1,0 +1,211 @@
+"""What one worker does: a run's motion, or a fit of several runs. Arguments and answers are plain, so that they travel."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import __version__
+from ..record.errors import TowlineError
+from ..record.files import sha256_of_texts, write_text
+
+RECORD = "campaign.json"
+"""Beside a fit's results, written last: what they were made from, and the answer."""
+ROOMS = ("record", "geometry", "vision", "simulate", "identify")
+Number = tuple[str, float, float | None, str]
+"""Quantity, value, standard deviation, unit."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How runs are analysed.
+
+    Attributes
+    ----------
+    method : camera method of ``stages.moved``
+    form, speed_m_s, noise : of ``analysis.identified``
+    fresh : redo what is up to date
+    """
+
+    method: str = "exact"
+    form: str = "full"
+    speed_m_s: float | None = None
+    noise: str = "auto"
+    fresh: bool = False
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a job found.
+
+    Attributes
+    ----------
+    job : its name
+    name : of the run, or of the group
+    reason : why there is no result; empty where there is one
+    wants : "derivatives", "steady" or "" (motion alone): what the run is good for
+    hull : length, mass and density that runs of one fit share
+    numbers : what is tabulated
+    failed : runs left out of a fit, and why
+    wrote : files
+    stamp : of what the results were made from
+    redone : it was worked out now
+    """
+
+    job: str
+    name: str = ""
+    reason: str = ""
+    wants: str = ""
+    hull: tuple[float, ...] = ()
+    numbers: tuple[Number, ...] = ()
+    failed: dict[str, str] = field(default_factory=dict)
+    wrote: tuple[str, ...] = ()
+    stamp: str = ""
+    redone: bool = True
+
+
+def run_job(job: str, folder: str, options: dict[str, Any]) -> dict[str, Any]:
+    """Tracks and motion of one run; whatever goes wrong is its reason."""
+    chosen = Options(**options)
+    try:
+        answer = _moved(job, Path(folder), chosen)
+    except TowlineError as error:
+        answer = Answer(job, reason=_one_line(error))
+    except Exception as error:  # a defect here must not cost the other runs
+        answer = Answer(job, reason=f"{type(error).__name__}: {_one_line(error)}")
+    return asdict(answer)
+
+
+def fit_job(job: str, kind: str, folders: Sequence[str], out: str, options: dict[str, Any]) -> dict[str, Any]:
+    """Derivatives or steady state of several runs, unless they stand in ``out`` already."""
+    chosen, target = Options(**options), Path(out)
+    try:
+        stamp = _stamp(kind, folders, chosen)
+        kept = None if chosen.fresh else _kept(target / RECORD, stamp)
+        if kept is not None:
+            return kept | {"redone": False}
+        answer = (_fitted if kind == "derivatives" else _settled)(job, folders, target, chosen, stamp)
+        write_text(target / RECORD, json.dumps(asdict(answer), indent=1, sort_keys=True) + "\n")
+    except TowlineError as error:
+        answer = Answer(job, job, reason=_one_line(error))
+    except Exception as error:
+        answer = Answer(job, job, reason=f"{type(error).__name__}: {_one_line(error)}")
+    return asdict(answer)
+
+
+def _moved(job: str, folder: Path, options: Options) -> Answer:
+    from ..analysis import has_tension, wants_steady
+    from ..record.run import read_run
+    from ..record.tables import input_hash_of
+    from ..stages import MOTION, moved
+
+    run = read_run(folder)
+    before = input_hash_of(run.out / MOTION) if (run.out / MOTION).is_file() else ""
+    m = moved(run, options.method, fresh=options.fresh)
+    wants = "steady" if wants_steady(m) else "derivatives" if run.file.kind != "free" and has_tension(m) else ""
+    model, water = run.file.model, run.file.water
+    hull = (model.length_pp_m, model.mass_kg, water.density_kg_m3) if model is not None and water is not None else ()
+    if run.file.source.motion is not None:
+        return Answer(job, run.name, "", wants, hull, _numbers(run, m), stamp=run.input_hash(), redone=False)
+    stamp = input_hash_of(run.out / MOTION) or ""
+    redone = options.fresh or stamp != before
+    return Answer(job, run.name, "", wants, hull, _numbers(run, m), stamp=stamp, redone=redone)
+
+
+def _numbers(run: Any, m: Any) -> tuple[Number, ...]:
+    motion, tow = m.motion, run.file.tow
+    good = (motion["status"] == "measured").to_numpy()
+    t_s = motion["t_s"].to_numpy()
+    found: list[Number] = [
+        ("samples", float(len(motion)), None, ""),
+        ("measured_share", float(good.mean()) if len(good) else math.nan, None, ""),
+        ("duration", float(t_s[-1] - t_s[0]) if len(t_s) else math.nan, None, "s"),
+    ]
+    if tow is not None:
+        for name, unit in (("speed_m_s", "m/s"), ("tow_point_m", "m"), ("line_length_m", "m"), ("tension_n", "N")):
+            value = getattr(tow, name)
+            if value is not None:
+                found.append((name.rsplit("_m", 1)[0].removesuffix("_n"), float(value), None, unit))
+    for column, name, unit in (
+        ("y_cg_m", "y_cg", "m"),
+        ("beta_rad", "beta", "rad"),
+        ("alpha_rad", "alpha", "rad"),
+    ):
+        values = motion[column].to_numpy(dtype=float)[good] if column in motion else np.zeros(0)
+        values = values[np.isfinite(values)]
+        if len(values):
+            found.append((f"{name}_largest", float(np.abs(values).max()), None, unit))
+    for column, name, unit in (("sigma_y_cg_m", "y_cg_sigma", "m"), ("sigma_beta_rad", "beta_sigma", "rad")):
+        values = motion[column].to_numpy(dtype=float)[good] if column in motion else np.zeros(0)
+        if np.isfinite(values).any():
+            found.append((name, float(np.nanmedian(values)), None, unit))
+    return tuple(found)
+
+
+def _fitted(job: str, folders: Sequence[str], out: Path, options: Options, stamp: str) -> Answer:
+    from ..analysis import fit_page, identified, moved_batch
+    from ..record.results import write_result
+    from ..report.identify_page import write_identify_page
+
+    answer = identified(
+        moved_batch(folders, options.method), options.form, options.speed_m_s, None, None, options.noise
+    )
+    write_result(out / "derivatives.json", answer.result)
+    write_identify_page(out / "derivatives.html", fit_page(answer))
+    result = answer.result
+    numbers = [(name, d.value, d.std, d.unit) for name, d in result.derivatives.items()]
+    numbers += [(f"{name}_prime", d.prime, d.prime_std, "") for name, d in result.derivatives.items()]
+    wrote = ("derivatives.json", "derivatives.html")
+    return Answer(job, job, "", "derivatives", (), tuple(numbers), result.failed, wrote, stamp)
+
+
+def _settled(job: str, folders: Sequence[str], out: Path, options: Options, stamp: str) -> Answer:
+    from ..analysis import moved_batch, steadied
+    from ..record.results import write_result
+
+    result = steadied(moved_batch(folders, options.method))
+    write_result(out / "steady.json", result)
+    numbers: list[Number] = [("x_v", result.x_v_m.value, result.x_v_m.std, "m")]
+    if result.y_v is not None:
+        numbers.append(("y_v", result.y_v.value, result.y_v.std, "N s/m"))
+    return Answer(job, job, "", "steady", (), tuple(numbers), result.failed, ("steady.json",), stamp)
+
+
+def _stamp(kind: str, folders: Sequence[str], options: Options) -> str:
+    from ..record.run import read_run
+
+    runs = [read_run(folder).input_hash("fit", options.method) for folder in folders]
+    words = (kind, options.form, str(options.speed_m_s), options.noise)
+    return sha256_of_texts(_code_hash(), *words, *runs)
+
+
+@cache
+def _code_hash() -> str:
+    house = Path(__file__).parent.parent
+    paths = [path for room in ROOMS for path in sorted((house / room).rglob("*.py"))]
+    return sha256_of_texts(__version__, *(path.read_text(encoding="utf-8") for path in paths))
+
+
+def _kept(path: Path, stamp: str) -> dict[str, Any] | None:
+    """The answer of before, if it was made from the same, and its files are there."""
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    if not isinstance(record, dict) or record.get("stamp") != stamp:
+        return None
+    return record if all((path.parent / name).is_file() for name in record.get("wrote", ())) else None
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+__all__ = ["Answer", "Number", "Options", "fit_job", "run_job"]

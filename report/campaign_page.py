@@ -1,0 +1,129 @@
+"""The page of a campaign: what its runs gave together, each run at a glance, and what failed and why."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..record.errors import TowlineError
+from ..record.files import write_text
+from ..record.results import DerivativesFile, SteadyFile, read_result
+from .draw import BLUE, GREY, TEXT_PT, VERMILION, svg_image
+from .html import Html, figure, number, table, tag
+from .page import document
+from .sections import derivatives_section, failed_box
+from .steady_section import steady_section
+
+if TYPE_CHECKING:
+    from ..campaign.whole import Campaign
+    from ..campaign.work import Answer
+
+COLUMNS, PANEL_IN = 4, (1.65, 1.15)
+SHOWN = (
+    ("duration", "duration (s)", 1.0, 1),
+    ("measured_share", "measured (%)", 100.0, 1),
+    ("speed", "U (m/s)", 1.0, 3),
+    ("tow_point", "X_T (m)", 1.0, 4),
+    ("line_length", "line (m)", 1.0, 3),
+    ("tension", "T (N)", 1.0, 3),
+    ("y_cg_largest", "largest |y| (m)", 1.0, 3),
+    ("beta_largest", "largest |β| (°)", float(np.degrees(1.0)), 2),
+    ("y_cg_sigma", "σ y (mm)", 1e3, 3),
+)
+"""Quantity, heading, factor, decimals."""
+
+
+def write_campaign_page(path: Path, found: Campaign) -> None:
+    """Write the page atomically."""
+    write_text(path, campaign_page(found))
+
+
+def campaign_page(found: Campaign) -> str:
+    """The page as text."""
+    good = [a for a in found.runs if not a.reason]
+    title = f"Campaign {found.folder.resolve().name}"
+    parts: list[object] = [
+        tag("h1", title),
+        tag("p", _summary(found, good), class_="summary"),
+    ]
+    if found.failed:
+        parts.append(failed_box("What could not be used", found.failed))
+    for fit in found.fits:
+        parts += _results(found, fit)
+    parts.append(tag("section", tag("h2", "Runs"), _runs(good), runs_figure(found, good), id="runs"))
+    words = "Largest values and median sigma are those of measured frames; y and angles positive to starboard."
+    parts.append(tag("footer", words))
+    return document(title, tag("main", *parts))
+
+
+def _summary(found: Campaign, good: list[Answer]) -> str:
+    fits = [fit.name for fit in found.fits if not fit.reason]
+    words = f"{len(good)} of {len(found.runs)} runs could be used; "
+    return words + (f"together they give {' and '.join(fits)}." if fits else "no fit of several runs was possible.")
+
+
+def _results(found: Campaign, fit: Answer) -> list[Html]:
+    if fit.reason:
+        return []
+    place = found.out / fit.name
+    try:
+        if fit.wants == "derivatives":
+            return [derivatives_section(read_result(place / "derivatives.json", DerivativesFile))]
+        return [steady_section(read_result(place / "steady.json", SteadyFile))]
+    except TowlineError as error:
+        return [failed_box(f"{fit.name} cannot be shown", {fit.name: str(error)})]
+
+
+def _runs(good: list[Answer]) -> Html:
+    rows = []
+    for a in good:
+        values = {quantity: value for quantity, value, *_ in a.numbers}
+        cells = [
+            number(f"{factor * values[key]:.{decimals}f}") if key in values else ""
+            for key, _, factor, decimals in SHOWN
+        ]
+        rows.append([tag("strong", a.name), a.job, a.wants or "motion", *cells])
+    head = ["run", "folder", "good for", *(words for _, words, *_ in SHOWN)]
+    return tag("div", table(head, rows), class_="scroll")
+
+
+def runs_figure(found: Campaign, good: list[Answer]) -> Html:
+    """y and heading of every run, small: the odd one is seen at once. Numbers in the panels are the table's rows."""
+    from matplotlib.figure import Figure
+
+    from ..record.run import read_run
+    from ..record.tables import read_motion
+
+    if not good:
+        return Html("")
+    lines = -(-len(good) // COLUMNS)
+    width, height = PANEL_IN
+    drawing = Figure(figsize=(COLUMNS * width, lines * height + 0.3))
+    axes = drawing.subplots(lines, COLUMNS, squeeze=False, sharex=True).ravel()
+    for k, (ax, a) in enumerate(zip(axes, good, strict=False), 1):
+        run = read_run(found.folder / a.job)
+        path = run.source_path if run.file.source.motion is not None else run.out / "motion.csv"
+        motion = read_motion(path)
+        t_s, measured = motion["t_s"].to_numpy(), (motion["status"] == "measured").to_numpy()
+        thin = slice(None, None, max(1, len(t_s) // 300))
+        for column, factor, colour in (("y_cg_m", 100.0, BLUE), ("beta_rad", float(np.degrees(1.0)), VERMILION)):
+            values = np.where(measured, factor * motion[column].to_numpy(dtype=float), np.nan)
+            ax.plot(t_s[thin], values[thin], color=colour, linewidth=0.9)
+        ax.axhline(0, color=GREY, linewidth=0.4)
+        ax.tick_params(labelsize=TEXT_PT - 3, length=2)
+        ax.text(0.98, 0.95, str(k), transform=ax.transAxes, ha="right", va="top", fontsize=TEXT_PT - 1.5, color=GREY)
+        for side in ("top", "right"):
+            ax.spines[side].set_visible(False)
+    for ax in axes[len(good) :]:
+        ax.set_axis_off()
+    drawing.supxlabel("t (s)", fontsize=TEXT_PT - 1)
+    drawing.tight_layout(pad=0.4)
+    caption = (
+        "Every run in the table's order: y in cm (blue) and heading in degrees (vermilion); gaps were not measured."
+    )
+    return figure(svg_image(drawing, "runs at a glance"), caption)
+
+
+__all__ = ["campaign_page", "runs_figure", "write_campaign_page"]

@@ -1,0 +1,251 @@
+"""Campaigns: found, analysed side by side, failed runs kept with their reasons, resumed after a kill, on a cluster, on storage."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from towline.campaign.find import run_folders
+from towline.campaign.remote import cache_folder
+from towline.campaign.whole import campaign
+from towline.campaign.work import Options
+from towline.campaign.workers import workers
+from towline.cli import EXIT_SOME_FAILED, main
+from towline.record import InputError
+from towline.record.errors import TowlineError
+from towline.report.campaign_page import campaign_page
+
+RUNS = 3
+QUICK = Options(form="linear", noise="output")
+LIGHT = ("--form", "linear", "--noise", "output")
+KILLS = 3
+
+
+@pytest.fixture(scope="module")
+def made(
+    cases: ModuleType, write_runs: Callable[[list, Path], list[Path]], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """Three good runs, one whose run.toml is broken, one whose tracks are cut off, and an empty folder."""
+    folder = tmp_path_factory.mktemp("made") / "hall, Tuesday"
+    paths = write_runs(cases.campaign("none", np.random.default_rng(8)).runs[: RUNS + 2], folder / "mariner")
+    broken, cut = paths[-2:]
+    (broken / "run.toml").write_text((broken / "run.toml").read_text().replace("speed_m_s", "speed_knots"))
+    (cut / "tracks.csv").write_bytes((cut / "tracks.csv").read_bytes()[:2000])
+    (folder / "empty").mkdir()
+    return folder
+
+
+def copied(made: Path, to: Path) -> Path:
+    return Path(shutil.copytree(made, to / made.name))
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    """Every result, by its path."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.name != ".campaign.lock":
+            found[path.relative_to(folder).as_posix()] = path.read_bytes()
+    return found
+
+
+@pytest.fixture(scope="module")
+def undisturbed(made: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, bytes]]:
+    folder = copied(made, tmp_path_factory.mktemp("undisturbed"))
+    with workers(1) as one:
+        campaign(folder, one, QUICK)
+    return folder, files_of(folder)
+
+
+def test_runs_are_found_and_what_is_none_is_said(made: Path, tmp_path: Path) -> None:
+    found = run_folders(made)
+    assert len(found.runs) == RUNS + 2
+    assert all(run.startswith("mariner/") for run in found.runs)
+    assert found.without == ["empty"]
+    single = run_folders(made / found.runs[0])
+    assert single.runs == ["."]
+    with pytest.raises(InputError, match=r"no run\.toml in it or below it"):
+        run_folders(tmp_path)
+    with pytest.raises(InputError, match="no such folder"):
+        run_folders(tmp_path / "nowhere")
+
+
+def test_failed_runs_have_their_reason_and_the_rest_is_done(
+    undisturbed: tuple[Path, dict[str, bytes]], self_contained: Callable[[str], list[bytes]]
+) -> None:
+    folder, _ = undisturbed
+    with workers(1) as one:
+        again = campaign(folder, one, QUICK)
+    assert [a.redone for a in again.runs if not a.reason] == [False] * RUNS
+    assert [a.redone for a in again.fits] == [False]
+    assert len(again.failed) == 3
+    assert "speed_knots" in again.failed[again.runs[RUNS].job]
+    assert "tracks.csv" in again.failed[again.runs[RUNS + 1].job]
+    assert "no run.toml" in again.failed["empty"]
+    table = pd.read_csv(folder / "out" / "campaign.csv")
+    pd.testing.assert_frame_equal(
+        table.fillna({"quantity": "", "unit": "", "reason": "", "folder": ""}),
+        pd.read_parquet(folder / "out" / "campaign.parquet"),
+        check_dtype=False,
+    )
+    fitted = table[table["level"] == "fit"].set_index("quantity")
+    file = json.loads((folder / "out" / "derivatives" / "derivatives.json").read_text())
+    for name, d in file["derivatives"].items():
+        assert fitted.loc[name, "value"] == pytest.approx(d["value"])
+        assert fitted.loc[name, "std"] == pytest.approx(d["std"])
+    assert sorted(file["runs"]) == sorted(a.name for a in again.runs[:RUNS])
+    assert table["reason"].notna().sum() == 3
+    assert len(self_contained(campaign_page(again))) == 1
+
+
+def test_what_changed_is_redone_and_no_more(made: Path, tmp_path: Path) -> None:
+    folder = copied(made, tmp_path)
+    with workers(1) as one:
+        first = campaign(folder, one, QUICK)
+        assert [a.redone for a in (*first.runs[:RUNS], *first.fits)] == [True] * (RUNS + 1)
+        text = (folder / first.runs[0].job / "run.toml").read_text()
+        (folder / first.runs[0].job / "run.toml").write_text(f"# checked\n{text}")
+        second = campaign(folder, one, QUICK)
+    assert [a.redone for a in second.runs[:RUNS]] == [True, False, False]
+    assert [a.redone for a in second.fits] == [True]
+
+
+def test_two_workers_write_what_one_writes(
+    made: Path, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path
+) -> None:
+    folder = copied(made, tmp_path)
+    with workers(2) as two:
+        campaign(folder, two, QUICK)
+    assert files_of(folder) == undisturbed[1]
+
+
+def test_a_killed_campaign_goes_on_to_the_same_end(
+    made: Path, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path
+) -> None:
+    """kill -9 at random moments; nothing that was finished is redone, and every byte is that of a campaign left alone."""
+    folder = copied(made, tmp_path)
+    code = (
+        "import sys; from pathlib import Path; from towline.campaign.whole import campaign; "
+        "from towline.campaign.work import Options; from towline.campaign.workers import workers\n"
+        "if __name__ == '__main__':\n"
+        "    with workers(1) as one: campaign(Path(sys.argv[1]), one, Options(form='linear', noise='output'))"
+    )
+    rng = np.random.default_rng(1)
+    finished: dict[str, int] = {}
+    for _ in range(KILLS):
+        process = subprocess.Popen([sys.executable, "-c", code, str(folder)])
+        time.sleep(rng.uniform(0.5, 5.0))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        for path in folder.rglob("out/motion.csv"):
+            assert finished.setdefault(str(path), path.stat().st_mtime_ns) == path.stat().st_mtime_ns
+    (folder / "out").mkdir(exist_ok=True)
+    (folder / "out" / ".campaign-abc.tmp.csv").write_text("half a li")
+    with workers(1) as one:
+        campaign(folder, one, QUICK)
+    for path, when in finished.items():
+        assert os.stat(path).st_mtime_ns == when
+    assert files_of(folder) == undisturbed[1]
+
+
+def test_only_one_campaign_at_a_time(undisturbed: tuple[Path, dict[str, bytes]]) -> None:
+    fcntl = pytest.importorskip("fcntl", reason="this system has no such locks")
+    folder, _ = undisturbed
+    with open(folder / "out" / ".campaign.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(TowlineError, match="another campaign is at work here"), workers(1) as one:
+            campaign(folder, one, QUICK)
+
+
+def test_the_command_on_storage(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Files come from the storage, results go back to it; the second time nothing is fetched or worked out anew."""
+    fsspec = pytest.importorskip("fsspec", reason="fsspec (extra 'remote') is not installed")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    storage = fsspec.filesystem("memory")
+    storage.put(str(made), "/hall", recursive=True)
+    url = "memory://hall"
+    assert main(["campaign", url, *LIGHT, "--json"]) == EXIT_SOME_FAILED
+    said = json.loads(capsys.readouterr().out)
+    assert len(said["failed"]) == 2  # storage has no empty folders
+    assert storage.exists("/hall/out/campaign.html")
+    assert storage.cat("/hall/out/campaign.csv") == (cache_folder(url) / "out" / "campaign.csv").read_bytes()
+    fetched: list[str] = []
+    monkeypatch.setattr(type(storage), "get_file", lambda self, path, *a, **k: fetched.append(path))
+    assert main(["campaign", url, *LIGHT]) == EXIT_SOME_FAILED
+    assert f"{RUNS} of {RUNS + 2} runs, 0 worked out now" in capsys.readouterr().out
+    assert fetched == []
+    assert main(["campaign", "memory://nothing"]) == 1
+    assert "no such folder, or nothing in it" in capsys.readouterr().err
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
+    """A scheduler and two workers in processes of their own, each on its own port."""
+    pytest.importorskip("distributed", reason="Dask (extra 'cluster') is not installed")
+    start = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_scheduler",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        "0",
+        "--no-dashboard",
+    ]
+    notes = tmp_path / "scheduler.json"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": str(tmp_path)}
+    running = [subprocess.Popen([*start, "--scheduler-file", str(notes)], **quiet)]
+    for _ in range(200):
+        if notes.is_file() and notes.read_text().strip():
+            break
+        time.sleep(0.1)
+    address = json.loads(notes.read_text())["address"]
+    worker = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_worker",
+        address,
+        "--nthreads",
+        "1",
+        "--no-dashboard",
+        "--no-nanny",
+    ]
+    running += [subprocess.Popen([*worker, "--local-directory", str(tmp_path / str(k))], **quiet) for k in (1, 2)]
+    yield address, running
+    for process in running:
+        process.kill()
+        process.wait()
+
+
+def test_a_cluster_gives_the_same_and_a_killed_worker_costs_its_own_work(
+    made: Path, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path, cluster: tuple[str, list[subprocess.Popen]]
+) -> None:
+    address, running = cluster
+    folder = copied(made, tmp_path)
+    killed: list[int] = []
+
+    def tell(text: str, done: int, total: int | None) -> None:
+        if done == 1 and not killed:
+            running[1].kill()
+            killed.append(running[1].pid)
+
+    with workers(1, address) as both:
+        found = campaign(folder, both, QUICK, progress=tell)
+    assert killed
+    assert len(found.failed) == 3
+    assert files_of(folder) == undisturbed[1]
+    with pytest.raises(TowlineError, match="no Dask scheduler at"), workers(1, "tcp://127.0.0.1:1"):
+        pass

@@ -19,7 +19,7 @@ from .geometry.mapping import ProjectiveMapping
 from .geometry.motion import Poses, invariants, motion_from_tracks, poses_from_tracks
 from .identify import fit_runs, run_data
 from .record.check_file import CheckFile, FoundFault, MapOfUncertainty, PointCheck
-from .record.errors import TowlineError
+from .record.errors import GeometryError, TowlineError
 from .record.run import Run
 from .simulate.model import DERIVATIVE_UNITS
 
@@ -84,7 +84,13 @@ def checked(
     say = progress or (lambda _: None)
     say("checking the camera")
     poses = [poses_from_tracks(run, table, datum.mapping) for run, table in zip(runs, tracks, strict=True)]
-    check = check_geometry(runs, tracks, datum)
+    try:
+        check = check_geometry(runs, tracks, datum)
+    except np.linalg.LinAlgError as error:
+        raise GeometryError(
+            f"{', '.join(run.name for run in runs)}: the camera cannot be checked ({error}); are the datum points picked, and do "
+            "the marks move?"
+        ) from None
     points = [p.name or f"point {i + 1}" for i, p in enumerate(runs[0].file.datum)]
     marks = [m.name for m in runs[0].file.marker if m.on == "model"]
     names = [run.name for run in runs]

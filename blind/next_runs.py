@@ -63,13 +63,13 @@ def with_next_run(case: Case, proposed: dict[str, Any]) -> Case:
 
 
 def next_runs(out: Path, workers: int = 1, progress: Progress | None = None) -> list[Settled]:
-    """Make and diagnose the next run of every case whose 95 % set holds more than one hypothesis."""
+    """Make and diagnose the next run of every case in which an effect is named and the 95 % set holds more than it."""
     cases, _ = opened(out)
     given = read_answers(out / ANSWERS)
     jobs, chosen = [], []
     for case in cases:
         gap = given.get(case.name, {}).get("gap")
-        if gap is None or gap["next_run"] is None or len(gap["set95"]) < 2:
+        if gap is None or gap["next_run"] is None or gap["verdict"] != "effect" or len(gap["set95"]) < 2:
             continue
         folder = out / NEXT / case.name
         more = f"run-{len(case.runs) + 1}"

@@ -13,16 +13,20 @@ def pose_start(tank: Array, ideal: Array) -> Array:
     """Rotation vector and translation from normalised points, by OpenCV's SQPnP (global optimum, planar or not)."""
     import cv2
 
+    wrong = "datum: no camera pose fits the points; are tank_m and pixel_px in the same order?"
     centre = tank.mean(axis=0)
-    found, rotation, translation = cv2.solvePnP(
-        np.ascontiguousarray(tank - centre),
-        np.ascontiguousarray(ideal),
-        np.eye(3),
-        np.zeros(5),
-        flags=cv2.SOLVEPNP_SQPNP,
-    )
+    try:
+        found, rotation, translation = cv2.solvePnP(
+            np.ascontiguousarray(tank - centre),
+            np.ascontiguousarray(ideal),
+            np.eye(3),
+            np.zeros(5),
+            flags=cv2.SOLVEPNP_SQPNP,
+        )
+    except cv2.error:
+        raise GeometryError(wrong) from None
     if not found or not np.isfinite(rotation).all():
-        raise GeometryError("datum: no camera pose fits the points; are tank_m and pixel_px in the same order?")
+        raise GeometryError(wrong)
     matrix = Rotation.from_rotvec(rotation.ravel()).as_matrix()
     shift = translation.ravel() - matrix @ centre
     if ((tank @ matrix.T + shift)[:, 2] <= 0).any():

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from towline.geometry import Camera, Lens, fit_datum, fit_rigid, motion_from_tracks, run_datum, trapezoid_from_datum
+from towline.geometry.linear import pose_start
 from towline.record import CameraTable, DatumPoint, GeometryError, InputError, Marker, Run, RunFile, read_run
 from towline.record.toml import check_tables
 
@@ -219,6 +220,8 @@ def test_a_datum_that_does_not_fix_the_camera_is_refused() -> None:
         fit_datum(picks(seen, line), None, [0.0], SIZE)
     with pytest.raises(GeometryError, match="picture's size is not known"):
         fit_datum(picks(seen, TOP), None, [0.2])
+    with pytest.raises(GeometryError, match="no camera pose fits"):  # all seen at one place
+        pose_start(np.array(TOP), np.zeros((len(TOP), 2)))
 
 
 @pytest.mark.parametrize("offset_m", [0.0, 0.35, -0.6])

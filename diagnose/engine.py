@@ -27,8 +27,6 @@ P_NO_GAP, P_SINGLE, P_PAIR, P_UNKNOWN = 0.5, 0.36, 0.07, 0.07
 """Prior shares."""
 TRIED_SINGLE, TRIED_PAIR, SIBLINGS = 6, 3, 3
 OPEN_STEPS, BASE_STEPS, REFIT_STEPS, GROSS_STEPS = 3, 5, 3, 5
-FORM_SHARE = 0.03
-"""No effect's form is truer than this: what is left over below this share of what it explains is no second effect, nor unknown."""
 AT_MOST = 0.9
 """Random forces within this of the most that counts as noise explain nothing."""
 FIRM_SHARE = 0.05
@@ -62,6 +60,11 @@ class Candidate:
     fitted: Fitted
     log_evidence: float
     log_prior: float
+
+    @property
+    def form(self) -> float:
+        """Log evidence that its own form may have left over: below, there is no second effect, nor anything unknown."""
+        return max(e.form for e in self.effects) * max(self.log_evidence, 0.0)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -323,8 +326,7 @@ def _pairs(
         say(f"{first.names[0]} with " + ", ".join(e.name for e in second))
         for (effect,), fitted in _fit_all(inference, first.fitted, [(e,) for e in second], gross):
             pair = (*first.effects, effect)
-            form = FORM_SHARE * max(first.log_evidence, 0.0)
-            found.append(Candidate(pair, fitted, fitted.log_evidence - base.log_evidence, prior - form))
+            found.append(Candidate(pair, fitted, fitted.log_evidence - base.log_evidence, prior - first.form))
     return found
 
 
@@ -350,8 +352,8 @@ def _ranking(
     rests = [(leftover(inference, fitted), log) for fitted, log in scanned if log > max(known) - SCANNED_BELOW]
     rest, beside = max(rests, key=lambda found: found[0].log_evidence + found[1])
     unknown = [rest.log_evidence + beside, *([free.log_evidence] if free is not None else [])]
-    form = FORM_SHARE * max((c.log_evidence for c in kept), default=0.0)
-    logs = [known[0], np.log(P_UNKNOWN) + max(unknown) - max(form, 0.0), *known[1:]]
+    form = max(kept, key=lambda c: c.log_evidence).form if kept else 0.0
+    logs = [known[0], np.log(P_UNKNOWN) + max(unknown) - form, *known[1:]]
     logs = np.array(logs)
     shares = np.exp(logs - logs.max())
     shares /= shares.sum()

@@ -130,6 +130,7 @@ class Effect:
     lag_s : time constant of ``v_lag``, ``r_lag``
     variant : tells effects of one name apart
     bound : it belongs to the runs made (windows, bounces), and says nothing of another
+    form : share of what it explains that its own form may leave over; small for geometry, whose form is exact
     cost : log evidence that is taken off: numbers found beforehand, in a residual
     sizes : shares of the parameters' standard deviations that are as likely: how small the effect may be where it exists
     needs : (run) -> why it cannot be judged with this run, or ""
@@ -155,6 +156,7 @@ class Effect:
     lag_s: float = 0.0
     variant: str = ""
     bound: bool = False
+    form: float = 0.03
     cost: float = 0.0
     sizes: tuple[float, ...] = SIZES
     needs: Callable[[Any], str] = field(default=lambda _: "")

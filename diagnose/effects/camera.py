@@ -10,6 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from .base import Effect, Parameter, Seen, Situation
 
+EXACT = 0.003
+"""Share of what a fault of geometry explains that may be left over: its form is known, its time to a part of a block."""
+
 
 def _changed(run, **tables):
     return replace(run, file=run.file.model_copy(update=tables))
@@ -117,6 +120,7 @@ DECK = Effect(
     "Measure the marks' height against the datum plane.",
     "thesis (4.2)",
     correct=_deck,
+    form=EXACT,
     needs=_no_pixels,
 )
 SHIFT = Effect(
@@ -127,6 +131,7 @@ SHIFT = Effect(
     "Pick the datum again in this recording, or let its points be tracked.",
     "theory.md 4",
     correct=_turned,
+    form=EXACT,
     needs=_no_lens,
 )
 SCALE = Effect(
@@ -137,6 +142,7 @@ SCALE = Effect(
     "Measure the datum's length and width again.",
     "thesis 4.6",
     correct=_scale,
+    form=EXACT,
     needs=_no_pixels,
 )
 POST = Effect(
@@ -147,6 +153,7 @@ POST = Effect(
     "Measure the post against the datum.",
     "theory.md 4",
     correct=_post,
+    form=EXACT,
 )
 ROLL = Effect(
     "marker_roll",

@@ -26,7 +26,7 @@ from .simulator import Simulator
 P_NO_GAP, P_SINGLE, P_PAIR, P_UNKNOWN = 0.5, 0.36, 0.07, 0.07
 """Prior shares."""
 TRIED_SINGLE, TRIED_PAIR, SIBLINGS = 6, 3, 3
-OPEN_STEPS, BASE_STEPS, REFIT_STEPS, GROSS_STEPS = 3, 5, 3, 5
+BASE_STEPS, OPEN_STEPS, REFIT_STEPS, GROSS_STEPS = 8, 3, 3, 5
 AT_MOST = 0.9
 """Random forces within this of the most that counts as noise explain nothing."""
 FIRM_SHARE = 0.05
@@ -37,6 +37,8 @@ WORTH_PAIRS = 3.0
 """Log evidence a second effect must promise by its score."""
 WORTH_PAIRS_BELOW = 30.0
 """Pairs are tried on the second best effect only if it comes this near to the best."""
+MOST_TAKEN_ON, STANDS = 5, 3.0
+"""How often a fit is taken on, and below which gain in log evidence it stands."""
 TWINS = 3.0
 """Effects within this log evidence of the best are not told from it."""
 CLEAR = 3.0
@@ -155,7 +157,8 @@ def ranked(
     candidates += _siblings(inference, base, candidates, usable, scores, gross)
     candidates.sort(key=lambda c: -c.log_evidence)
     candidates = _settled(inference, candidates, base)
-    candidates += _pairs(inference, candidates, base, usable, len(names), say, gross)
+    pairs = _pairs(inference, candidates, base, usable, len(names), say, gross)
+    candidates += _settled(inference, sorted(pairs, key=lambda c: -c.log_evidence), base)
     free_form = max(free_found, key=lambda c: c.log_evidence, default=None)
     return inference, _ranking(inference, base, candidates, free_form, excluded)
 
@@ -165,10 +168,7 @@ def _first_fit(simulator: Simulator) -> tuple[Hypothesis, Forces]:
 
     def ended(start: Hypothesis) -> tuple[float, Hypothesis, Forces] | None:
         try:
-            begun = Inference(simulator, simulator.noise(start)).fit([start], [Forces()], OPEN_STEPS, (), OPEN_STEPS)[0]
-            # the motion that carries the random forces is known better now
-            inference = Inference(simulator, simulator.noise(begun.hypothesis))
-            found = inference.fit([begun.hypothesis], [begun.forces], BASE_STEPS)[0]
+            found = Inference(simulator, None).fit([start], [Forces()], BASE_STEPS, (OPEN_STEPS,), OPEN_STEPS)[0]
         except (EstimationError, np.linalg.LinAlgError):
             return None
         return found.log_evidence, found.hypothesis, found.forces
@@ -206,7 +206,12 @@ def _settled(inference: Inference, candidates: list[Candidate], base: Fitted) ->
     few = [c for c in candidates[:3] if c.log_evidence > max(CLEAR, candidates[0].log_evidence - WORTH_PAIRS_BELOW)]
     if not few:
         return candidates
-    fitted = _taken_on(inference, [c.fitted for c in few])
+    fitted = [c.fitted for c in few]
+    for _ in range(MOST_TAKEN_ON):
+        before = [f.log_evidence for f in fitted]
+        fitted = _taken_on(inference, fitted)
+        if all(f.log_evidence - old < STANDS for f, old in zip(fitted, before, strict=True)):
+            break
     better = [
         replace(c, fitted=f, log_evidence=f.log_evidence - base.log_evidence) for c, f in zip(few, fitted, strict=True)
     ]

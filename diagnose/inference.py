@@ -116,18 +116,24 @@ class Inference:
     Parameters
     ----------
     simulator : of all runs
-    noise : of the measurement, and of random forces about a motion near these
+    noise : of the measurement, and of random forces about a motion near these; None: anew about every motion that is tried
 
     Attributes
     ----------
     mode_count : of camera modes, over all runs
     """
 
-    def __init__(self, simulator: Simulator, noise: Noise) -> None:
-        self.simulator, self.noise = simulator, noise
+    def __init__(self, simulator: Simulator, noise: Noise | None) -> None:
+        self.simulator, self._noise = simulator, noise
         self.own_sd, self.stated = simulator.own_sd, simulator.stated
         self.own_count = simulator.own_sd.shape[1]
         self.mode_count = simulator.modes[0].shape[2]
+
+    @property
+    def noise(self) -> Noise:
+        """Of all hypotheses."""
+        assert self._noise is not None
+        return self._noise
 
     def linear(self, hypotheses: Sequence[Hypothesis], closings: int = MOST_CLOSINGS) -> list[Linear]:
         """Linearise hypotheses, all together; ``closings`` 0: about paths that may be open."""
@@ -262,7 +268,7 @@ class Inference:
             (hypotheses[k::GROUPS], forces[k::GROUPS], steps, noise_turns, open_turns, count == 1)
             for k in range(min(GROUPS, count))
         ]
-        known = [self.noise, *(e for h in hypotheses for e in h.effects)]
+        known = [self._noise, *(e for h in hypotheses for e in h.effects)]
         found = side_by_side(lambda group: self._turns(*group), groups, known)
         return self._with_noise([found[k % GROUPS][k // GROUPS] for k in range(count)])
 
@@ -315,7 +321,8 @@ class Inference:
         """The linear problem solved; the noise estimated where wished. None: it has no solution."""
         if not self._stands(linear):
             return None
-        h, grams = linear.hypothesis, Grams(linear.columns, self.noise)
+        h = linear.hypothesis
+        grams = Grams(linear.columns, self._noise or self.simulator.noise(h))
         try:
             solved = self.solve(grams, h, forces)
             if estimate:

@@ -16,7 +16,7 @@ from .identify.steady import SteadyState
 from .record.errors import EstimationError, InputError, TowlineError
 from .record.priors import Priors
 from .record.results import DerivativesFile, SteadyFile
-from .record.run import RUN_FILE, read_run
+from .record.run import RUN_FILE, Run, read_run
 from .simulate.model import DERIVATIVE_UNITS, Hull, alpha_from_y
 from .stages import Moved, Progress, moved, static_motion, truth_of
 
@@ -75,6 +75,11 @@ def all_inputs(runs: Sequence[Moved]) -> dict[str, str]:
     return {f"{m.run.name}/{name}": digest for m in runs for name, digest in m.run.input_hashes().items()}
 
 
+def hull_of(run: Run) -> tuple[float, float, float]:
+    """What runs of one fit share: length_pp_m, mass_kg, density_kg_m3."""
+    return run.model.length_pp_m, run.model.mass_kg, run.water.density_kg_m3
+
+
 @dataclass(frozen=True)
 class Identified:
     """Derivatives with what the page shows of them.
@@ -118,7 +123,7 @@ def identified(
             failed[m.run.name] = str(error)
     if not used:
         raise EstimationError(next(iter(failed.values()), "no run to fit"))
-    hulls = {(m.run.model.length_pp_m, m.run.model.mass_kg, m.run.water.density_kg_m3) for m in used}
+    hulls = {hull_of(m.run) for m in used}
     if len(hulls) > 1:
         raise EstimationError(
             f"the runs are not of one hull in one water: (length_pp_m, mass_kg, density_kg_m3) = {sorted(hulls)}"

@@ -47,6 +47,7 @@ AMBIGUOUS = (
     "when the marks were first found, another assignment of spots to markers fitted nearly as well: check which is which, and "
     "if need be say where each marker is in the first frame (marker.seen_at_px)"
 )
+MOTION_ROOMS = ("record", "geometry", "vision")
 SWITCH_S = 3e-4
 """How long one thread may keep Python to itself while another waits: the decoder needs it for 0.3 ms in every frame's 3 ms, and
 with Python's own 5 ms decoding beside tracking is half as fast."""
@@ -142,7 +143,7 @@ def static_tracks(run: Run, progress: Progress | None = None) -> pd.DataFrame | 
 
     source = run.file.source.model_copy(update={"video": name, "tracks": None, "motion": None, "span_s": None})
     still = replace(run, file=run.file.model_copy(update={"source": source, "name": f"{run.name} (held still)"}))
-    target, stamp = run.out / STATIC, still.input_hash("static", _code_hash())
+    target, stamp = run.out / STATIC, still.input_hash("static", code_hash())
     if input_hash_of(target) != stamp:
         write_table(target, _follow_marks(still, backend_for("cpu"), progress).table, stamp)
     return read_tracks(target)
@@ -161,7 +162,7 @@ def static_motion(run: Run, progress: Progress | None = None) -> pd.DataFrame | 
 
 
 def _tracks_hash(run: Run) -> str:
-    return run.input_hash("tracks", _code_hash())
+    return run.input_hash("tracks", code_hash())
 
 
 def _follow_marks(run: Run, backend: Any, progress: Progress | None) -> Tracking:
@@ -267,10 +268,12 @@ def datum_of(run: Run, info: ClipInfo | None = None) -> DatumFit:
 
 
 @cache
-def _code_hash() -> str:
-    """Hash of the code behind tracks and motion: results of another version, or of another day's checkout, are redone."""
+def code_hash(*rooms: str) -> str:
+    """Hash of the code of rooms (none: those behind tracks and motion): results of another version, or of another day's checkout,
+    are redone.
+    """
     house = Path(__file__).parent
-    paths = sorted(path for room in ("record", "geometry", "vision") for path in (house / room).rglob("*.py"))
+    paths = sorted(path for room in rooms or MOTION_ROOMS for path in (house / room).rglob("*.py"))
     return sha256_of_texts(__version__, *(path.read_text(encoding="utf-8") for path in paths))
 
 
@@ -355,7 +358,7 @@ def moved(run: Run, method: str = "exact", progress: Progress | None = None, fre
     found = tracked(run, progress, fresh)
     # as they stand in the file: the motion is the same whether they were tracked now or before
     tracks = read_tracks(run.out / TRACKS) if found.anew else found.table
-    stamp = run.input_hash("motion", _code_hash(), method)
+    stamp = run.input_hash("motion", code_hash(), method)
     paths = {name: run.out / name for name in (MARKS, MOTION, COMMON, CAMERA)}
     if not fresh and input_hash_of(paths[MOTION]) == stamp and all(p.is_file() for p in paths.values()):
         common = np.load(paths[COMMON], allow_pickle=False)
@@ -449,6 +452,7 @@ def read_priors(path: str | Path):
 __all__ = [
     "Moved",
     "Tracked",
+    "code_hash",
     "datum_of",
     "draw",
     "moved",

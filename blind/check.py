@@ -8,12 +8,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from ..processes import in_parallel
 from ..record.files import write_text
 from .baselines import baseline_calls
 from .draw import ANSWERS, CASES, Wanted, opened, sealed, write_cases
 from .judge import Judged, judged
 from .measure import write_measured
-from .parallel import in_parallel
 from .run import answers, read_answers
 from .scores import Bin, Score, calibration, scores
 from .truth.cases import Case

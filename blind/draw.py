@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..processes import in_parallel
 from ..record.errors import EstimationError, InputError
 from ..record.files import write_text
-from .parallel import in_parallel
 from .truth.camera import camera_of
 from .truth.cases import LONG_S, Case, RunTruth, lane_of
 from .truth.hulls import FREE, HULLS

@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..processes import in_parallel
 from ..record.errors import TowlineError
 from ..record.files import write_text
 from .draw import ANSWERS, CASES
-from .parallel import in_parallel
 
 Progress = Callable[[str, int, int | None], None]
 

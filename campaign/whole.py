@@ -9,12 +9,12 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from ..processes import Done
 from ..record.errors import TowlineError
 from ..record.run import RUN_FILE
 from .find import OUT, run_folders
 from .table import tidy, write_tidy
-from .work import Answer, Options, fit_job, run_job
-from .workers import Workers
+from .work import Answer, Options, fit_job, restored, run_job
 
 Progress = Callable[[str, int, int | None], None]
 LOCK = ".campaign.lock"
@@ -49,7 +49,7 @@ class Campaign:
 
 def campaign(
     folder: Path,
-    workers: Workers,
+    workers: Done,
     options: Options | None = None,
     out: Path | None = None,
     progress: Progress | None = None,
@@ -70,8 +70,8 @@ def campaign(
     target = out or folder / OUT
     chosen = asdict(options or Options())
     with _alone(target):
-        for place in (*(folder / run / OUT for run in found.runs), *_below(target)):
-            _swept(place)
+        places = [folder / run / OUT for run in found.runs]
+        _swept(*places, *_below(target))
         jobs = [(run_job, (run, str((folder / run).resolve()), chosen)) for run in found.runs]
         runs = _answers(workers, jobs, found.runs, "runs", say)
         runs += [Answer(name, name, f"no {RUN_FILE} in this folder; towline init writes one") for name in found.without]
@@ -80,15 +80,16 @@ def campaign(
         fits = _answers(workers, jobs, [name for name, *_ in plan], "fits", say)
         runs, fits = ([_from_here(a, folder) for a in answers] for answers in (runs, fits))
         wrote = write_tidy(target, tidy(runs, fits))
+        _swept(*places, *_below(target))  # a worker of the cluster may have been killed while others went on
     return Campaign(folder, target, runs, fits, wrote)
 
 
-def _answers(workers: Workers, jobs: Sequence[Any], order: Sequence[str], what: str, say: Progress) -> list[Answer]:
+def _answers(workers: Done, jobs: Sequence[Any], order: Sequence[str], what: str, say: Progress) -> list[Answer]:
     found: dict[str, Answer] = {}
     failed = 0
     say(f"{what}: 0 failed", 0, len(jobs))
     for plain in workers(jobs):
-        answer = _restored(plain)
+        answer = restored(plain)
         found[answer.job] = answer
         failed += bool(answer.reason)
         say(f"{what}: {failed} failed", len(found), len(jobs))
@@ -98,11 +99,6 @@ def _answers(workers: Workers, jobs: Sequence[Any], order: Sequence[str], what: 
 def _from_here(answer: Answer, folder: Path) -> Answer:
     """Its reason names files from the campaign's folder, wherever that stands."""
     return replace(answer, reason=answer.reason.replace(f"{folder.resolve()}{os.sep}", ""))
-
-
-def _restored(plain: dict[str, Any]) -> Answer:
-    numbers = tuple((q, v, s, u) for q, v, s, u in plain["numbers"])
-    return Answer(**{**plain, "numbers": numbers, "hull": tuple(plain["hull"]), "wrote": tuple(plain["wrote"])})
 
 
 def _fits(runs: Sequence[Answer], folder: Path, out: Path) -> list[tuple[str, str, list[str], str]]:
@@ -141,9 +137,9 @@ def _below(out: Path) -> list[Path]:
     return [out, *(p for p in sorted(out.iterdir()) if p.is_dir())]
 
 
-def _swept(folder: Path) -> None:
+def _swept(*folders: Path) -> None:
     """Remove what a killed writer left unfinished."""
-    if folder.is_dir():
+    for folder in folders:
         for path in folder.glob(".*.tmp*"):
             path.unlink(missing_ok=True)
 

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
-from functools import cache
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .. import __version__
 from ..record.errors import TowlineError
 from ..record.files import sha256_of_texts, write_text
 
@@ -73,35 +71,36 @@ class Answer:
 
 def run_job(job: str, folder: str, options: dict[str, Any]) -> dict[str, Any]:
     """Tracks and motion of one run; whatever goes wrong is its reason."""
-    chosen = Options(**options)
-    try:
-        answer = _moved(job, Path(folder), chosen)
-    except TowlineError as error:
-        answer = Answer(job, reason=_one_line(error))
-    except Exception as error:  # a defect here must not cost the other runs
-        answer = Answer(job, reason=f"{type(error).__name__}: {_one_line(error)}")
-    return asdict(answer)
+    return _answered(job, "", lambda: _moved(job, Path(folder), Options(**options)))
 
 
 def fit_job(job: str, kind: str, folders: Sequence[str], out: str, options: dict[str, Any]) -> dict[str, Any]:
     """Derivatives or steady state of several runs, unless they stand in ``out`` already."""
-    chosen, target = Options(**options), Path(out)
+    return _answered(job, job, lambda: _fit(job, kind, folders, Path(out), Options(**options)))
+
+
+def _answered(job: str, name: str, work: Callable[[], Answer]) -> dict[str, Any]:
     try:
-        stamp = _stamp(kind, folders, chosen)
-        kept = None if chosen.fresh else _kept(target / RECORD, stamp)
-        if kept is not None:
-            return kept | {"redone": False}
-        answer = (_fitted if kind == "derivatives" else _settled)(job, folders, target, chosen, stamp)
-        write_text(target / RECORD, json.dumps(asdict(answer), indent=1, sort_keys=True) + "\n")
+        answer = work()
     except TowlineError as error:
-        answer = Answer(job, job, reason=_one_line(error))
-    except Exception as error:
-        answer = Answer(job, job, reason=f"{type(error).__name__}: {_one_line(error)}")
+        answer = Answer(job, name, reason=_one_line(error))
+    except Exception as error:  # a defect here must not cost the other runs
+        answer = Answer(job, name, reason=f"{type(error).__name__}: {_one_line(error)}")
     return asdict(answer)
 
 
+def _fit(job: str, kind: str, folders: Sequence[str], out: Path, options: Options) -> Answer:
+    stamp = _stamp(kind, folders, options)
+    kept = None if options.fresh else _kept(out / RECORD, stamp)
+    if kept is not None:
+        return replace(kept, redone=False)
+    answer = (_fitted if kind == "derivatives" else _settled)(job, folders, out, options, stamp)
+    write_text(out / RECORD, json.dumps(asdict(answer), indent=1, sort_keys=True) + "\n")
+    return answer
+
+
 def _moved(job: str, folder: Path, options: Options) -> Answer:
-    from ..analysis import has_tension, wants_steady
+    from ..analysis import has_tension, hull_of, wants_steady
     from ..record.run import read_run
     from ..record.tables import input_hash_of
     from ..stages import MOTION, moved
@@ -110,8 +109,7 @@ def _moved(job: str, folder: Path, options: Options) -> Answer:
     before = input_hash_of(run.out / MOTION) if (run.out / MOTION).is_file() else ""
     m = moved(run, options.method, fresh=options.fresh)
     wants = "steady" if wants_steady(m) else "derivatives" if run.file.kind != "free" and has_tension(m) else ""
-    model, water = run.file.model, run.file.water
-    hull = (model.length_pp_m, model.mass_kg, water.density_kg_m3) if model is not None and water is not None else ()
+    hull = hull_of(run) if run.file.model is not None and run.file.water is not None else ()
     if run.file.source.motion is not None:
         return Answer(job, run.name, "", wants, hull, _numbers(run, m), stamp=run.input_hash(), redone=False)
     stamp = input_hash_of(run.out / MOTION) or ""
@@ -180,20 +178,14 @@ def _settled(job: str, folders: Sequence[str], out: Path, options: Options, stam
 
 def _stamp(kind: str, folders: Sequence[str], options: Options) -> str:
     from ..record.run import read_run
+    from ..stages import code_hash
 
     runs = [read_run(folder).input_hash("fit", options.method) for folder in folders]
     words = (kind, options.form, str(options.speed_m_s), options.noise)
-    return sha256_of_texts(_code_hash(), *words, *runs)
+    return sha256_of_texts(code_hash(*ROOMS), *words, *runs)
 
 
-@cache
-def _code_hash() -> str:
-    house = Path(__file__).parent.parent
-    paths = [path for room in ROOMS for path in sorted((house / room).rglob("*.py"))]
-    return sha256_of_texts(__version__, *(path.read_text(encoding="utf-8") for path in paths))
-
-
-def _kept(path: Path, stamp: str) -> dict[str, Any] | None:
+def _kept(path: Path, stamp: str) -> Answer | None:
     """The answer of before, if it was made from the same, and its files are there."""
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
@@ -201,11 +193,17 @@ def _kept(path: Path, stamp: str) -> dict[str, Any] | None:
         return None
     if not isinstance(record, dict) or record.get("stamp") != stamp:
         return None
-    return record if all((path.parent / name).is_file() for name in record.get("wrote", ())) else None
+    return restored(record) if all((path.parent / name).is_file() for name in record.get("wrote", ())) else None
+
+
+def restored(plain: dict[str, Any]) -> Answer:
+    """An answer from its plain form."""
+    numbers = tuple((q, v, s, u) for q, v, s, u in plain["numbers"])
+    return Answer(**{**plain, "numbers": numbers, "hull": tuple(plain["hull"]), "wrote": tuple(plain["wrote"])})
 
 
 def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
-__all__ = ["Answer", "Number", "Options", "fit_job", "run_job"]
+__all__ = ["Answer", "Number", "Options", "fit_job", "restored", "run_job"]

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..simulate.model import Array
-from .effects import LIBRARY, Effect
+from .effects import Effect
+from .effects.camera import SHIFT
 from .tow_data import TowRun
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ EDGE = 4
 """Blocks before or after a step."""
 NEAR = 6
 """Blocks about a step that say when it was."""
-SHIFT = next(e for e in LIBRARY if e.name == "camera_shift")
 
 
 def shift_effects(runs: Sequence[TowRun], base: Fitted) -> list[Effect]:
@@ -56,7 +56,7 @@ def _step(run: TowRun, residual: Array) -> tuple[float, float]:
     for channel in (2, 3):
         good = np.isfinite(residual[:, channel])
         if good.sum() >= 4 * EDGE:
-            sd = np.sqrt(np.median(np.diag(run.covariance[channel])))
+            sd = run.usual_sd(channel)
             rests.append(np.where(good, residual[:, channel] - residual[good, channel].mean(), 0.0) / sd)
     if not rests:
         return 0.0, 0.0

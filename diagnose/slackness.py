@@ -34,8 +34,7 @@ def slack_effects(runs: Sequence[TowRun], base: Fitted) -> list[Effect]:
             good = np.isfinite(radius)
             best = (0.0, 0.0, 0.0)
             if good.sum() >= LEAST_BLOCKS:
-                sd = np.sqrt(np.median(np.diag(run.covariance[2])))
-                rest = np.where(good, radius - np.nanmedian(radius), 0.0) / sd
+                rest = np.where(good, radius - np.nanmedian(radius), 0.0) / run.usual_sd(2)
                 best = _slackest(run.centre_s, rest, 2 if wave else 1)
             sure.append(best[0])
             windows.append((best[1], best[2]))

@@ -23,6 +23,8 @@ from .tow_data import TowRun
 if TYPE_CHECKING:
     from .inference import Fitted
 
+LINE = 2
+"""The channel."""
 LEAST_BLOCKS = 20
 RATES_HZ = (0.12, 0.45)
 """Of the blocks' own rate: slower is the swing itself, faster is not seen."""
@@ -53,7 +55,7 @@ class Ring:
 
 def springing_effects(runs: Sequence[TowRun], base: Fitted) -> list[Effect]:
     """The ring and the course that explain most of the taut line's residual; none where there is only noise."""
-    rests = [_rest(run, base.linear.rows[i][0][:, 2]) for i, run in enumerate(runs)]
+    rests = [_rest(run, base.linear.rows[i][0][:, LINE]) for i, run in enumerate(runs)]
     whole = [rest for rest in rests if rest is not None]
     if len(whole) < len(runs):
         return []
@@ -88,7 +90,7 @@ def _rings(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:
         explained, size = _ring(run.centre_s, rest, own_decay, own_rate)
         # a mean over a block flattens what comes and goes within it
         flat = float(np.sinc(own_rate * step / (2 * np.pi)))
-        rings.append(Ring(size * _sd(run) / flat, own_decay, own_rate))
+        rings.append(Ring(size * run.usual_sd(LINE) / flat, own_decay, own_rate))
         cost += 2 * float(np.log1p(max(explained, 0.0) / 4))
     sizes, decays, angular = (np.array([[getattr(r, k)] for r in rings]) for k in ("size_m", "decay_s", "rate_rad_s"))
 
@@ -116,14 +118,14 @@ def _courses(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:
         finer = np.zeros(n * FINER + 1, dtype=complex)
         finer[: len(waves)] = waves / np.where(inside, np.sinc(hertz * step), 1.0)
         # the finer samples begin half a block before the first block's middle, less half of their own step
-        values = _sd(run) * FINER * np.fft.irfft(finer, 2 * n * FINER)[: n * FINER]
+        values = run.usual_sd(LINE) * FINER * np.fft.irfft(finer, 2 * n * FINER)[: n * FINER]
         splines.append(CubicSpline(run.centre_s[0] + step * np.arange(n * FINER) / FINER, values))
     if explained < CLEAR + 3 * numbers:
         return []
     count = len(splines)
 
     def bounce(t_s: Any) -> Array:
-        times = np.broadcast_to(np.asarray(t_s, dtype=float), (*np.broadcast_shapes(np.shape(t_s), (count, 1)),))
+        times = np.broadcast_to(np.asarray(t_s, dtype=float), np.broadcast_shapes(np.shape(t_s), (count, 1)))
         found = np.empty(times.shape)
         for k, spline in enumerate(splines):
             found[..., k, :] = spline(np.clip(times[..., k, :], spline.x[0], spline.x[-1]))
@@ -132,15 +134,11 @@ def _courses(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:
     return [springing(bounce, "bounces as its radius shows", cost)]
 
 
-def _sd(run: TowRun) -> float:
-    return float(np.sqrt(np.median(np.diag(run.covariance[2]))))
-
-
 def _rest(run: TowRun, radius: Array) -> Array | None:
     good = np.isfinite(radius)
     if good.sum() < LEAST_BLOCKS:
         return None
-    return np.where(good, radius - np.nanmedian(radius), 0.0) / _sd(run)
+    return np.where(good, radius - np.nanmedian(radius), 0.0) / run.usual_sd(LINE)
 
 
 def _ring(t_s: Array, rest: Array, decay_s: float, rate_rad_s: float) -> tuple[float, complex]:

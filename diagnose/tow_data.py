@@ -84,6 +84,10 @@ class TowRun:
     density_kg_m3: float
     half_width_m: float
 
+    def usual_sd(self, channel: int) -> float:
+        """Standard deviation of a block's mean in a channel, the median over the blocks."""
+        return float(np.sqrt(np.median(np.diag(self.covariance[channel]))))
+
 
 @dataclass(frozen=True)
 class _Series:

@@ -241,6 +241,11 @@ def test_a_cluster_gives_the_same_and_a_killed_worker_costs_its_own_work(
         if done == 1 and not killed:
             running[1].kill()
             killed.append(running[1].pid)
+            half = (
+                folder / run_folders(folder).runs[0] / "out" / ".motion-abc.tmp.csv"
+            )  # what a writer killed half-way leaves
+            half.parent.mkdir(exist_ok=True)
+            half.write_text("half a li")
 
     with workers(1, address) as both:
         found = campaign(folder, both, QUICK, progress=tell)

@@ -1,0 +1,73 @@
+"""Jobs over several processes of this machine, one thread each; a process whose parent is gone ends, too."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing import get_context
+from typing import Any
+
+from .record.errors import TowlineError
+
+Job = tuple[Callable[..., Any], tuple[Any, ...]]
+"""What to call, and with which arguments; both must travel between processes."""
+Done = Callable[[Iterable[Job]], Iterator[Any]]
+"""Jobs -> results, as they come."""
+ORPHAN_S = 0.5
+
+
+@contextmanager
+def processes(count: int) -> Iterator[Done]:
+    """``count`` processes for the block; 1: this one.
+
+    Raises
+    ------
+    TowlineError : a process was killed (what it had not finished is done when started again)
+    """
+    if count <= 1:
+        yield lambda jobs: (call(*arguments) for call, arguments in jobs)
+        return
+    # one thread each: they share the cores
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with, initargs=(os.getpid(),))
+
+    def done(jobs: Iterable[Job]) -> Iterator[Any]:
+        try:
+            for future in as_completed([pool.submit(call, *arguments) for call, arguments in jobs]):
+                yield future.result()
+        except BrokenProcessPool as error:
+            raise TowlineError(f"a worker ended before its time ({error}); start again to go on") from None
+
+    try:
+        yield done
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
+
+
+def _end_with(parent: int) -> None:
+    """Nobody waits for a process whose parent was killed, and the next start does its work."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(ORPHAN_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def in_parallel(call: Callable[..., Any], arguments: Iterable[tuple[Any, ...]], count: int) -> Iterator[Any]:
+    """Results of ``call`` with each of ``arguments``, as they come."""
+    jobs = [(call, each) for each in arguments]
+    with processes(min(count, len(jobs))) as done:
+        yield from done(jobs)
+
+
+__all__ = ["Done", "Job", "in_parallel", "processes"]

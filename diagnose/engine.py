@@ -19,7 +19,7 @@ from .grams import Grams
 from .hypothesis import Hypothesis, with_effects
 from .inference import Fitted, Inference, on_its_side
 from .noise import Forces
-from .scan import Leftover, leftover
+from .scan import Leftover, leftover, standing_out
 from .side_by_side import side_by_side
 from .simulator import Simulator
 
@@ -39,6 +39,8 @@ WORTH_PAIRS_BELOW = 30.0
 """Pairs are tried on the second best effect only if it comes this near to the best."""
 MOST_TAKEN_ON, STANDS = 5, 3.0
 """How often a fit is taken on, and below which gain in log evidence it stands."""
+WORTH_GOING_ON = 0.3
+"""A free form is taken on if it has come so far of the best effect's way."""
 TWINS = 3.0
 """Effects within this log evidence of the best are not told from it."""
 CLEAR = 3.0
@@ -136,7 +138,7 @@ def ranked(
     usable = [*usable, *simulator.suggested(base)]
     say(f"{len(usable)} effects by their scores")
     names = {e.name for e in usable}
-    free = list(simulator.free_forms())
+    free = list(simulator.free_forms(standing_out(inference, base)))
     scores = screened(inference, base, [*usable, *free])
     singles = _best_variants(scores, usable, TRIED_SINGLE)
     best_free = _best_variants(scores, free, 2)
@@ -160,6 +162,8 @@ def ranked(
     pairs = _pairs(inference, candidates, base, usable, len(names), say, gross)
     candidates += _settled(inference, sorted(pairs, key=lambda c: -c.log_evidence), base)
     free_form = max(free_found, key=lambda c: c.log_evidence, default=None)
+    if free_form is not None and free_form.log_evidence > max(CLEAR, WORTH_GOING_ON * candidates[0].log_evidence):
+        free_form = _settled(inference, [free_form], base)[0]
     return inference, _ranking(inference, base, candidates, free_form, excluded)
 
 

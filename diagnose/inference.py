@@ -306,15 +306,19 @@ class Inference:
         """The noise estimated once more for those near the best."""
         best = max(f.log_evidence for f in found)
 
-        def again(k: int) -> tuple[Forces, Solved]:
+        def again(k: int) -> tuple[Forces, Solved] | None:
             first = found[k].forces
             times = sorted(ALL_TIMES, key=lambda k: k != first.time)
-            return self.best_forces(found[k].grams, found[k].hypothesis, first, times)
+            try:
+                return self.best_forces(found[k].grams, found[k].hypothesis, first, times)
+            except np.linalg.LinAlgError:  # it stays with the noise that it has
+                return None
 
         near = [k for k, fitted in enumerate(found) if fitted.log_evidence > best - NEAR]
         answers = list(found)
         for k, noise in zip(near, side_by_side(again, near), strict=True):
-            answers[k] = self._fitted(found[k].linear, found[k].grams, *noise)
+            if noise is not None:
+                answers[k] = self._fitted(found[k].linear, found[k].grams, *noise)
         return answers
 
     def _one_fitted(self, linear: Linear, forces: Forces, estimate: bool, all_times: bool) -> Fitted | None:
@@ -327,9 +331,9 @@ class Inference:
             solved = self.solve(grams, h, forces)
             if estimate:
                 forces, solved = self.best_forces(grams, h, forces, ALL_TIMES if all_times else (forces.time,))
+            return self._fitted(linear, grams, forces, solved)
         except np.linalg.LinAlgError:
             return None
-        return self._fitted(linear, grams, forces, solved)
 
     def _fitted(self, linear: Linear, grams: Grams, forces: Forces, solved: Solved) -> Fitted:
         h = linear.hypothesis

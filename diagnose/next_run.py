@@ -9,7 +9,7 @@ import numpy as np
 
 from ..simulate.model import alpha_from_y
 from .hypothesis import Hypothesis
-from .inference import STEEP, Fitted, Inference
+from .inference import STEEP, Array, Fitted, Inference
 from .tow import TowSimulator, own_sds
 from .tow_data import TowRun
 from .tow_model import TowModel
@@ -18,11 +18,13 @@ from .tow_rates import OWN
 
 LINES = (0.55, 1.0, 1.6)
 SPEEDS = (0.7, 1.0, 1.4)
-RELEASES = ((0.15, 0.0), (0.30, 0.0), (0.15, 0.35))
-"""y m and heading rad at release; 20 degrees swings far enough to bring out what grows faster than linearly."""
+RELEASES = ((0.15, 0.0), (0.30, 0.0), (0.45, 0.0), (0.0, 0.05))
+"""Where the tow point is across the tank, m, and heading rad at release. Far out brings out what grows faster than linearly;
+let go with 6 degrees of heading on a straight line, a bare hull turns over before its line pulls it back.
+"""
 POINT_SHIFTS_M = (-0.1, 0.1)
-TURNED_OVER = 1.2
-"""A design whose alpha + beta passes this many radians is no tow any more."""
+STEEPEST_RAD = 0.6
+"""Of line and heading: beyond, a line no longer pulls as a tow's (and a model let go there may turn over)."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | No
     for index, (x_t, line, speed, y, beta) in enumerate(settings):
         residual, slope = linear[0].rows[index]
         other = linear[1].rows[index][0]
-        if not np.isfinite(residual).all() or np.abs(residual[:, 1]).max() > TURNED_OVER:
+        if not _is_tow(residual, runs[index]):
             continue
         if not np.isfinite(other).all() or not (np.abs(slope) < STEEP).all():
             continue
@@ -87,13 +89,14 @@ def _designs(made: Sequence[TowRun], pattern: TowRun) -> tuple[list[TowRun], lis
     tow = pattern.data.tow
     points = [r.data.tow.tow_point_m for r in made]
     usual = float(np.median(points))
-    choices = [(usual, f, 1.0, y, b) for f in LINES for y, b in RELEASES]
-    choices += [(usual, 1.0, s, y, b) for s in SPEEDS if s != 1.0 for y, b in RELEASES]
+    choices = [(usual, f, 1.0, *release) for f in LINES for release in RELEASES]
+    choices += [(usual, 1.0, s, *release) for s in SPEEDS if s != 1.0 for release in RELEASES]
     choices += [
         (x + shift, 1.0, 1.0, *RELEASES[1]) for x, shift in zip((min(points), max(points)), POINT_SHIFTS_M, strict=True)
     ]
     runs, settings = [], []
-    for x_t, f, s, y, beta in choices:
+    for x_t, f, s, across, beta in choices:
+        y = across - x_t * float(np.sin(beta))
         here = replace(
             tow,
             tow_point_m=x_t,
@@ -101,13 +104,20 @@ def _designs(made: Sequence[TowRun], pattern: TowRun) -> tuple[list[TowRun], lis
             speed_m_s=s * tow.speed_m_s,
             tension_n=s**2 * float(tow.tension_n or 1.0),
         )
-        if not np.isfinite(alpha_from_y(y, beta, here)):
+        if across > here.line_length_m * np.sin(STEEPEST_RAD):
             continue
         values = np.zeros((len(pattern.centre_s), 4))
         data = replace(pattern.data, tow=here, tension=None, speed=None)
         runs.append(replace(pattern, name=f"design {len(runs)}", data=data, values=values, marks=None))
         settings.append((x_t, here.line_length_m, here.speed_m_s, y, beta))
     return runs, settings
+
+
+def _is_tow(residual: Array, run: TowRun) -> bool:
+    """Whether a design's motion (measured as nothing: the residual is minus it) stays that of a towed model."""
+    y, beta = -residual[:, 0], -residual[:, 1]
+    alpha = alpha_from_y(y, beta, run.data.tow)
+    return bool(np.isfinite(residual).all() and (np.abs([alpha, beta]) < STEEPEST_RAD).all())
 
 
 def _taken_over(h: Hypothesis, settings: Sequence[tuple[float, ...]]) -> Hypothesis:

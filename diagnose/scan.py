@@ -45,18 +45,29 @@ class Leftover:
 
 def leftover(inference: Inference, fitted: Fitted) -> Leftover:
     """Look at what a hypothesis leaves."""
-    runs, solved = inference.simulator.runs, fitted.solved
-    step = inference.simulator.step_s
-    rest = []
-    for index, run in enumerate(runs):
+    step, rest = inference.simulator.step_s, _rest(inference, fitted)
+    names = [run.name for run in inference.simulator.runs]
+    tiles = (*_bursts(rest, names, step), *_bands(rest, step))
+    most = max(tiles, key=lambda found: found.log_evidence, default=Leftover(0.0))
+    return replace(most, log_evidence=most.log_evidence - COST)
+
+
+def standing_out(inference: Inference, fitted: Fitted) -> list[float]:
+    """Frequencies at which what a hypothesis leaves has its peaks, Hz, the highest first."""
+    frequency, power, _ = _spectrum(_rest(inference, fitted), inference.simulator.step_s)
+    inside = np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:])) + 1
+    return [float(frequency[k]) for k in sorted(inside, key=lambda k: -power[k])]
+
+
+def _rest(inference: Inference, fitted: Fitted) -> list[Array]:
+    """Per run (n, moving channels), whitened."""
+    solved, rest = fitted.solved, []
+    for index, run in enumerate(inference.simulator.runs):
         left = inference.left(fitted.linear, fitted.forces, solved.shared, solved.own[index], index)
         moving = inference.noise.measured[index].moving
         good = np.isfinite(run.values[:, :moving])
         rest.append(np.where(good, left[: good.size].reshape(moving, -1).T, 0.0))
-    names = [run.name for run in runs]
-    tiles = (*_bursts(rest, names, step), *_bands(rest, step))
-    most = max(tiles, key=lambda found: found.log_evidence, default=Leftover(0.0))
-    return replace(most, log_evidence=most.log_evidence - COST)
+    return rest
 
 
 def _bursts(rest: Sequence[Array], names: Sequence[str], step_s: float) -> list[Leftover]:
@@ -75,16 +86,8 @@ def _bursts(rest: Sequence[Array], names: Sequence[str], step_s: float) -> list[
 
 
 def _bands(rest: Sequence[Array], step_s: float) -> list[Leftover]:
-    longest = max(len(r) for r in rest)
-    count = max(longest // 2 - 1, 0)
-    sums, numbers = np.zeros(count), 0
-    frequency = np.arange(1, count + 1) / (longest * step_s)
-    for values in rest:
-        t_s = np.arange(len(values)) * step_s
-        wave = np.exp(-2j * np.pi * frequency[:, None] * t_s)
-        sums += (np.abs(wave @ values) ** 2).sum(axis=1) * 2 / len(values)
-        numbers += 2 * values.shape[1]
-    found = []
+    frequency, sums, numbers = _spectrum(rest, step_s)
+    count, found = len(frequency), []
     for width in BANDS:
         if width > count:
             continue
@@ -95,10 +98,24 @@ def _bands(rest: Sequence[Array], step_s: float) -> list[Leftover]:
     return found
 
 
+def _spectrum(rest: Sequence[Array], step_s: float) -> tuple[Array, Array, int]:
+    """Frequencies Hz, power of all runs and channels, and of how many squares each is the sum."""
+    longest = max(len(r) for r in rest)
+    count = max(longest // 2 - 1, 0)
+    sums, numbers = np.zeros(count), 0
+    frequency = np.arange(1, count + 1) / (longest * step_s)
+    for values in rest:
+        t_s = np.arange(len(values)) * step_s
+        wave = np.exp(-2j * np.pi * frequency[:, None] * t_s)
+        sums += (np.abs(wave @ values) ** 2).sum(axis=1) * 2 / len(values)
+        numbers += 2 * values.shape[1]
+    return frequency, sums, numbers
+
+
 def _larger(total: float, count: int) -> float:
     """Log likelihood ratio of a larger variance at its best against 1, for a sum of ``count`` squares."""
     ratio = total / count
     return float(0.5 * count * (ratio - 1 - np.log(ratio))) if ratio > 1 else 0.0
 
 
-__all__ = ["Leftover", "leftover"]
+__all__ = ["Leftover", "leftover", "standing_out"]

@@ -94,8 +94,8 @@ class Simulator(Protocol):
         """Effects that the residual of the base itself suggests (windows of a slack line)."""
         ...
 
-    def free_forms(self) -> Sequence[Effect]:
-        """What stands for an effect in no library."""
+    def free_forms(self, shaken_hz: Sequence[float]) -> Sequence[Effect]:
+        """What stands for an effect in no library; ``shaken_hz`` stand out of what the base leaves."""
         ...
 
     def reached(self, fitted: Fitted) -> str:

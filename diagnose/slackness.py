@@ -24,7 +24,8 @@ SLACK_LENGTHS_S = (1.0, 2.0, 3.0, 4.5, 7.0)
 
 
 def slack_effects(runs: Sequence[TowRun], base: Fitted) -> list[Effect]:
-    """The most likely slack windows, from the taut line's residual alone: in the run that shows most, and in all that show any."""
+    """The most likely slack windows, from the taut line's residual alone: in the run that shows most, in the two, ... in all that
+    show any."""
     found: list[Effect] = []
     for wave in (False, True):
         windows: list[tuple[float, float] | None] = []
@@ -42,10 +43,9 @@ def slack_effects(runs: Sequence[TowRun], base: Fitted) -> list[Effect]:
         windows = [w if z > clear else None for w, z in zip(windows, sure, strict=True)]
         if not any(windows):
             continue
-        most = int(np.argmax(sure))
-        found.append(slack([w if i == most else None for i, w in enumerate(windows)], wave))
-        if sum(w is not None for w in windows) > 1:
-            found.append(slack(windows, wave))
+        order = sorted((i for i, w in enumerate(windows) if w is not None), key=lambda i: -sure[i])
+        for count in range(1, len(order) + 1):
+            found.append(slack([w if i in order[:count] else None for i, w in enumerate(windows)], wave))
     return found
 
 

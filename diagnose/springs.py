@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 
 from ..simulate.model import Array
 from .effects import Effect
-from .effects.line import springing
+from .effects.line import ELASTIC, springing
 from .tow_data import TowRun
 
 if TYPE_CHECKING:
@@ -33,6 +33,8 @@ BAND_HZ = (0.25, 0.45)
 DECAYS_S = (0.02, 0.08, 0.3)
 CLEAR = 60.0
 """What a bounce in all runs must explain of the whitened square, beside two numbers a run."""
+COURSE_FORM = 0.003
+"""Of a whole course: what its own freedom did not take was not its form's fault."""
 FINER = 8
 """Samples of a course to a block."""
 
@@ -98,7 +100,7 @@ def _rings(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:
         return np.exp(-decays * t_s) * np.real(sizes * np.exp(1j * angular * t_s))
 
     heard = ", ".join(f"{r.rate_rad_s / (2 * np.pi):.2f}" for r in rings)
-    return [springing(bounce, f"springs at {heard} Hz", cost)]
+    return [springing(bounce, f"springs at {heard} Hz", cost, ELASTIC.form)]
 
 
 def _courses(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:
@@ -131,7 +133,7 @@ def _courses(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:
             found[..., k, :] = spline(np.clip(times[..., k, :], spline.x[0], spline.x[-1]))
         return found
 
-    return [springing(bounce, "bounces as its radius shows", cost)]
+    return [springing(bounce, "bounces as its radius shows", cost, COURSE_FORM)]
 
 
 def _rest(run: TowRun, radius: Array) -> Array | None:

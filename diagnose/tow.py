@@ -95,9 +95,9 @@ class TowSimulator(TowModel):
             *shift_effects(self.runs, base),
         ]
 
-    def free_forms(self) -> Sequence[Effect]:
-        """Forces of many shapes, and faults of what is seen."""
-        return free_forms()
+    def free_forms(self, shaken_hz: Sequence[float]) -> Sequence[Effect]:
+        """Forces of many shapes, faults of what is seen, and what shakes at these frequencies."""
+        return free_forms(len(self.runs), shaken_hz)
 
     def reached(self, fitted: Fitted) -> str:
         """At which size of the motion a hull effect's force was at work."""

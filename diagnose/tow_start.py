@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import UnivariateSpline
+from scipy.signal import savgol_filter
 
 from ..identify import fit_runs
 from ..identify.reference import reference_set
@@ -18,6 +19,10 @@ from .tow_model import BEYOND
 
 SAMPLES = 250
 LARGEST_SINE = 0.95
+SMOOTH_S, SMOOTH_ORDER = 3.0, 3
+"""A tow's motion is a cubic over so long."""
+SHAKEN = 4.0
+"""Marks whose place and heading both scatter so many times their noise shake."""
 
 
 def base_hypotheses(runs: Sequence[TowRun], speed_m_s: float) -> list[Hypothesis]:
@@ -50,21 +55,44 @@ def base_hypotheses(runs: Sequence[TowRun], speed_m_s: float) -> list[Hypothesis
     if fitted is not None and np.isfinite(fitted).all():
         sixes.insert(0, fitted)
     nodes = 2 * (max(len(r.centre_s) for r in runs) + BEYOND) + 1
-    states = np.stack([measured_path(run, nodes) for run in runs], axis=-1)
+    found = [_along(runs, six, nodes, 1.0) for six in sixes]
+    if any((_scatter(run) > SHAKEN).all() for run in runs):
+        found += [_along(runs, six, nodes, 0.0) for six in sixes]
+    return found
+
+
+def _along(runs: Sequence[TowRun], six: Array, nodes: int, trust: float) -> Hypothesis:
+    states = np.stack([measured_path(run, nodes, trust) for run in runs], axis=-1)
     own = []
     for start, run in zip(states[:, 0].T, runs, strict=True):
         tow = run.data.tow
         own.append([*start, 0.0, 0.0, tow.tension_n, tow.tow_point_m, tow.line_length_m, tow.speed_m_s])
-    return [Hypothesis(six, np.array(own, dtype=float), path=Path((), states)) for six in sixes]
+    return Hypothesis(six, np.array(own, dtype=float), path=Path((), states))
 
 
-def measured_path(run: TowRun, nodes: int) -> Array:
-    """(4, nodes) alpha, beta, v, r every half block, from smoothing splines of y and beta; beyond the run its last values."""
+def _scatter(run: TowRun) -> Array:
+    """(2,) how far y and beta scatter about a smooth course, over what their noise says; 1 where they do as stated."""
+    good = np.isfinite(run.values[:, :2]).all(axis=1)
+    length = max(2 * round(SMOOTH_S / run.step_s / 2) + 1, SMOOTH_ORDER + 2)
+    if good.sum() < length:
+        return np.ones(2)
+    values = run.values[good, :2]
+    about = values - savgol_filter(values, length, SMOOTH_ORDER, axis=0)
+    sds = np.sqrt([np.diag(run.covariance[k])[good] for k in (0, 1)]).T
+    return np.sqrt((about**2 / sds**2).mean(axis=0))
+
+
+def measured_path(run: TowRun, nodes: int, trust: float = 1.0) -> Array:
+    """(4, nodes) alpha, beta, v, r every half block, from smoothing splines of y and beta; beyond the run its last values.
+
+    ``trust`` 1 follows them as closely as their noise says, 0 no closer than they scatter: marks that shake are no motion.
+    """
     tow = run.data.tow
     good = np.isfinite(run.values[:, :2]).all(axis=1)
     t_s = run.centre_s[good]
     at = np.clip(np.arange(nodes) * run.step_s / 2, 0.0, len(run.centre_s) * run.step_s)
-    sds = [np.sqrt(np.diag(run.covariance[k])[good]) for k in (0, 1)]
+    wider = np.maximum(_scatter(run), 1.0) ** (1 - trust)
+    sds = [wider[k] * np.sqrt(np.diag(run.covariance[k])[good]) for k in (0, 1)]
     y, beta = (UnivariateSpline(t_s, run.values[good, k], 1 / sd, s=len(t_s)) for k, sd in enumerate(sds))
     sine = (y(at) + tow.tow_point_m * np.sin(beta(at)) + tow.tow_point_offset_m * np.cos(beta(at))) / tow.line_length_m
     alpha = np.arcsin(np.clip(sine, -LARGEST_SINE, LARGEST_SINE))

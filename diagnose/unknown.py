@@ -5,6 +5,7 @@ If one of these explains the runs far better than every named effect, the gap is
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,43 +14,59 @@ from .effects import Effect, Parameter, Seen, Situation
 
 V_M_S, R_RAD_S, Y_M, BETA_RAD = 0.1, 0.05, 0.2, 0.15
 """Usual sizes of a tow's motion."""
-WAVES_M, WAVE_RAD = (0.3, 0.15, 0.075), 0.12
 SHARP = 0.3
-SHAPES = 24
+ACROSS_PER_M, TURNED_PER_RAD = np.arange(2.0, 17.0, 2.0), np.arange(4.0, 17.0, 4.0)
+"""Waves to a metre across the tank and to a radian of heading: together any force that depends on place or heading, down to 6 cm
+and 4 degrees.
+"""
+CHANGES = (0.25, 0.4, 0.55, 0.7)
+"""Of a run's duration: when something may have changed."""
+CHANGE_S = 1.0
 SIZES_N = (0.01, 0.07)
 SIZES_M = (0.0005, 0.003)
+CHANNELS = ("x", "y", "b", "d")
+SHAKES = 4
+"""Frequencies that are tried."""
+OFF_HZ = 0.01
+"""A peak of a run of 45 s is as wide."""
+Shapes = Callable[[Situation], Sequence[Any]]
 
 
-def _shapes(s: Situation):
+def _smooth(s: Situation) -> Sequence[Any]:
+    """What grows with the motion."""
     v, r, y, b = s.v_m_s / V_M_S, s.r_rad_s / R_RAD_S, s.y_m / Y_M, s.beta_rad / BETA_RAD
     time = 2 * s.t_s / s.duration_s - 1 + 0.0 * v
-    waves = [f(2 * np.pi * s.y_m / length) for length in WAVES_M for f in (np.sin, np.cos)]
-    waves += [f(2 * np.pi * s.beta_rad / WAVE_RAD) for f in (np.sin, np.cos)]
-    waves += [np.tanh(b / SHARP), np.tanh(v / SHARP), np.tanh(r / SHARP)]
-    plain = (
-        1 + 0.0 * v,
-        time,
-        y,
-        y * np.abs(y),
-        y**3,
-        v * np.abs(v),
-        v**3,
-        r * np.abs(r),
-        r**3,
-        v * v * r,
-        v * r * r,
-        b * b,
-        time * v,
-    )
-    return (*plain, *waves)
+    plain = (1 + 0.0 * v, time, y, y * np.abs(y), y**3, v * np.abs(v), v**3, r * np.abs(r), r**3, v * v * r, v * r * r)
+    return (*plain, b * b, time * v, np.tanh(b / SHARP), np.tanh(v / SHARP), np.tanh(r / SHARP))
 
 
-def _force(s: Situation, *numbers):
-    shapes = _shapes(s)
-    half = len(shapes)
-    side = sum(a * f for a, f in zip(numbers[:half], shapes, strict=True))
-    moment = sum(a * f for a, f in zip(numbers[half:], shapes, strict=True))
-    return side, moment
+def _placed(s: Situation) -> Sequence[Any]:
+    """What comes and goes with place or heading."""
+    angles = [2 * np.pi * k * s.y_m for k in ACROSS_PER_M] + [2 * np.pi * k * s.beta_rad for k in TURNED_PER_RAD]
+    return [wave(angle) for angle in angles for wave in (np.sin, np.cos)]
+
+
+def _changed(s: Situation) -> Sequence[Any]:
+    """What is another after some time than before it."""
+    with_motion = (1.0, s.v_m_s / V_M_S, s.r_rad_s / R_RAD_S, (s.alpha_rad + s.beta_rad) / BETA_RAD)
+    times = [0.5 * (1 + np.tanh((s.t_s - share * s.duration_s) / CHANGE_S)) for share in CHANGES]
+    return [time * motion + 0.0 * s.v_m_s for time in times for motion in with_motion]
+
+
+SHAPES: dict[str, tuple[Shapes, int]] = {"": (_smooth, 16), "placed": (_placed, 24), "changed": (_changed, 16)}
+"""Variants of a free force, and how many shapes each has."""
+
+
+def _force_of(shapes: Shapes, count: int) -> Callable[..., tuple[Any, Any]]:
+    def force(s: Situation, *numbers):
+        found = shapes(s)
+        return _sum(numbers[:count], found), _sum(numbers[count:], found)
+
+    return force
+
+
+def _sum(numbers: Sequence[Any], shapes: Sequence[Any]) -> Any:
+    return sum(a * f for a, f in zip(numbers, shapes, strict=True))
 
 
 def _forms(seen: Seen):
@@ -61,29 +78,34 @@ def _forms(seen: Seen):
 def _seen(seen: Seen, *numbers) -> tuple[Any, Any, Any, Any]:
     forms = _forms(seen)
     each = len(forms)
-    x, y, beta, apart = (
-        sum(a * f for a, f in zip(numbers[k * each : (k + 1) * each], forms, strict=True)) for k in range(4)
-    )
+    x, y, beta, apart = (_sum(numbers[k * each : (k + 1) * each], forms) for k in range(4))
     return x, y, beta, apart
 
 
-def free_forms() -> tuple[Effect, ...]:
-    """Free forms at several sizes."""
+def free_forms(runs: int, shaken_hz: Sequence[float]) -> tuple[Effect, ...]:
+    """Free forms at several sizes.
+
+    Parameters
+    ----------
+    runs : how many
+    shaken_hz : frequencies that stand out of what the linear fit leaves
+    """
     forces = tuple(
         Effect(
-            "unknown force",
+            f"unknown force {kind}".strip(),
             "sway",
             tuple(
                 Parameter(f"{what}{k}", "N" if what == "y" else "N m", size)
                 for what in ("y", "n")
-                for k in range(SHAPES)
+                for k in range(count)
             ),
             "A force on the hull that no effect of the library has.",
             "Look at when and where it shows.",
-            force=_force,
+            force=_force_of(shapes, count),
             sizes=(1.0,),
             variant=f"{size:g} N",
         )
+        for kind, (shapes, count) in SHAPES.items()
         for size in SIZES_N
     )
     sights = tuple(
@@ -91,8 +113,8 @@ def free_forms() -> tuple[Effect, ...]:
             "unknown fault of what is seen",
             "camera",
             tuple(
-                Parameter(f"{what}{k}", "rad" if what == "b" else "m", size * (0.5 if what == "b" else 1.0))
-                for what in ("x", "y", "b", "d")
+                Parameter(f"{what}{k}", _unit(what), size * (0.5 if what == "b" else 1.0))
+                for what in CHANNELS
                 for k in range(7)
             ),
             "Something in camera or clock that no effect of the library has.",
@@ -103,4 +125,62 @@ def free_forms() -> tuple[Effect, ...]:
         )
         for size in SIZES_M
     )
-    return (*forces, *sights)
+    shakes = tuple(_shaken(runs, hz, size_m) for hz in shaken_hz[:SHAKES] for size_m in SIZES_M)
+    return (*forces, *sights, *shakes)
+
+
+def _unit(channel: str) -> str:
+    return "rad" if channel == "b" else "m"
+
+
+def _shaken(runs: int, hz: float, size_m: float) -> Effect:
+    """Something swings at one frequency, in every run as it likes: it pushes the hull, and moves what stands still."""
+    what = (
+        ("side", "N", SIZES_N[1]),
+        ("moment", "N m", SIZES_N[1]),
+        ("x", "m", size_m),
+        ("y", "m", size_m),
+        ("post", "m", 5 * size_m),
+    )
+    width = 2 * len(what)
+
+    def waves(t_s: Any, numbers: Sequence[Any], which: int) -> Any:
+        sine, cosine = (
+            np.stack([np.atleast_1d(numbers[run * width + 2 * which + k]) for run in range(runs)]) for k in range(2)
+        )
+        angle = 2 * np.pi * (hz + numbers[-1]) * t_s
+        return sine * np.sin(angle) + cosine * np.cos(angle)
+
+    def force(s: Situation, *numbers):
+        return waves(s.t_s, numbers, 0), waves(s.t_s, numbers, 1)
+
+    def observe(seen: Seen, *numbers):
+        # a taut line whose post moves aside carries the model ahead and back
+        ahead = np.sin(seen.alpha_rad) * waves(seen.t_s, numbers, 4)
+        nothing = 0.0 * seen.side
+        return waves(seen.t_s, numbers, 2) + ahead, waves(seen.t_s, numbers, 3), nothing, nothing
+
+    return Effect(
+        "unknown shake",
+        "line",
+        (
+            *(
+                Parameter(f"{name}{run}{wave}", unit, size)
+                for run in range(runs)
+                for name, unit, size in what
+                for wave in ("sin", "cos")
+            ),
+            Parameter("off_hz", "Hz", OFF_HZ),
+        ),
+        "Something swings at one frequency, whatever the model does.",
+        "Look for what shakes at that frequency: carriage, camera, the tank's own wave.",
+        force=force,
+        observe=observe,
+        sizes=(1.0,),
+        bound=True,
+        variant=f"{hz:.3f} Hz, {1e3 * size_m:g} mm",
+        cost=float(np.log(SHAKES * len(SIZES_M))),
+    )
+
+
+__all__ = ["free_forms"]

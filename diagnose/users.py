@@ -179,7 +179,7 @@ class UsersSimulator:
         """None."""
         return []
 
-    def free_forms(self) -> Sequence[Effect]:
+    def free_forms(self, shaken_hz: Sequence[float]) -> Sequence[Effect]:
         """None: what random forces must explain stands for the unknown."""
         return ()
 

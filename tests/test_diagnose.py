@@ -121,7 +121,7 @@ def test_an_absent_effect_changes_nothing(model) -> None:
         # no tension history to be late; and what only scales another number shows with that number
         silent = {n for n, m in zip(names, moved, strict=True) if m == 0}
         # the second numbers of these only shape their first
-        assert silent == {"sync_delay", "elastic_line", "tension_variation"}
+        assert silent == {"sync_delay", "elastic_line", "tension_variation", "marker_roll"}
 
 
 def test_noise_is_whitened(model) -> None:

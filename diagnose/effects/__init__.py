@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .base import STAGES, Effect, Parameter, Seen, Situation, installed_effects, load_effects
-from .camera import DECK, DELAY, DRIFT, LENS, POST, RATE, ROLL, SCALE, SHIFT, SHUTTER
+from .camera import DECK, DELAY, DRIFT, LENS, POST, RATE, ROLL, ROLLING, SCALE, SHIFT, SHUTTER
 from .hull import ASYMMETRY, BANK, COUPLING, CROSSFLOW, CUBIC, CURRENT, MEMORY
 from .line import ELASTIC, FRICTION, OFFSET, TENSION, slack
 
@@ -26,6 +26,7 @@ LIBRARY: tuple[Effect, ...] = (
     SCALE,
     POST,
     ROLL,
+    *ROLLING,
     RATE,
     DELAY,
     SHUTTER,

@@ -12,6 +12,11 @@ from .base import Effect, Parameter, Seen, Situation
 
 EXACT = 0.003
 """Share of what a fault of geometry explains that may be left over: its form is known, its time to a part of a block."""
+ROLL_FORM = 0.01
+"""Of a roll with its own period, damping and mark heights."""
+ROLLS_S = (0.6, 0.8, 1.0, 1.25, 1.55, 1.9, 2.4)
+"""Roll periods where a fit may begin; models of 1 to 4 m have these."""
+SHORTEST_ROLL_S = 0.3
 
 
 def _changed(run, **tables):
@@ -68,6 +73,26 @@ def _roll(seen: Seen, lean, swing):
     """The model leans with the line's side pull (and later by its own swing); its marks stand above the roll axis."""
     nothing = 0.0 * seen.side
     return nothing, lean * seen.side + swing * seen.rate[2], nothing, nothing
+
+
+def _rolling(seen: Seen, lean, period, damping, turn):
+    """A roll with its own period: it swings into its lean, from upright when the model is let go; marks of unlike height turn."""
+    drive = lean * seen.side
+    step = float(seen.t_s[1, 0, 0] - seen.t_s[0, 0, 0])
+    w, zeta = 2 * np.pi / np.maximum(period, SHORTEST_ROLL_S), np.clip(damping, 0.01, 0.9)
+    decay, own = zeta * w, w * np.sqrt(1 - zeta**2)
+    left, cosine, sine = np.exp(-decay * step), np.cos(own * step), np.sin(own * step) / own
+    rolled = np.zeros(np.broadcast_shapes(drive.shape, np.shape(w)))
+    rate = np.zeros(rolled.shape[1:])
+    # exact for a drive that is straight from node to node: free swing about the forced course
+    for k in range(len(rolled) - 1):
+        slope = (drive[k + 1] - drive[k]) / step
+        behind = 2 * zeta / w * slope
+        off, off_rate = rolled[k] - drive[k] + behind, rate - slope
+        rolled[k + 1] = left * (off * (cosine + decay * sine) + off_rate * sine) + drive[k + 1] - behind
+        rate = left * (off_rate * (cosine - decay * sine) - off * w**2 * sine) + slope
+    nothing = 0.0 * seen.side
+    return nothing, rolled, turn * rolled, nothing
 
 
 def _shutter(seen: Seen, readout):
@@ -163,6 +188,21 @@ ROLL = Effect(
     "Set the marks lower, or measure the roll.",
     "rigid body",
     observe=_roll,
+)
+ROLLING = tuple(
+    replace(
+        ROLL,
+        parameters=(
+            Parameter("lean_m", "m", 0.01),
+            Parameter("period_s", "s", 0.15, none=period),
+            Parameter("damping", "", 0.05, none=0.15),
+            Parameter("turn_rad_m", "rad/m", 0.05),
+        ),
+        observe=_rolling,
+        form=ROLL_FORM,
+        variant=f"of about {period:g} s",
+    )
+    for period in ROLLS_S
 )
 SHUTTER = Effect(
     "rolling_shutter",

@@ -13,6 +13,8 @@ from .base import Effect, Parameter, Seen, Situation
 
 GIVES = 0.15
 """Share of the way at which a line that a wave slackens has lost most of its pull."""
+COURSE_FORM = 0.01
+"""A slack line's course is a guess, its time and size are fitted."""
 RUB_RATE = 0.004
 """rad/s at which dry friction has turned over (it is smoothed there)."""
 
@@ -72,7 +74,10 @@ FRICTION = Effect(
 )
 
 
-def springing(bounce: Callable[[Any], Any], variant: str, cost: float) -> Effect:
+STIFFNESS = Parameter("stiffness_n_m", "N/m", 200.0, one_sided=True)
+
+
+def springing(bounce: Callable[[Any], Any], variant: str, cost: float, form: float) -> Effect:
     """A soft line on which the model bounces; the engine finds the bounce in the taut-line residual.
 
     The pull follows it by the line's stiffness, and cannot push. Only how much of the bounce is real is a number, and what it does
@@ -83,6 +88,7 @@ def springing(bounce: Callable[[Any], Any], variant: str, cost: float) -> Effect
     bounce : time -> how much longer the line is, m, (..., runs, 1)
     variant : which bounce, in words
     cost : log evidence that finding it costs
+    form : share of what it explains that it may leave over
     """
 
     def tension(s: Situation, compliance, follows, share, stiffness):
@@ -95,7 +101,7 @@ def springing(bounce: Callable[[Any], Any], variant: str, cost: float) -> Effect
 
     return replace(
         ELASTIC,
-        parameters=(*ELASTIC.parameters, Parameter("bounce", "", 1.0), Parameter("stiffness_n_m", "N/m", 200.0)),
+        parameters=(*ELASTIC.parameters, Parameter("bounce", "", 1.0), STIFFNESS),
         length=lambda tension_n, compliance, *_: compliance * tension_n,
         tension=tension,
         stretch=stretch,
@@ -103,6 +109,7 @@ def springing(bounce: Callable[[Any], Any], variant: str, cost: float) -> Effect
         bound=True,
         sizes=(1.0,),
         cost=cost,
+        form=form,
     )
 
 
@@ -113,21 +120,26 @@ def slack(windows: Sequence[tuple[float, float] | None], wave: bool = False) -> 
     """
     begin, end = (np.array([[np.nan if w is None else w[k]] for w in windows]) for k in range(2))
 
-    def bump(t_s):
-        return half_sine(t_s, begin, end)
+    def bump(t_s, later, longer):
+        return half_sine(t_s, begin + later - longer / 2, end + later + longer / 2)
 
-    def tension(s: Situation, loss, _):
-        course = bump(s.t_s)
+    def tension(s: Situation, loss, _, later, longer):
+        course = bump(s.t_s, later, longer)
         return -np.clip(loss, -0.2, 1) * s.tension_n * (np.tanh(course / GIVES) if wave else course)
 
-    def stretch(seen: Seen, _, nearer):
-        return -nearer * bump(seen.t_s) ** (2 if wave else 1)
+    def stretch(seen: Seen, _, nearer, later, longer):
+        return -nearer * bump(seen.t_s, later, longer) ** (2 if wave else 1)
 
     found = [f"run {i + 1} {w[0]:.1f}-{w[1]:.1f} s" for i, w in enumerate(windows) if w is not None]
     return Effect(
         "slack_line",
         "line",
-        (Parameter("loss", "", 0.7, one_sided=True), Parameter("nearer_m", "m", 0.02, one_sided=True)),
+        (
+            Parameter("loss", "", 0.7, one_sided=True),
+            Parameter("nearer_m", "m", 0.02, one_sided=True),
+            Parameter("later_s", "s", 0.1),
+            Parameter("longer_s", "s", 0.1),
+        ),
         "The carriage slows or the model surges ahead: the line goes slack and pulls no more for a while.",
         "Tow faster or add drag astern so that the line stays taut; cut those seconds out.",
         "theory.md 4",
@@ -136,4 +148,5 @@ def slack(windows: Sequence[tuple[float, float] | None], wave: bool = False) -> 
         variant=("wave " if wave else "") + ", ".join(found),
         bound=True,
         sizes=(1.0,),
+        form=COURSE_FORM,
     )

@@ -17,6 +17,8 @@ from .variations import Variations, joined
 POINTS, MIDDLE = 6, 2.5
 LAGRANGE = np.linalg.inv(np.vander(np.arange(POINTS) - MIDDLE, POINTS, increasing=True)).T
 """(points, powers): the polynomial that is 1 at a point and 0 at the others, in powers of the place from their middle."""
+ALONG_SHARE = 0.01
+"""Of a number's own step: motions go further than their numbers."""
 
 
 class TowSeen:
@@ -50,15 +52,22 @@ class TowSeen:
         ----------
         path : (states, nodes, runs); changes : (nodes, runs, states, numbers) of it
         """
-        size, direct = len(path), group.seen()
+        # each state is moved, or, where what is seen depends on the past, the whole path along with each number
+        small = ALONG_SHARE * group.steps[None, :, None, :]
+        along = small * changes if group.remembers else None
+        size, direct = len(path) if along is None else group.size, group.seen()
         numbers, _ = joined([group.columns(direct, size)], lags_s)
         whole = np.repeat(path[..., None], numbers.six.shape[1], axis=3)
-        for s in range(size):
-            whole[s, ..., 1 + s] += STATE_STEP
+        if along is None:
+            for s in range(size):
+                whole[s, ..., 1 + s] += STATE_STEP
+        else:
+            whole[..., 1 : 1 + size] += along.transpose(2, 0, 1, 3)
         with np.errstate(all="ignore"):
             series = self._series(numbers, whole)
-            by_state = ((series[..., 1 : 1 + size] - series[..., :1]) / STATE_STEP).transpose(0, 2, 1, 3)
-            slope = by_state @ changes  # (nodes, runs, 4, numbers)
+            moved = (series[..., 1 : 1 + size] - series[..., :1]).transpose(0, 2, 1, 3)
+            # (nodes, runs, 4, numbers)
+            slope = moved / STATE_STEP @ changes if along is None else moved / small
             own = (series[..., 1 + size :] - series[..., :1]) / group.steps[None, None][..., direct]
             slope[..., direct] += own.transpose(0, 2, 1, 3)
         answers = []

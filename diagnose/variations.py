@@ -91,6 +91,11 @@ class Variations:
                 found += range(at, at + len(numbers))
         return tuple(found)
 
+    @property
+    def remembers(self) -> bool:
+        """Whether what is seen at one time depends on the motion before it."""
+        return any(e.remembers and not _absent(e, n) for e, n, _ in self.each())
+
     def columns(self, moved: Sequence[int], still: int, probed: bool = False) -> Block:
         """As it stands, ``still`` times more the same, each number of ``moved`` moved, and the two probes."""
         first = 1 + still
@@ -106,7 +111,7 @@ class Variations:
             if effect.correct is not None:
                 continue
             own_columns = {k - at: first + c for c, k in enumerate(moved) if at <= k < at + len(numbers)}
-            absent = (numbers == [p.none for p in effect.parameters]).all()
+            absent = _absent(effect, numbers)
             # an effect that is absent works only where it is moved
             begin, end = (
                 (min(own_columns.values(), default=0), max(own_columns.values(), default=-1) + 1)
@@ -130,6 +135,10 @@ class Variations:
             change[k, :, 6 + k] = 1.0
         rows = [0, 1, 2, 3] + [2, 3] * len(lags_s)
         return base[rows], change[rows]
+
+
+def _absent(effect: Effect, numbers: Array) -> bool:
+    return bool((numbers == [p.none for p in effect.parameters]).all())
 
 
 def joined(blocks: Sequence[Block], lags_s: tuple[float, ...]) -> tuple[Numbers, list[int]]:

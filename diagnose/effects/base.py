@@ -126,6 +126,7 @@ class Effect:
     clock : (t_s, *numbers) -> change of time, s
     observe : (seen, *numbers) -> change of measured x, y, beta, marker distance
     correct : (run, datum fit, *numbers) -> (run, mapping) as they would be without the fault
+    remembers : what ``observe`` gives at one time depends on the motion before it
     when : (run's name, (n,) s) -> (n,) share of that fault at work; None: always and in all runs
     lag_s : time constant of ``v_lag``, ``r_lag``
     variant : tells effects of one name apart
@@ -152,6 +153,7 @@ class Effect:
     clock: Callable[..., Any] | None = None
     observe: Callable[..., tuple[Any, Any, Any, Any]] | None = None
     correct: Callable[..., tuple[Any, Any]] | None = None
+    remembers: bool = False
     when: Callable[[str, Array], Array] | None = None
     lag_s: float = 0.0
     variant: str = ""

@@ -199,6 +199,7 @@ ROLLING = tuple(
             Parameter("turn_rad_m", "rad/m", 0.05),
         ),
         observe=_rolling,
+        remembers=True,
         form=ROLL_FORM,
         variant=f"of about {period:g} s",
     )

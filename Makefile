@@ -1,4 +1,4 @@
-# make demo        the main job on the sample videos        make test   lint and tests
+# make demo        the main job on the sample videos        make test   lint and tests        make docs   build/site/index.html
 # KORNIA=0         leaves torch and kornia out              PYTHON=...  another interpreter (3.11 or newer)
 PYTHON ?= python3
 KORNIA ?= 1
@@ -33,6 +33,8 @@ lint: $(VENV)/.test-$(STAMP)
 
 docs: $(VENV)/.test-$(STAMP)
 	$(BIN)/python -m towline.record.reference > docs/formats/reference.md
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	@echo "build/site/index.html"
 
 # A virtual environment with only python3 and pip: the standard venv where its ensurepip is there, else virtualenv from pip.
 $(BIN)/python:

@@ -492,8 +492,8 @@ def _steady_and_write(options: argparse.Namespace, batch: Any, out: Path) -> Any
 def _run(options: argparse.Namespace) -> int:
     from .analysis import Batch, has_tension, output_folder, wants_steady
     from .record.errors import TowlineError
-    from .report import RunPage, write_page
-    from .stages import picture_of, truth_motion
+    from .report import write_page
+    from .stages import run_page
 
     batch = _batch(options, options.fresh)
     out = options.out or output_folder(options.runs)
@@ -533,19 +533,7 @@ def _run(options: argparse.Namespace) -> int:
     options.outcome.result |= {"problems": problems, "remarks": remarks}
     for note in notes:
         print(f"towline: {note}", file=sys.stderr)
-    pages = [
-        RunPage(
-            name=m.run.name,
-            picture=picture_of(m.run, m.tracks),
-            tracks=m.tracks,
-            motion=m.motion,
-            fitted=fitted.get(m.run.name),
-            truth=truth_motion(m.run),
-            camera=m.camera,
-            problem=failed.get(m.run.name),
-        )
-        for m in batch.runs
-    ]
+    pages = [run_page(m, fitted.get(m.run.name), failed.get(m.run.name)) for m in batch.runs]
     page = out / "report.html"
     title = pages[0].name if len(pages) == 1 else f"{out.parent.name}: {len(pages)} runs"
     derivatives = identified.result if identified is not None else None

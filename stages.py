@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from .geometry import DatumFit
+    from .report import RunPage
     from .vision import ClipInfo, Frame, Tracking
 
 TRACKS, MARKS, MOTION, COMMON, CAMERA = "tracks.csv", "marks.csv", "motion.csv", "motion_common.npy", "camera.json"
@@ -415,6 +416,15 @@ def truth_motion(run: Run) -> pd.DataFrame | None:
     return None
 
 
+def run_page(m: Moved, fitted: pd.DataFrame | None, problem: str | None) -> RunPage:
+    """What a page shows of a run: its picture, tracks and motion beside a fit, or why there is none."""
+    from .report import RunPage
+
+    return RunPage(
+        m.run.name, picture_of(m.run, m.tracks), m.tracks, m.motion, fitted, truth_motion(m.run), m.camera, problem
+    )
+
+
 def picture_of(run: Run, tracks: pd.DataFrame | None, share: float = 0.15) -> np.ndarray | None:
     """A frame of the run with its marks drawn, (h, w, 3) BGR; None without a video."""
     if run.file.source.video is None or tracks is None or tracks.empty:
@@ -458,6 +468,7 @@ __all__ = [
     "moved",
     "picture_of",
     "read_priors",
+    "run_page",
     "tracked",
     "truth_motion",
     "truth_of",

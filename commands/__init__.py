@@ -9,6 +9,7 @@ from types import ModuleType
 def modules() -> tuple[ModuleType, ...]:
     """The commands' modules, in the order of ``towline --help``."""
     from . import (
+        app,
         blind,
         campaign,
         check,
@@ -27,6 +28,7 @@ def modules() -> tuple[ModuleType, ...]:
 
     return (
         init,
+        app,
         campaign,
         check,
         diagnose,

@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..record.files import write_text
-from .draw import BLACK, BLUE, GREY, label, legend, new_figure, svg_image
+from .draw import BLACK, BLUE, GREY, Columns, label, legend, new_figure, svg_image
 from .html import Html, figure, number, table, tag
-from .page import document
+from .page import document, write_document
 
 if TYPE_CHECKING:
     from ..blind.check import Outcome
@@ -17,10 +16,10 @@ if TYPE_CHECKING:
 
 def write_blind_page(path: Path, outcome: Outcome) -> None:
     """Write the page atomically."""
-    write_text(path, blind_page(outcome))
+    write_document(path, blind_page(outcome))
 
 
-def blind_page(outcome: Outcome) -> str:
+def blind_page(outcome: Outcome) -> Html:
     """The page as text."""
     parts = [
         tag("h1", f"Blind check of the diagnosis: {len(outcome.cases)} campaigns"),
@@ -37,10 +36,12 @@ def reliability_figure(bins: list[Bin]) -> Html:
     from ..blind.scores import interval
 
     drawing, (ax,) = new_figure(3.6)
+    rows: list[tuple[float, ...]] = []
     ax.plot([0, 1], [0, 1], color=GREY, linewidth=1, linestyle="--", label="honest")
     for k, part in enumerate(bins):
         share = part.right / part.count
         low, high = interval(part.right, part.count)
+        rows.append((part.mean, share, low, high, part.count))
         ax.plot([part.mean, part.mean], [low, high], color=BLUE, linewidth=1.4)
         named = "answers, 95 % interval" if k == 0 else None
         ax.plot([part.mean], [share], "o", color=BLUE, label=named)
@@ -50,7 +51,9 @@ def reliability_figure(bins: list[Bin]) -> Html:
     label(ax, x="stated probability of the answer", y="share that was right")
     legend(ax, place="best")
     words = "Answers by stated probability; beside a point, how many. Above the line: too modest; below: too sure."
-    return figure(svg_image(drawing, "share of right answers over stated probability"), words)
+    head = ("stated_probability", "share_right", "from_95", "to_95", "answers")
+    data: dict[str, Columns] = {"": dict(zip(head, (list(c) for c in zip(*rows)), strict=False))}
+    return figure(svg_image(drawing, "share of right answers over stated probability", "reliability", data), words)
 
 
 def _scores(scores: list[Score]) -> Html:

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..record.errors import TowlineError
-from ..record.files import write_text
 from ..record.results import DerivativesFile, SteadyFile, read_result
-from .draw import BLUE, GREY, TEXT_PT, VERMILION, svg_image
+from .draw import BLUE, GREY, TEXT_PT, VERMILION, Columns, svg_image
 from .html import Html, figure, number, table, tag
-from .page import document
+from .page import document, write_document
 from .sections import derivatives_section, failed_box
 from .steady_section import steady_section
 
@@ -37,10 +37,10 @@ SHOWN = (
 
 def write_campaign_page(path: Path, found: Campaign) -> None:
     """Write the page atomically."""
-    write_text(path, campaign_page(found))
+    write_document(path, campaign_page(found))
 
 
-def campaign_page(found: Campaign) -> str:
+def campaign_page(found: Campaign) -> Html:
     """The page as text."""
     good = [a for a in found.runs if not a.reason]
     title = f"Campaign {found.folder.resolve().name}"
@@ -86,7 +86,7 @@ def _runs(good: list[Answer]) -> Html:
         ]
         rows.append([tag("strong", a.name), a.job, a.wants or "motion", *cells])
     head = ["run", "folder", "good for", *(words for _, words, *_ in SHOWN)]
-    return tag("div", table(head, rows), class_="scroll")
+    return tag("div", table(head, rows, kind="wide"), class_="scroll")
 
 
 def runs_figure(found: Campaign, good: list[Answer]) -> Html:
@@ -102,15 +102,21 @@ def runs_figure(found: Campaign, good: list[Answer]) -> Html:
     width, height = PANEL_IN
     drawing = Figure(figsize=(COLUMNS * width, lines * height + 0.3))
     axes = drawing.subplots(lines, COLUMNS, squeeze=False, sharex=True).ravel()
+    data: dict[str, Columns] = {}
     for k, (ax, a) in enumerate(zip(axes, good, strict=False), 1):
         run = read_run(found.folder / a.job)
         path = run.source_path if run.file.source.motion is not None else run.out / "motion.csv"
         motion = read_motion(path)
         t_s, measured = motion["t_s"].to_numpy(), (motion["status"] == "measured").to_numpy()
         thin = slice(None, None, max(1, len(t_s) // 300))
-        for column, factor, colour in (("y_cg_m", 100.0, BLUE), ("beta_rad", float(np.degrees(1.0)), VERMILION)):
+        part: dict[str, ArrayLike] = {"run": a.name, "t_s": t_s[thin]}
+        for column, factor, colour, name in (
+            ("y_cg_m", 100.0, BLUE, "y_cg_cm"), ("beta_rad", float(np.degrees(1.0)), VERMILION, "beta_deg"),
+        ):  # fmt: skip
             values = np.where(measured, factor * motion[column].to_numpy(dtype=float), np.nan)
+            part[name] = values[thin]
             ax.plot(t_s[thin], values[thin], color=colour, linewidth=0.9)
+        data[str(k)] = part
         ax.axhline(0, color=GREY, linewidth=0.4)
         ax.tick_params(labelsize=TEXT_PT - 3, length=2)
         ax.text(0.98, 0.95, str(k), transform=ax.transAxes, ha="right", va="top", fontsize=TEXT_PT - 1.5, color=GREY)
@@ -123,7 +129,7 @@ def runs_figure(found: Campaign, good: list[Answer]) -> Html:
     caption = (
         "Every run in the table's order: y in cm (blue) and heading in degrees (vermilion); gaps were not measured."
     )
-    return figure(svg_image(drawing, "runs at a glance"), caption)
+    return figure(svg_image(drawing, "runs at a glance", "runs", data), caption)
 
 
 __all__ = ["campaign_page", "runs_figure", "write_campaign_page"]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .draw import BLACK, BLUE, GREY, VERMILION, label, legend, new_figure, svg_image, time_limits
+from .draw import BLACK, BLUE, GREY, VERMILION, Columns, label, legend, new_figure, svg_image, time_limits
 from .html import Html, figure, join
 from .series import Array
 
@@ -31,6 +31,7 @@ def invariants_figure(found: Checked) -> Html:
     parts = []
     for index, run in enumerate(found.runs):
         t_s, series = _residuals(found, index)
+        data: dict[str, Columns] = {name: {"t_s": t_s, "off_mm": 1e3 * values} for name, values in series.items()}
         drawing, axes = new_figure(1.7 * len(series) + 0.5, tuple([1.0] * len(series)))
         for ax, (name, values) in zip(axes, series.items(), strict=True):
             ax.plot(t_s, 1e3 * values, color=BLUE, linewidth=0.6, rasterized=True)
@@ -53,25 +54,28 @@ def invariants_figure(found: Checked) -> Html:
         label(axes[-1], x="t (s)")
         time_limits(axes, t_s)
         words = f"{run.name}: {', '.join(series)}: measured minus stated. They should lie on 0 whatever the hull does."
-        parts.append(figure(svg_image(drawing, f"invariants of {run.name} over time"), words))
+        shown = svg_image(drawing, f"invariants of {run.name} over time", f"run-{index + 1}-invariants", data)
+        parts.append(figure(shown, words))
     return join(parts)
 
 
 def map_figure(file: CheckFile) -> Html:
     """Common error over the working area."""
     grid = file.uncertainty
-    drawing, axes = new_figure(3.0, columns=2)
+    drawing, axes = new_figure(3.3, columns=2)
     for ax, values, name in zip(axes, (grid.x_mm, grid.y_mm), ("x", "y"), strict=True):
         lines = ax.contourf(grid.y_m, grid.x_m, np.array(values).T, levels=8, cmap="cividis")
         bar = drawing.colorbar(lines, ax=ax)
         bar.ax.tick_params(labelsize=8)
-        bar.set_label(f"standard deviation of {name}, mm", fontsize=8)
-        label(ax, x="y (m)", y="x (m)")
+        ax.set_title(f"sd of {name} (mm)", fontsize=9.5, color=BLACK, pad=3)
+        label(ax, x="y (m)", y="x (m)" if name == "x" else "")
     words = (
         "What camera, datum picks and heights leave open about a place, common to the whole run: it does not average away. "
         "Datum picks nearer to the working area, or finer ones, make it smaller."
     )
-    return figure(svg_image(drawing, "map of the common error of places"), words)
+    y_m, x_m = (part.ravel() for part in np.meshgrid(grid.y_m, grid.x_m, indexing="ij"))
+    data = {"x_m": x_m, "y_m": y_m, "sd_x_mm": np.ravel(grid.x_mm), "sd_y_mm": np.ravel(grid.y_mm)}
+    return figure(svg_image(drawing, "map of the common error of places", "map", {"": data}), words)
 
 
 def picture_figure(found: Checked) -> Html | None:
@@ -82,12 +86,24 @@ def picture_figure(found: Checked) -> Html | None:
     residual = found.datum.residual_px
     drawing, (ax,) = new_figure(4.0)
     drawn = None
+    data: dict[str, Columns] = {
+        "datum": {
+            "name": [p.name for p in points],
+            "u_px": pixel[:, 0],
+            "v_px": pixel[:, 1],
+            "picked_minus_projected_u_px": residual[:, 0],
+            "picked_minus_projected_v_px": residual[:, 1],
+        }
+    }
     for index, film in enumerate(found.check.bundle.films):
         left = found.check.null.normal.left[index]
         off = np.sqrt((left**2).sum(axis=1))
         for mark in range(film.pixel_px.shape[1]):
+            u_px, v_px = film.pixel_px[:, mark].T
+            name = f"run {index + 1}, mark {mark + 1}"
+            data[name] = {"name": name, "u_px": u_px, "v_px": v_px, "misfit_sigma": off}
             drawn = ax.scatter(
-                *film.pixel_px[:, mark].T, c=off, s=4, cmap="cividis", vmin=0, vmax=max(3.0, np.nanmax(off))
+                u_px, v_px, c=off, s=4, cmap="cividis", vmin=0, vmax=max(3.0, np.nanmax(off)), rasterized=True
             )
     if drawn is not None:
         bar = drawing.colorbar(drawn, ax=ax)
@@ -107,4 +123,4 @@ def picture_figure(found: Checked) -> Html | None:
     words = (
         f"Arrows: picked minus projected, {times:g} times enlarged; dots: marks, by how badly their frame fits. {names}"
     )
-    return figure(svg_image(drawing, "datum residuals and marks in the picture"), words)
+    return figure(svg_image(drawing, "datum residuals and marks in the picture", "picture", data), words)

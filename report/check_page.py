@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..record.files import write_text
 from .check_figures import invariants_figure, map_figure, picture_figure
 from .format import significant
 from .html import Html, bullets, join, number, table, tag
-from .page import document
+from .page import document, write_document
 
 if TYPE_CHECKING:
     from ..checking import Checked
@@ -22,10 +21,10 @@ VERDICTS = {"sound": "The camera geometry is sound", "fault": "Something is wron
 
 def write_check_page(path: Path, found: Checked) -> None:
     """Write the page atomically."""
-    write_text(path, check_page(found))
+    write_document(path, check_page(found))
 
 
-def check_page(found: Checked) -> str:
+def check_page(found: Checked) -> Html:
     """The page as text."""
     file = found.file
     title = f"Camera check: {', '.join(file.runs)}"

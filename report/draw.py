@@ -7,17 +7,20 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Literal
 
-from numpy.typing import NDArray
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from .html import Html, image
+from .html import Drawn, Html, image
 from .series import Array, Mask, with_gaps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+Columns = Mapping[str, ArrayLike]
 # Okabe and Ito's colour-blind-safe palette, without its yellow (too pale for a bright hall)
 BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00"
 BLACK, GREY, SHADE = "#1A1A1A", "#595959", "#DADADA"
@@ -44,7 +47,7 @@ def new_figure(height_in: float, ratios: tuple[float, ...] = (1.0,), *, columns:
         "top": 1 - top / height_in,
     }
     if columns > 1:
-        grid = figure.add_gridspec(1, columns, wspace=0.3, **edges)
+        grid = figure.add_gridspec(1, columns, wspace=0.36, **edges)
         axes = [figure.add_subplot(grid[0, k]) for k in range(columns)]
     else:
         grid = figure.add_gridspec(len(ratios), 1, height_ratios=ratios, hspace=0.1, **edges)
@@ -130,11 +133,31 @@ def time_limits(axes: list[Axes], t_s: Array) -> None:
         axes[0].set_xlim(float(t_s[0]), float(t_s[-1]))
 
 
-def svg_image(figure: Figure, alternative: str) -> Html:
-    """The figure as an inline SVG image, the same bytes for the same data."""
+def svg_image(figure: Figure, alternative: str, name: str, data: Mapping[str, Columns]) -> Html:
+    """The figure as an inline SVG image, the same bytes for the same data, with what was drawn in it.
+
+    Parameters
+    ----------
+    alternative : what a screen reader says
+    name : of the picture in its page
+    data : part of the picture -> its columns, arrays of one length or one value for all, units in their names; the table's column
+        ``series`` says which part a row is of, but of a picture of one nameless part
+    """
     stream = io.BytesIO()
     figure.savefig(stream, format="svg", dpi=DOTS_PER_INCH, metadata={"Date": None, "Creator": None})
-    return image(_renumbered(stream.getvalue()), "image/svg+xml", alternative)
+    return image(_renumbered(stream.getvalue()), "image/svg+xml", alternative, (drawn(alternative, name, data),))
+
+
+def drawn(what: str, name: str, data: Mapping[str, Columns]) -> Drawn:
+    """Parts of a picture as one table; parameters as ``svg_image``."""
+    import pandas as pd
+
+    parts = []
+    for series, columns in data.items():
+        size = next((np.size(values) for values in columns.values() if np.ndim(values)), 1)
+        part = {key: np.broadcast_to(np.asarray(values), size) for key, values in columns.items()}
+        parts.append(pd.DataFrame({"series": np.full(size, series, dtype=object), **part} if series else part))
+    return Drawn(name, what, pd.concat(parts, ignore_index=True) if parts else pd.DataFrame())
 
 
 def _renumbered(svg: bytes) -> bytes:

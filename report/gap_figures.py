@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from .draw import BLACK, BLUE, GREEN, GREY, VERMILION, label, legend, new_figure, svg_image
+from .draw import BLACK, BLUE, GREEN, GREY, TEXT_PT, VERMILION, Columns, label, legend, new_figure, svg_image
 from .html import Html, figure, join
 
 if TYPE_CHECKING:
@@ -26,9 +27,10 @@ def ladder_figure(file: GapFile) -> Html:
     ax.barh([name.replace("_", " ") for name, _ in rows], [p for _, p in rows], color=BLUE, height=0.6)
     ax.set_xlim(0, 1)
     label(ax, x="probability")
-    return figure(
-        svg_image(drawing, "probabilities of the hypotheses"), "Half of the prior stands for nothing missing."
-    )
+    names, values = zip(*rows, strict=True)
+    data = {"": {"hypothesis": names, "probability": values}}
+    shown = svg_image(drawing, "probabilities of the hypotheses", "hypotheses", data)
+    return figure(shown, "Half of the prior stands for nothing missing.")
 
 
 def stage_figure(file: GapFile) -> Html:
@@ -43,7 +45,12 @@ def stage_figure(file: GapFile) -> Html:
     axes[1].barh(numbers, list(runs.values()), color=GREEN, height=0.6)
     label(axes[1], x="share of the gap by run", y="run")
     names = ", ".join(f"{k + 1} {name}" for k, name in enumerate(runs))
-    return figure(svg_image(drawing, "stages and runs"), f"Where the difference lies. Runs: {names}")
+    data = {
+        "stage": {"name": list(share), "share": list(share.values())},
+        "run": {"name": list(runs), "share": list(runs.values())},
+    }
+    shown = svg_image(drawing, "stages and runs", "where", data)
+    return figure(shown, f"Where the difference lies. Runs: {names}")
 
 
 def drop_figure(found: Diagnosis) -> Html:
@@ -54,15 +61,17 @@ def drop_figure(found: Diagnosis) -> Html:
     step = found.inference.simulator.step_s
     drawing, axes = new_figure(0.75 * len(drop) + 0.6, tuple([1.0] * len(drop)))
     top = max(float(np.max(d)) for d in drop.values())
+    data: dict[str, Columns] = {}
     for ax, (index, values) in zip(axes, enumerate(drop.values()), strict=True):
         t_s = (np.arange(len(values)) + 0.5) * step
+        data[f"run {index + 1}"] = {"t_s": t_s, "taken_away_sigma2": np.maximum(values, 0)}
         ax.fill_between(t_s, 0, np.maximum(values, 0), color=VERMILION, linewidth=0, step="mid")
         ax.set_ylim(0, 1.05 * max(top, 1.0))
         ax.text(0.99, 0.85, f"run {index + 1}", transform=ax.transAxes, fontsize=8, ha="right", va="top", color=GREY)
     label(axes[-1], x="t (s)")
-    label(axes[len(axes) // 2], y="misfit taken away, sigma squared")
+    drawing.supylabel("taken away (σ²)", fontsize=TEXT_PT + 0.5, x=0.02)
     return figure(
-        svg_image(drawing, "misfit over time"),
+        svg_image(drawing, "misfit over time", "when", data),
         "When it shows: squared misfit, in units of the noise, that the effect takes away.",
     )
 
@@ -75,25 +84,22 @@ def runs_figure(found: Diagnosis) -> Html:
     for index, run in enumerate(found.inference.simulator.runs):
         drawing, axes = new_figure(2.2, columns=2)
         t_s = run.centre_s
+        data: dict[str, ArrayLike] = {"t_s": t_s}
         for ax, channel, unit, scale in ((axes[0], 0, "y, mm", 1e3), (axes[1], 1, "heading, degrees", np.degrees(1.0))):
-            before = scale * base.linear.rows[index][0][:, channel]
+            name = ("y{}_mm", "beta{}_deg")[channel]
+            before = data[name.format("_as_it_is")] = scale * base.linear.rows[index][0][:, channel]
             ax.plot(t_s, before, color=VERMILION, linewidth=1.0, label="as it is")
             if after is not None:
-                ax.plot(
-                    t_s,
-                    scale * after.linear.rows[index][0][:, channel],
-                    color=BLUE,
-                    linewidth=1.0,
-                    label="with the effect",
-                )
-            sd = scale * np.sqrt(np.median(np.diag(run.covariance[channel])))
+                left = data[name.format("_with_the_effect")] = scale * after.linear.rows[index][0][:, channel]
+                ax.plot(t_s, left, color=BLUE, linewidth=1.0, label="with the effect")
+            sd = data[name.format("_sigma")] = float(scale * np.sqrt(np.median(np.diag(run.covariance[channel]))))
             ax.axhspan(-2 * sd, 2 * sd, color="#DDDDDD", zorder=0)
             ax.axhline(0, color=BLACK, linewidth=0.6)
             label(ax, x="t (s)", y=unit)
         legend(axes[0], place="best", columns=1)
         parts.append(
             figure(
-                svg_image(drawing, f"residuals of {run.name}"),
+                svg_image(drawing, f"residuals of {run.name}", f"run-{index + 1}", {"": data}),
                 f"{run.name}: measured minus simulated; grey: two sigma of the measurement.",
             )
         )

@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..record.files import write_text
 from .format import significant
 from .gap_figures import drop_figure, ladder_figure, runs_figure, stage_figure
 from .html import Html, bullets, number, table, tag
-from .page import document
+from .page import document, write_document
 
 if TYPE_CHECKING:
     from ..diagnosing import Diagnosed
@@ -20,10 +19,10 @@ HEADLINES = {"no_gap": "No gap", "effect": "An effect is missing", "unknown": "S
 
 def write_gap_page(path: Path, found: Diagnosed) -> None:
     """Write the page atomically."""
-    write_text(path, gap_page(found))
+    write_document(path, gap_page(found))
 
 
-def gap_page(found: Diagnosed) -> str:
+def gap_page(found: Diagnosed) -> Html:
     """The page as text."""
     file = found.diagnosis.file
     parts: list[object] = [
@@ -68,7 +67,9 @@ def _ranking(file: GapFile) -> Html:
         "Gap: root mean square of what the simulator misses in y and heading on runs kept aside, over the noise (1 = noise). "
         "Shrink: share of the excess that goes away, with its 90 % interval."
     )
-    return table(["hypothesis", "probability", "gap before", "after", "shrink", "size"], rows, caption=words)
+    return table(
+        ["hypothesis", "probability", "gap before", "after", "shrink", "size"], rows, kind="wraps", caption=words
+    )
 
 
 def _not_told(file: GapFile) -> Html:

@@ -6,12 +6,44 @@ import base64
 import html
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FIGURES = "figures"
+"""Stands in the links to a page's data until the page has a name: ``write_document`` puts the folder's in its place."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What a picture was drawn from.
+
+    Attributes
+    ----------
+    name : of the CSV beside the page, without its suffix; a page has each once
+    what : in words
+    table : every number that was drawn, in the picture's units, which stand in the columns' names
+    """
+
+    name: str
+    what: str
+    table: pd.DataFrame
 
 
 class Html(str):
-    """Markup that may go into a page as it stands."""
+    """Markup that may go into a page as it stands, with the data of the pictures in it.
 
-    __slots__ = ()
+    ``tag`` and ``join`` hand the data on from part to whole, so that they reach whoever writes the page.
+    """
+
+    drawn: tuple[Drawn, ...]
+
+    def __new__(cls, text: str, drawn: tuple[Drawn, ...] = ()) -> Html:
+        made = super().__new__(cls, text)
+        made.drawn = drawn
+        return made
 
 
 def safe(content: object) -> Html:
@@ -21,13 +53,15 @@ def safe(content: object) -> Html:
 
 def join(parts: Iterable[object], between: str = "") -> Html:
     """The parts one after another."""
-    return Html(safe(between).join(safe(part) for part in parts))
+    whole = [safe(part) for part in parts]
+    return Html(safe(between).join(whole), tuple(one for part in whole for one in part.drawn))
 
 
 def tag(name: str, *content: object, **attributes: str) -> Html:
     """``<name attribute="...">content</name>``; a trailing underscore in an attribute's name is dropped."""
     written = "".join(f' {key.rstrip("_")}="{safe(value)}"' for key, value in attributes.items())
-    return Html(f"<{name}{written}>{join(content)}</{name}>")
+    inner = join(content)
+    return Html(f"<{name}{written}>{inner}</{name}>", inner.drawn)
 
 
 def number(text: str) -> Html:
@@ -52,15 +86,18 @@ def table(head: Sequence[object], rows: Iterable[Sequence[object]], *, kind: str
     return tag("div", inner, class_="scroll")
 
 
-def figure(image: Html, caption: object, *, before: object = "", kind: str = "") -> Html:
-    """A picture with its caption below and an optional key above."""
-    return tag("figure", before, image, tag("figcaption", Html(safe(caption).replace(" %", "\u00a0%"))), class_=kind)
+def figure(image: Html, caption: object, *, before: object = "", of: str = "") -> Html:
+    """A picture with its caption below, which leads to its data, and an optional key above; ``of`` begins the data's name."""
+    drawn = tuple(replace(one, name=f"{of}-{one.name}" if of else one.name) for one in image.drawn)
+    links = [Html(f' <a class="data" href="{FIGURES}/{one.name}.csv">{one.name}.csv</a>') for one in drawn]
+    words = Html(safe(caption).replace(" %", "\u00a0%"))
+    return tag("figure", before, Html(image, drawn), tag("figcaption", words, *links))
 
 
-def image(data: bytes, media_type: str, alternative: str) -> Html:
+def image(data: bytes, media_type: str, alternative: str, drawn: tuple[Drawn, ...] = ()) -> Html:
     """An inline image; ``alternative`` is what a screen reader says."""
     coded = base64.b64encode(data).decode("ascii")
-    return Html(f'<img src="data:{media_type};base64,{coded}" alt="{safe(alternative)}">')
+    return Html(f'<img src="data:{media_type};base64,{coded}" alt="{safe(alternative)}">', drawn)
 
 
 def bullets(items: Iterable[object]) -> Html:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .draw import BLACK, BLUE, GREEN, GREY, ORANGE, SHADE, label, legend, new_figure, svg_image
+from .draw import BLACK, BLUE, GREEN, GREY, ORANGE, SHADE, Columns, label, legend, new_figure, svg_image
 from .html import Html
 from .series import Array, Residuals, cross_correlation, usual_step
 
@@ -30,6 +30,7 @@ def consistency_figure(fit: Fit, found: Consistency, shown: tuple[int, ...]) -> 
     height = 0.42 * len(found.alone) + 1.6
     drawing, axes = new_figure(height, columns=len(shown))
     rows = np.arange(len(found.alone))[::-1]
+    bars: dict[str, list[tuple[str, float, float, float]]] = {}
     for place, (i, ax) in enumerate(zip(shown, axes, strict=True)):
         joint = 196 * float(np.sqrt(fit.covariance[i, i]) / abs(fit.six[i]))
         ax.axvspan(-joint, joint, color=SHADE, zorder=0.5, label="joint")
@@ -47,6 +48,8 @@ def consistency_figure(fit: Fit, found: Consistency, shown: tuple[int, ...]) -> 
                     linewidth=1.3, label=name,
                 )  # fmt: skip
                 reach = max(reach, abs(value) + bar)
+                bars.setdefault(name, []).append((_ORDER[i], len(rows) - float(row), value, bar))
+        bars.setdefault("joint", []).append((_ORDER[i], np.nan, 0.0, joint))
         tick = _round_below(0.85 * reach)
         ax.set_xlim(-1.08 * reach, 1.08 * reach)
         ax.set_xticks([-tick, 0, tick], [f"−{tick:g}", "0", f"{tick:g}"])
@@ -60,7 +63,12 @@ def consistency_figure(fit: Fit, found: Consistency, shown: tuple[int, ...]) -> 
     grid.update(left=0.08, right=0.99, wspace=0.14, bottom=0.52 / height, top=1 - 0.36 / height)
     for place, ax in enumerate(axes):  # room for the titles
         ax.set_position(grid[0, place].get_position(drawing))
-    return svg_image(drawing, "estimates of each run alone and of all runs without it, against the joint fit")
+    head = ("derivative", "run", "difference_percent", "half_95_percent")
+    data: dict[str, Columns] = {
+        name: dict(zip(head, (list(c) for c in zip(*some)), strict=True)) for name, some in bars.items()
+    }
+    words = "estimates of each run alone and of all runs without it, against the joint fit"
+    return svg_image(drawing, words, "consistency-" + "-".join(str(i + 1) for i in shown), data)
 
 
 def _round_below(value: float) -> float:
@@ -81,8 +89,10 @@ def cross_figure(one: Judged) -> Html:
     step = usual_step(one.t_s)
     every = max(1, round(LAG_S / LAGS / step)) if step > 0 else 1
     lags = every * np.arange(-LAGS, LAGS + 1)
+    data: dict[str, Columns] = {}
     for ax, channel, colour, name in ((axes[0], 0, BLUE, "y"), (axes[1], 1, ORANGE, "β")):
         rho, bound = cross_correlation(one.white[:, channel], one.force_n, lags)
+        data["y" if channel == 0 else "beta"] = {"lag_s": lags * step, "correlation": rho, "independent_95": bound}
         ax.vlines(lags * step, 0, rho, color=colour, linewidth=1.4)
         ax.plot(lags * step, rho, linestyle="", marker="o", markersize=2.5, color=colour)
         ax.axhline(0, color=BLACK, linewidth=0.8)
@@ -93,7 +103,7 @@ def cross_figure(one: Judged) -> Html:
         ends = max(1.6 * bound, -1.1 * low, 1.1 * high)
         ax.set_ylim(-ends, ends)
         label(ax, "lag of the residual (s)", f"correlation, {name} (–)")
-    return svg_image(drawing, "cross-correlation of the residuals with the line force")
+    return svg_image(drawing, "cross-correlation of the residuals with the line force", "cross", data)
 
 
 def estimators_figure(names: list[str], values: Array, sds: Array, reference: Array, reference_sd: Array) -> Html:
@@ -107,15 +117,21 @@ def estimators_figure(names: list[str], values: Array, sds: Array, reference: Ar
     drawing, (ax,) = new_figure(0.34 * len(names) + 0.9)
     rows = np.arange(len(names))[::-1]
     size = np.abs(reference)
+    columns = {
+        "derivative": names,
+        "difference_percent": 100 * (values - reference) / size,
+        "half_95_percent": 196 * sds / size,
+        "reference_half_95_percent": 196 * reference_sd / size,
+    }
     known = reference_sd > 0
     if known.any():
         ax.errorbar(
-            np.zeros(len(names))[known], rows[known], xerr=(196 * reference_sd / size)[known], color=GREEN, linestyle="",
+            np.zeros(len(names))[known], rows[known], xerr=columns["reference_half_95_percent"][known], color=GREEN, linestyle="",
             marker="D", markersize=5, capsize=3, label="reference, 95 %",
         )  # fmt: skip
     ax.axvline(0, color=GREEN, linewidth=1.4, label=None if known.any() else "reference")
     ax.errorbar(
-        100 * (values - reference) / size, rows, xerr=196 * sds / size, color=BLUE, linestyle="", marker="o",
+        columns["difference_percent"], rows, xerr=columns["half_95_percent"], color=BLUE, linestyle="", marker="o",
         markersize=5, capsize=3, label="this fit, 95 %",
     )  # fmt: skip
     low, high = ax.get_xlim()
@@ -125,7 +141,7 @@ def estimators_figure(names: list[str], values: Array, sds: Array, reference: Ar
     ax.set_yticks(rows, [SYMBOLS[_ORDER.index(name)] for name in names])
     legend(ax, place="best", columns=1)
     label(ax, "difference to the reference (% of its size)")
-    return svg_image(drawing, "the fit against the reference")
+    return svg_image(drawing, "the fit against the reference", "reference", {"": columns})
 
 
 _ORDER = ("m_minus_y_vdot", "i_minus_n_rdot", "y_v", "y_r_minus_mu", "n_v", "n_r")

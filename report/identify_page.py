@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..record.files import write_text
+from .dynamics_figures import Answer, bode_figure, orbits_figure, spectrum_figure
 from .format import NONE, SYMBOLS_TEXT, plus_minus, significant, to_decimals
 from .html import Html, bullets, figure, join, number, table, tag, unit
 from .identify_figures import consistency_figure, cross_figure, estimators_figure, white_residuals
-from .page import document
+from .page import document, write_document
 from .run_figures import motion_figure, residuals_figure, whiteness_figure
-from .run_section import RunPage, frames_of
+from .run_section import ORBITS, SPECTRUM, RunPage, frames_of
 from .sections import SYMBOLS_HTML, Frames, derivatives_section, failed_box, summary
 from .series import residuals
 
@@ -59,10 +59,10 @@ class FitPage:
 
 def write_identify_page(path: Path, found: FitPage) -> None:
     """Write the page atomically."""
-    write_text(path, identify_page(found))
+    write_document(path, identify_page(found))
 
 
-def identify_page(found: FitPage) -> str:
+def identify_page(found: FitPage) -> Html:
     """The page as text."""
     agreed, compared = found.agreed, found.compared
     result = found.result
@@ -80,6 +80,7 @@ def identify_page(found: FitPage) -> str:
     if compared is not None:
         parts.append(_reference(found, agreed, compared))
     parts.append(_consistency(found, agreed))
+    parts.append(_answer(found))
     for order, (page, one) in enumerate(zip(pages, found.judged, strict=True), 1):
         parts.append(_run(found, page, one, order))
     words = (
@@ -184,7 +185,7 @@ def _consistency(found: FitPage, agreed: Consistency) -> Html:
         ]
         parts.append(
             table(
-                ["left out", *_heads()], rows,
+                ["left out", *_heads()], rows, kind="wide",
                 caption="All runs but one: difference to the joint fit in % and, in brackets, in its own standard "
                 "deviations (z). A run whose absence moves a value by more than two of them pulls.",
             )
@@ -239,8 +240,8 @@ def _alone(found: FitPage, agreed: Consistency) -> Html:
         "as in the thesis's tables 8.8 and 8.10."
     )
     return join([
-        table(head, rows, caption=words),
-        table(["run", *_heads()], primes, caption="The same in primes × 10³."),
+        table(head, rows, kind="wide", caption=words),
+        table(["run", *_heads()], primes, kind="wide", caption="The same in primes × 10³."),
     ])  # fmt: skip
 
 
@@ -267,21 +268,46 @@ def _cells(part: Part, joint: Array) -> list[object]:
     return cells
 
 
+def _answer(found: FitPage) -> Html:
+    """Figure 8.15: the identified hull's transfer functions; nothing where the record leaves some derivative open."""
+    from ..simulate.characteristic import stability
+    from ..simulate.model import Hull
+
+    fit, tows = found.fit, [data.tow for data in found.data]
+    if found.result.not_identifiable and len(found.result.derivatives) < len(NAMES):
+        return Html("")
+    hull = Hull(*(float(x) for x in fit.six), speed_m_s=fit.speed_m_s)
+    roots = [stability(hull, tow).roots for tow in tows if tow.tension_n is not None]
+    swings = tuple(float(np.abs(np.imag(pair[0]))) for r in roots if len(pair := r[np.abs(np.imag(r)) > 1e-12]))
+    drawn = bode_figure(Answer(hull, fit.covariance, tows[0], swings))
+    words = (
+        f"Sway and yaw of the free hull over the line's lateral force at X_T = {tows[0].tow_point_m:g} m (8.27), U = "
+        f"{tows[0].speed_m_s:g} m/s, with the 95 % bands of the derivatives' errors; dotted: where the runs swing. Towards low "
+        "frequencies a hull that nothing holds drifts away, so that the gain grows; bands that open there say how far the runs' "
+        "own frequencies carry."
+    )
+    return tag("section", tag("h2", "How the hull answers"), figure(drawn, words), id="answer")
+
+
 # one run ------------------------------------------------------------------------------------------------------------
 
 
 def _run(found: FitPage, page: RunPage, one: Judged, order: int) -> Html:
-    index = order - 1
+    index, name = order - 1, f"run-{order}"
     rest = residuals(page.motion, page.fitted)
-    left: list[object] = [figure(motion_figure(page.motion, page.fitted, None), _MOTION)]
+    left: list[object] = [figure(motion_figure(page.motion, page.fitted, None), _MOTION, of=name)]
     right: list[object] = []
     if rest is not None:
-        left.append(figure(residuals_figure(rest), "Measured minus simulated, with the measurement's own ±2 σ."))
-        right.append(figure(whiteness_figure(rest), _RAW))
+        left.append(
+            figure(residuals_figure(rest), "Measured minus simulated, with the measurement's own ±2 σ.", of=name)
+        )
+        right.append(figure(whiteness_figure(rest), _RAW, of=name))
+        left.append(figure(orbits_figure(page.motion, page.fitted), ORBITS, of=name))
+        left.append(figure(spectrum_figure(rest), SPECTRUM, of=name))
     whitened = found.fit.method == "innovations" or found.fit.orders[index].any()
     if whitened:
-        right.append(figure(whiteness_figure(white_residuals(one)), _WHITENED))
-    right.append(figure(cross_figure(one), _CROSS))
+        right.append(figure(whiteness_figure(white_residuals(one)), _WHITENED, of=f"{name}-whitened"))
+    right.append(figure(cross_figure(one), _CROSS, of=name))
     tests = found.result.runs[page.name].tests
     words = [f"{key.replace('_', ' ').replace('ljung box', 'Ljung-Box')} {value:.3g}" for key, value in tests.items()]
     return tag(

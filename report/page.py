@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from urllib.parse import quote
 
 from ..record.files import write_text
 from ..record.results import DerivativesFile, SteadyFile
-from .html import Html, bullets, join, safe, tag
+from .html import FIGURES, Drawn, Html, bullets, join, safe, tag
 from .run_section import RunPage, frames_of, run_section
 from .sections import Frames, derivatives_section, failed_box, summary
 from .steady_section import steady_section
 
-__all__ = ["RunPage", "page_html", "write_page"]
+__all__ = ["RunPage", "document", "page_html", "write_document", "write_page"]
+
+MARK = "# drawn in "
+"""How the first line of a figure's data begins."""
 
 # belt and braces: even if a string slipped through, the page may load nothing and run nothing
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
@@ -35,7 +39,7 @@ def write_page(
     derivatives, steady : the results of all runs together, where there are
     notes : what the reader must know, said at the end
     """
-    write_text(path, page_html(title, runs, derivatives, steady, notes))
+    write_document(path, page_html(title, runs, derivatives, steady, notes))
 
 
 def page_html(
@@ -44,7 +48,7 @@ def page_html(
     derivatives: DerivativesFile | None,
     steady: SteadyFile | None,
     notes: list[str],
-) -> str:
+) -> Html:
     """The page as text; parameters as ``write_page``."""
     failed = {run.name: run.problem for run in runs if run.problem}
     elsewhere = _failed_without_section(runs, derivatives)
@@ -98,12 +102,35 @@ def _footer(derivatives: DerivativesFile | None, steady: SteadyFile | None) -> H
     return tag("footer", words)
 
 
-def document(title: str, body: Html) -> str:
-    """A whole self-contained page."""
+def write_document(path: Path, page: Html) -> None:
+    """Write the page, and what its pictures were drawn from into PAGE_figures/NAME.csv beside it; each file atomically.
+
+    Data of an earlier page of that name that this one does not hold are removed.
+    """
+    folder = path.with_name(f"{path.stem}_figures")
+    for one in page.drawn:
+        _write_drawn(folder / f"{one.name}.csv", path.name, one)
+    for old in folder.glob("*.csv") if folder.is_dir() else ():
+        if old.stem not in {one.name for one in page.drawn} and old.read_text(encoding="utf-8").startswith(MARK):
+            old.unlink()
+    write_text(path, page.replace(f'href="{FIGURES}/', f'href="{quote(folder.name)}/'))
+
+
+def _write_drawn(path: Path, page: str, drawn: Drawn) -> None:
+    numbers = drawn.table.to_csv(index=False, float_format="%.10g", lineterminator="\n")
+    write_text(path, f"{MARK}{page}: {' '.join(drawn.what.split())}\n{numbers}")
+
+
+def document(title: str, body: Html) -> Html:
+    """A whole self-contained page; the names of its pictures' data differ."""
+    names = [one.name for one in body.drawn]
+    if len(set(names)) < len(names):
+        raise ValueError(f"data of two pictures have one name: {sorted(names)}")
     style = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
-    return (
+    return Html(
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{safe(title)}</title>\n<style>\n{style}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n"
+        f"<title>{safe(title)}</title>\n<style>\n{style}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n",
+        body.drawn,
     )

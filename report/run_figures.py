@@ -14,6 +14,7 @@ from .draw import (
     SKY,
     VECTOR_LIMIT,
     VERMILION,
+    Columns,
     cloud,
     curve,
     headroom,
@@ -26,6 +27,8 @@ from .draw import (
 )
 from .html import Html, join, tag
 from .series import (
+    Array,
+    Mask,
     Residuals,
     autocorrelation,
     column,
@@ -62,6 +65,7 @@ def tracks_figure(tracks: pd.DataFrame) -> Html:
     figure, axes = new_figure(3.9 + lanes, (1.7, 1.7, lanes))
     times = np.unique(column(tracks, "t_s"))
     everywhere = np.ones(len(times), dtype=bool)
+    data: dict[str, Columns] = {}
     for k, name in enumerate(names):
         rows = tracks[tracks["marker"].astype(str) == name]
         t_s = column(rows, "t_s")
@@ -69,8 +73,11 @@ def tracks_figure(tracks: pd.DataFrame) -> Html:
         predicted = good & status_is(rows, "predicted")
         seen = np.isin(times, t_s[good])
         everywhere &= seen
+        state = np.select([predicted, good], ["predicted", "measured"], "lost")
+        u_px, v_px = (np.where(good, column(rows, key), np.nan) for key in ("u_px", "v_px"))
+        data[name] = {"t_s": t_s, "u_px": u_px, "v_px": v_px, "status": state}
         colour, shape = MARKER_COLOURS[k % len(MARKER_COLOURS)], MARKER_SHAPES[k % len(MARKER_SHAPES)]
-        for ax, values in zip(axes, (column(rows, "u_px"), column(rows, "v_px")), strict=False):
+        for ax, values in zip(axes, (u_px, v_px), strict=False):
             cloud(ax, t_s, values, good & ~predicted, colour=colour, shape=shape)
             cloud(ax, t_s, values, predicted, colour=colour, shape=shape, joined=False, size=3, alpha=0.25)
         _lane(axes[2], t_s, good & ~predicted, len(names) - k, colour, 0.7)
@@ -84,7 +91,7 @@ def tracks_figure(tracks: pd.DataFrame) -> Html:
     label(axes[1], y="v, down (px)")
     label(axes[2], x="time (s)", y="seen")
     time_limits(axes, times)
-    return svg_image(figure, "pixel coordinates u and v of every marker over time")
+    return svg_image(figure, "pixel coordinates u and v of every marker over time", "tracks", data)
 
 
 def _lane(ax, t_s, mask, level: int, colour: str, height: float) -> None:
@@ -98,39 +105,44 @@ def _lane(ax, t_s, mask, level: int, colour: str, height: float) -> None:
 def motion_figure(motion: pd.DataFrame, fitted: pd.DataFrame | None, truth: pd.DataFrame | None) -> Html:
     """alpha, beta and y_CG over time: measured, simulated with the fitted derivatives, truth."""
     figure, axes = new_figure(5.2, (1, 1, 1))
-    t_s, good = column(motion, "t_s"), measured_rows(motion)
-    predicted = status_is(motion, "predicted")
-    rows = (
-        ("alpha_rad", np.degrees(1.0), "α, tow line (deg)"),
-        ("beta_rad", np.degrees(1.0), "β, heading (deg)"),
-        ("y_cg_m", 1.0, r"$y_{CG}$ (m)"),
-    )
-    for ax, (name, scale, text) in zip(axes, rows, strict=True):
-        cloud(ax, t_s, scale * column(motion, name), good, colour="#8C8C8C", text="measured", size=3.4)
-        if predicted.any():
-            cloud(
-                ax, t_s, scale * column(motion, name), predicted, colour=SKY, text="predicted", joined=False, size=3.4
-            )
-        if fitted is not None and name in fitted:
-            curve(
-                ax,
-                column(fitted, "t_s"),
-                scale * column(fitted, name),
-                colour=VERMILION,
-                text="simulated fit",
-                width=1.4,
-            )
-        if truth is not None and name in truth:
-            curve(
-                ax, column(truth, "t_s"), scale * column(truth, name), colour=BLUE, text="truth", dashed=True, width=1.3
-            )
+    good, predicted = measured_rows(motion), status_is(motion, "predicted")
+    t_s = column(motion, "t_s")
+    data = {"measured": in_degrees(motion, good), "predicted": in_degrees(motion, predicted & ~good)}
+    data |= {name: in_degrees(table) for name, table in (("fit", fitted), ("truth", truth)) if table is not None}
+    rows = (("alpha_deg", "α, tow line (deg)"), ("beta_deg", "β, heading (deg)"), ("y_cg_m", r"$y_{CG}$ (m)"))
+    for ax, (key, text) in zip(axes, rows, strict=True):
+        for name, part in data.items():
+            if name in ("measured", "predicted"):
+                colour = "#8C8C8C" if name == "measured" else SKY
+                if name == "measured" or np.isfinite(part[key]).any():
+                    cloud(ax, part["t_s"], part[key], colour=colour, text=name, joined=name == "measured", size=3.4)
+            elif name == "fit":
+                curve(ax, part["t_s"], part[key], colour=VERMILION, text="simulated fit", width=1.4)
+            else:
+                curve(ax, part["t_s"], part[key], colour=BLUE, text="truth", dashed=True, width=1.3)
         label(ax, y=text)
     shade(axes, lost_spans(t_s, good))
     headroom(axes[1], 0.3)
     legend(axes[1], columns=5)
     label(axes[2], x="time (s)")
     time_limits(axes, t_s)
-    return svg_image(figure, "tow line angle, heading and sideways place over time: measured and simulated")
+    words = "tow line angle, heading and sideways place over time: measured and simulated"
+    return svg_image(figure, words, "motion", {name: held(part) for name, part in data.items()})
+
+
+def in_degrees(motion: pd.DataFrame, rows: Mask | None = None) -> dict[str, Array]:
+    """Times, angles in degrees and place of a motion; NaN for what it does not hold, and outside of ``rows``."""
+    found = {f"{name}_deg": np.degrees(column(motion, f"{name}_rad")) for name in ("alpha", "beta")}
+    found["y_cg_m"] = column(motion, "y_cg_m")
+    if rows is not None:
+        found = {key: np.where(rows, values, np.nan) for key, values in found.items()}
+    return {"t_s": column(motion, "t_s"), **found}
+
+
+def held(part: dict[str, Array]) -> dict[str, Array]:
+    """Rows that hold more than their time."""
+    known = np.isfinite(np.array([values for key, values in part.items() if key != "t_s"])).any(axis=0)
+    return {key: values[known] for key, values in part.items()}
 
 
 def residuals_figure(rest: Residuals) -> Html:
@@ -157,7 +169,10 @@ def residuals_figure(rest: Residuals) -> Html:
     legend(axes[0])
     label(axes[1], x="time (s)")
     time_limits(axes, rest.t_s)
-    return svg_image(figure, "residuals of sideways place and heading over time with the two sigma band")
+    names = ("y_mm", "sigma_y_mm", "beta_deg", "sigma_beta_deg")
+    columns = dict(zip(names, (*rows[0][:2], *rows[1][:2]), strict=True))
+    words = "residuals of sideways place and heading over time with the two sigma band"
+    return svg_image(figure, words, "residuals", {"": held({"t_s": rest.t_s, **columns})})
 
 
 def whiteness_figure(rest: Residuals) -> Html:
@@ -167,6 +182,7 @@ def whiteness_figure(rest: Residuals) -> Html:
     lags = np.arange(LAGS + 1)
     grid = np.linspace(-4, 4, 81)
     bound = np.nan
+    data: dict[str, Columns] = {}
     for values, colour, shape, text in ((rest.y_m, BLUE, "o", "y"), (rest.beta_rad, ORANGE, "s", "β")):
         rho, bound = autocorrelation(rest.t_s, values, LAGS)
         shift = -0.18 if text == "y" else 0.18
@@ -175,6 +191,10 @@ def whiteness_figure(rest: Residuals) -> Html:
         finite, spread = values[np.isfinite(values)], rms(values)
         if spread > 0:
             inside = np.clip(finite / spread, BINS[0], BINS[-1] - 1e-9)
+            density, _ = np.histogram(inside, BINS, density=True)
+            key = "y" if text == "y" else "beta"
+            data[f"autocorrelation of {key}"] = {"lag_samples": lags[1:], "correlation": rho[1:], "white_95": bound}
+            data[f"histogram of {key}"] = {"from_rms": BINS[:-1], "to_rms": BINS[1:], "density": density}
             right.hist(
                 inside, bins=BINS.tolist(), density=True, histtype="step", color=colour, linewidth=1.7, label=text,
                 linestyle="-" if text == "y" else "--",
@@ -192,4 +212,4 @@ def whiteness_figure(rest: Residuals) -> Html:
     legend(right, columns=3)
     label(left, "lag (samples)", "autocorrelation (–)")
     label(right, "residual / its own rms (–)", "density (–)")
-    return svg_image(figure, "autocorrelation and histogram of the residuals")
+    return svg_image(figure, "autocorrelation and histogram of the residuals", "whiteness", data)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..record.results import CameraFile, Measured, RunFit
 from .draw import picture_image
+from .dynamics_figures import orbits_figure, spectrum_figure
 from .format import plus_minus, round_pair, significant
 from .html import Html, bullets, figure, join, number, table, tag
 from .run_figures import marker_key, motion_figure, residuals_figure, tracks_figure, whiteness_figure
@@ -91,6 +92,17 @@ _WHITENESS = (
 )
 
 
+ORBITS = (
+    "The same without time: line angle against heading, heading against sideways place. A lightly damped swing is an ellipse that "
+    "hardly shrinks; a spiral inwards is damped, outwards unstable. Look for the simulated line on the dots, and for a middle away "
+    "from 0: a crooked hull, a rudder, a bias of the datum."
+)
+SPECTRUM = (
+    "What is left, by frequency; dashed: white noise of the same size. Look for a level line. A rise to the left is a slow motion "
+    "or a slow error, a hump at the swing's own frequency a wrong model, a narrow peak a line that springs or a shaking camera."
+)
+
+
 def frames_of(run: RunPage) -> Frames:
     """Frames of one run by their status; missing rows inside the record count as lost."""
     times = column(run.motion, "t_s")
@@ -110,7 +122,7 @@ def frames_of(run: RunPage) -> Frames:
 
 def run_section(run: RunPage, order: int, fit: RunFit | None) -> Html:
     """Heading, pictures in a grid, numbers; a run that failed says why and shows what it has."""
-    rest = residuals(run.motion, run.fitted)
+    rest, name = residuals(run.motion, run.fitted), f"run-{order}"
     parts: list[object] = [
         tag("h2", "Run ", tag("span", run.name, class_="name")),
         tag("p", frames_of(run).sentence().capitalize() + "."),
@@ -123,13 +135,15 @@ def run_section(run: RunPage, order: int, fit: RunFit | None) -> Html:
         alternative = "a frame of the recording with what was found in it"
         seen.append(figure(picture_image(run.picture, alternative), _PICTURE))
     if len(run.motion):
-        seen.append(figure(motion_figure(run.motion, run.fitted, run.truth), _motion_words(run)))
+        seen.append(figure(motion_figure(run.motion, run.fitted, run.truth), _motion_words(run), of=name))
+        seen.append(figure(orbits_figure(run.motion, run.fitted), ORBITS, of=name))
     seen.append(_fit_table(fit))
     if run.tracks is not None and len(run.tracks):
-        judged.append(figure(tracks_figure(run.tracks), _TRACKS, before=marker_key(run.tracks)))
+        judged.append(figure(tracks_figure(run.tracks), _TRACKS, before=marker_key(run.tracks), of=name))
     if rest is not None:
-        judged.append(figure(residuals_figure(rest), _residual_words(rest)))
-        judged.append(figure(whiteness_figure(rest), _WHITENESS))
+        judged.append(figure(residuals_figure(rest), _residual_words(rest), of=name))
+        judged.append(figure(whiteness_figure(rest), _WHITENESS, of=name))
+        judged.append(figure(spectrum_figure(rest), SPECTRUM, of=name))
     stacks = [tag("div", *stack, class_="stack") for stack in (seen, judged) if any(stack)]
     if run.camera is not None:
         stacks += [tag("div", _datum(run.camera)), tag("div", _camera_checks(run.camera))]

@@ -173,23 +173,61 @@ def autocorrelation(t_s: Array, values: Array, lags: int) -> tuple[Array, float]
     rho : (lags + 1,), NaN where no pair is that far apart
     bound : of |rho| for white noise
     """
-    known = np.isfinite(values)
-    times, x = t_s[known], values[known]
-    if len(x) < 2:
+    grid, _ = _on_grid(t_s, values)
+    if not len(grid):
         return np.full(lags + 1, np.nan), np.nan
-    step = usual_step(times)
-    place = np.round((times - times[0]) / step).astype(int) if step > 0 else np.arange(len(x))
-    if place[-1] > MAX_GRID_RATIO * len(x) or len(np.unique(place)) < len(place):
-        place = np.arange(len(x))
-    grid = np.full(place[-1] + 1, np.nan)
-    grid[place] = x - x.mean()
+    known = int(np.isfinite(grid).sum())
     power = np.nanmean(grid**2)
     rho = np.full(lags + 1, np.nan)
     for lag in range(min(lags, len(grid) - 1) + 1):
         products = grid[: len(grid) - lag] * grid[lag:]
         if np.isfinite(products).any() and power > 0:
             rho[lag] = np.nanmean(products) / power
-    return rho, 1.96 / np.sqrt(len(x))
+    return rho, 1.96 / np.sqrt(known)
+
+
+def _on_grid(t_s: Array, values: Array) -> tuple[Array, float]:
+    """Finite values about their mean on the grid of the usual time step, holes NaN, and the step in s; empty for fewer than two."""
+    known = np.isfinite(values)
+    times, x = t_s[known], values[known]
+    if len(x) < 2:
+        return np.empty(0), 0.0
+    step = usual_step(times)
+    place = np.round((times - times[0]) / step).astype(int) if step > 0 else np.arange(len(x))
+    if place[-1] > MAX_GRID_RATIO * len(x) or len(np.unique(place)) < len(place):
+        place = np.arange(len(x))
+    grid = np.full(place[-1] + 1, np.nan)
+    grid[place] = x - x.mean()
+    return grid, step
+
+
+def spectrum(t_s: Array, values: Array, points: int = 40) -> tuple[Array, Array, float]:
+    """One-sided spectral density, averaged over ``points`` stretches of equal width in log frequency.
+
+    Parameters
+    ----------
+    t_s, values : (n,), NaN where lost; lost samples count as the mean, and the density is scaled to those that are there
+
+    Returns
+    -------
+    frequency_hz : (k,) mean frequency of each stretch that holds any
+    density : (k,) unit of the values squared per Hz; its integral is their variance
+    level : of white noise of the same variance, 2 variance/rate
+    """
+    grid, step = _on_grid(t_s, values)
+    known = int(np.isfinite(grid).sum())
+    if known < 8 or step <= 0:
+        return np.empty(0), np.empty(0), np.nan
+    power = 2 * step / known * np.abs(np.fft.rfft(np.nan_to_num(grid))) ** 2
+    frequency = np.fft.rfftfreq(len(grid), step)
+    last = len(frequency) - (len(grid) % 2 == 0)  # the highest of an even record counts once, not twice
+    power, frequency = power[1:last], frequency[1:last]
+    edges = np.geomspace(frequency[0], frequency[-1], points + 1)
+    stretch = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, points - 1)
+    count = np.bincount(stretch, minlength=points)
+    held = count > 0
+    means = [np.bincount(stretch, weights=part, minlength=points)[held] / count[held] for part in (frequency, power)]
+    return means[0], means[1], 2 * step * float(np.nanmean(grid**2))
 
 
 def cross_correlation(values: Array, force: Array, lags: NDArray[np.int_]) -> tuple[Array, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..record.results import SteadyFile
-from .draw import BLACK, BLUE, GREEN, TEXT_PT, VERMILION, label, legend, new_figure, svg_image
+from .draw import BLACK, BLUE, GREEN, TEXT_PT, VERMILION, Columns, label, legend, new_figure, svg_image
 from .format import tension_measured
 from .html import Html
 
@@ -42,4 +42,11 @@ def line_figure(result: SteadyFile) -> Html | None:
     legend(ax, place="best", columns=1)
     label(ax, "1/F (1/N)" if tension_measured(result) else "R/F (tension not measured)")
     label(ax, y=r"$X_T$ ahead of LCG (m)")
-    return svg_image(figure, "tow point over one by the steady line force, with the fitted line and its intercept")
+    inverse = "one_over_f_per_n" if tension_measured(result) else "r_over_f"
+    data: dict[str, Columns] = {
+        "tow": {"tow": [order for order, _ in tows], inverse: over, f"{inverse}_sd": spread, "tow_point_m": place},
+        "line": {inverse: ends, "tow_point_m": value + result.slope.value * ends},
+        "intercept": {inverse: [0.0], "tow_point_m": [value], "from_95_m": [low], "to_95_m": [high]},
+    }
+    words = "tow point over one by the steady line force, with the fitted line and its intercept"
+    return svg_image(figure, words, "steady-line", data)

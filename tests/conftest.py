@@ -132,6 +132,10 @@ def self_contained() -> Callable[[str], list[bytes]]:
         assert outline.open == []
         assert len(set(outline.identifiers)) == len(outline.identifiers)
         for reference in outline.references:
+            if re.fullmatch(
+                r"[\w.%-]*figures/[\w.-]+\.csv", reference
+            ):  # a link to the numbers beside the page loads nothing
+                continue
             assert reference.startswith(("data:image/", "#"))
             if reference.startswith("#"):
                 assert reference[1:] in outline.identifiers

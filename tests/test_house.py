@@ -42,7 +42,7 @@ def test_every_package_is_listed(root: Path) -> None:
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_a_room_imports_only_rooms_below_it(root: Path, room: str) -> None:
-    above = set(ROOMS[ROOMS.index(room) + 1 :]) | {"cli", "stages", "analysis"}
+    above = set(ROOMS[ROOMS.index(room) + 1 :]) | {"cli", "stages", "analysis", "app"}
     for path in (root / room).rglob("*.py"):
         out_of_the_room = len(path.relative_to(root).parts)
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

@@ -77,8 +77,8 @@ def test_page_is_self_contained_and_escaped(page: str, self_contained: Callable[
     pictures = self_contained(page)
     assert "&lt;script&gt;alert(&#x27;x&#x27;)&lt;/script&gt; &amp; co" in page
     assert "no &lt;motion&gt;" in page
-    # reference 1, agreement 2; per run motion, residuals, whiteness, cross; whitened once more where a colour was taken out
-    assert 3 + 4 * 3 <= len(pictures) <= 3 + 5 * 3
+    # reference, agreement 2, Bode; per run motion, residuals, orbits, spectrum, whiteness, cross; one more where coloured
+    assert 4 + 6 * 3 <= len(pictures) <= 4 + 7 * 3
     assert all(b"alert" not in svg for svg in pictures)
 
 

@@ -402,8 +402,8 @@ def test_priors_move_the_floor() -> None:
 
 def _page(root: Path) -> tuple[str, str]:
     text = (root / "docs" / "plan.md").read_text(encoding="utf-8")
-    request = re.search(r"```toml\n(.*?)```", text, re.DOTALL)
-    said = re.search(r"```text\n(.*?)```", text, re.DOTALL)
+    request = re.search(r"```toml plan\.toml\n(.*?)```", text, re.DOTALL)
+    said = re.search(r"```console\n\$ towline plan plan\.toml\n(.*?)```", text, re.DOTALL)
     assert request is not None
     assert said is not None
     return request[1], said[1]

@@ -206,7 +206,7 @@ def test_user_strings_are_escaped(page):
 
 
 def test_page_is_well_formed_and_asks_nothing_of_the_outside(page, self_contained):
-    assert len(self_contained(page)) == 1 + 2 * 4  # the line, four pictures a run
+    assert len(self_contained(page)) == 1 + 2 * 6  # the line, six pictures a run
 
 
 def test_pictures_are_the_same_for_the_same_data(inputs):

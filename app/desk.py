@@ -1,0 +1,349 @@
+"""What lies on the desk: the run that is open, the frame that is shown, what is picked and clicked, and the jobs.
+
+One person works at one desk. Nothing here draws; the pages ask and tell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..geometry.motion import lens_covariance
+from ..record.errors import InputError, TowlineError
+from ..record.run import RUN_FILE, Run, read_run
+from ..report.topview import TopView
+from ..vision.recording import Frame
+from .byhand import FILE, ByHand, begun
+from .document import Document
+from .frames import Frames
+from .motion_view import Shown, read_shown
+from .places import Place, inside, place, videos_in
+from .sight import Detected, Sight, detected, sight, view_of
+from .snap import Snapped, as_clicked, snapped
+from .worker import Worker
+
+DIGITS = 4
+
+
+@dataclass
+class Desk:
+    """The state of the page.
+
+    Attributes
+    ----------
+    start : folder that the command was given
+    worker : does the long jobs
+    document : of the open run; None = none is open
+    frames : of its recording; None where it has none, ``video_problem`` says why
+    index : the frame that is shown
+    snapping : clicks go to the mark next to them
+    selected : numbers of the datum point and the marker that the next click moves; -1 = a new one
+    by_hand : None until the markers are known
+    opened : goes up with every run that is opened
+    unsure : a frame that was shown before the recording was read up to it; -1 = none
+    pages : result pages that may be shown, by number
+    """
+
+    start: Path
+    worker: Worker = field(default_factory=Worker)
+    document: Document | None = None
+    frames: Frames | None = None
+    video: str = ""
+    video_problem: str = ""
+    index: int = 0
+    snapping: bool = True
+    selected: dict[str, int] = field(default_factory=lambda: {"datum": -1, "marker": -1})
+    by_hand: ByHand | None = None
+    opened: int = 0
+    unsure: int = -1
+    pages: dict[int, Path] = field(default_factory=dict)
+    _sight: tuple[tuple[int, str], Sight] | None = None
+    _view: tuple[Sight, TopView | None] | None = None
+    _detected: tuple[tuple[int, int], Detected] | None = None
+    _shown: tuple[tuple[Any, ...], Shown] | None = None
+
+    # opening and saving --------------------------------------------------------------------------------------------------
+
+    def open(self, folder: str | Path, video: str = "") -> Place:
+        """Open a run folder, or begin one where there is only a video.
+
+        Raises
+        ------
+        InputError : no such folder, nothing in it, several videos and none chosen, or a run.toml that is no TOML
+        """
+        found = place(folder)
+        if found.has_run:
+            document = Document.open(found.folder)
+        else:
+            names = list(found.videos)
+            if not video and len(names) > 1:
+                raise InputError(found.folder, "", f"{len(names)} videos; choose one: {', '.join(names)}")
+            name = video or names[0]
+            inside(found.folder, name)
+            document = Document.new(found.folder, name)
+        self.close()
+        self.document = document
+        self.opened += 1
+        self._open_video()
+        return found
+
+    def close(self) -> None:
+        """Put the open run away."""
+        if self.frames is not None:
+            self.frames.close()
+        self.document = self.frames = self.by_hand = None
+        self.index, self.video, self.video_problem = 0, "", ""
+        self.selected = {"datum": -1, "marker": -1}
+        self._sight = self._detected = self._shown = self._view = None
+
+    @property
+    def doc(self) -> Document:
+        """The open document; InputError where none is."""
+        if self.document is None:
+            raise InputError("run", "", "no run is open")
+        return self.document
+
+    @property
+    def dirty(self) -> bool:
+        """Something is not saved."""
+        by_hand = self.by_hand is not None and self.by_hand.dirty
+        return self.document is not None and (self.document.dirty or by_hand)
+
+    def save(self) -> list[Path]:
+        """Write run.toml, and the clicks where there are new ones."""
+        written = []
+        if self.by_hand is not None and self.by_hand.dirty and self.frames is not None:
+            if self.by_hand.clicks:
+                written.append(self.by_hand.write(self.doc.folder, self.frames.time_s))
+            else:
+                self.by_hand.dirty = False
+        if self.doc.dirty:
+            written.append(self.doc.save())
+        return written
+
+    # recording -----------------------------------------------------------------------------------------------------------
+
+    def video_name(self) -> str:
+        """The recording to look at: source.video, else the one that stands there as a comment, else the folder's only one."""
+        stated = self.doc.get("source", "video")
+        if isinstance(stated, str):
+            return stated
+        for line in self.doc.text.splitlines():
+            key, _, rest = line.lstrip("# ").partition("=")
+            if line.lstrip().startswith("#") and key.strip() == "video" and rest.count('"') >= 2:
+                name = rest.split('"')[1]
+                if (self.doc.folder / name).is_file():
+                    return name
+        there = videos_in(self.doc.folder)
+        return there[0] if len(there) == 1 else ""
+
+    def _open_video(self) -> None:
+        name = self.video_name()
+        rate, exposure = self.doc.get("source", "frame_rate_hz"), self.doc.get("source", "exposure_s")
+        self.video = name
+        if not name:
+            self.video_problem = "this run has no video"
+            return
+        try:
+            # as given outright in run.toml, or a file of the folder
+            self.frames = Frames(self.doc.folder / name, rate if isinstance(rate, float) else None, exposure or 0.0)
+            self.video_problem = ""
+            self.index = self.first_analysed()
+        except TowlineError as error:
+            self.frames, self.video_problem = None, str(error)
+
+    def refresh_video(self) -> bool:
+        """Open the recording anew where run.toml names another one, or another clock; whether it did."""
+        if self.document is None:
+            return False
+        rate, exposure = self.doc.get("source", "frame_rate_hz"), self.doc.get("source", "exposure_s") or 0.0
+        now = (self.video_name(), rate if isinstance(rate, float) else None, exposure)
+        before = (
+            (self.video, None, 0.0)
+            if self.frames is None
+            else (self.video, self.frames.rate_hz, self.frames.exposure_s)
+        )
+        if now == before:
+            return False
+        if self.frames is not None:
+            self.frames.close()
+            self.frames = None
+        self._sight = self._detected = None
+        self._open_video()
+        return True
+
+    def first_analysed(self) -> int:
+        """The first frame in source.span_s."""
+        span = self.doc.get("source", "span_s")
+        if self.frames is None or not isinstance(span, list) or not span or not isinstance(span[0], (int, float)):
+            return 0
+        begin_s = float(span[0]) + self.frames.exposure_s / 2
+        index = self.frames.at_time(begin_s)
+        return index if self.frames.time_s(index) > begin_s - 1e-6 else self.frames.clamp(index + 1)
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of the picture."""
+        if self.frames is not None:
+            return self.frames.info.width_px, self.frames.info.height_px
+        size = None if self.document is None else self.document.get("camera", "image_size_px")
+        return (int(size[0]), int(size[1])) if isinstance(size, list) and len(size) == 2 else (1280, 720)
+
+    def go(self, index: int) -> int:
+        """Show another frame; returns the one that is shown."""
+        if self.frames is not None:
+            self.index = self.frames.clamp(index)
+        return self.index
+
+    def frame(self) -> Frame:
+        """The frame that is shown, as decoded."""
+        if self.frames is None:
+            raise InputError(self.doc.folder, "", self.video_problem)
+        return self.frames.exact(self.index)
+
+    # picking -------------------------------------------------------------------------------------------------------------
+
+    def snap(self, click_px: tuple[float, float], zoom: float = 1.0) -> Snapped:
+        """The mark next to a click in the frame that is shown."""
+        from ..stages import LOSSLESS
+
+        if not self.snapping or self.frames is None:
+            return as_clicked(click_px, zoom)
+        return snapped(self.frame(), click_px, self.frames.info.codec not in LOSSLESS, zoom)
+
+    def pick_datum(self, click_px: tuple[float, float], zoom: float = 1.0) -> tuple[int, Snapped]:
+        """A click sets a new datum point, or moves the selected one; returns its number and where it landed."""
+        found = self.snap(click_px, zoom)
+        pixel = [round(float(c), DIGITS) for c in found.pixel_px]
+        sigma = round(found.sigma_px, DIGITS)
+        number, rows = self.selected["datum"], self.doc.rows("datum")
+        if 0 <= number < len(rows):
+            name = rows[number].get("name") or f"point {number + 1}"
+            places = [(("datum", number, "pixel_px"), pixel), (("datum", number, "sigma_px"), sigma)]
+            self.doc.set_all(places, f"pick {name}")
+            return number, found
+        names = {row.get("name") for row in rows}
+        name = next(f"point {k}" for k in range(1, len(rows) + 2) if f"point {k}" not in names)
+        row = {"name": name, "pixel_px": pixel, "sigma_px": sigma}
+        return self.doc.add_row("datum", row, f"pick {name}"), found
+
+    def pick_marker(self, click_px: tuple[float, float], zoom: float = 1.0) -> tuple[int, Snapped]:
+        """A click says where the selected marker is in the first analysed frame, or adds one."""
+        found = self.snap(click_px, zoom)
+        pixel = [round(float(c), 2) for c in found.pixel_px]
+        number, rows = self.selected["marker"], self.doc.rows("marker")
+        if 0 <= number < len(rows):
+            self.doc.set(("marker", number, "seen_at_px"), pixel, f"click {rows[number].get('name', number + 1)}")
+            return number, found
+        names = {row.get("name") for row in rows}
+        name = next(n for n in ("bow", "stern", *(f"mark {k}" for k in range(3, len(rows) + 4))) if n not in names)
+        row = {"name": name, "look": "led", "seen_at_px": pixel}
+        return self.doc.add_row("marker", row, f"click {name}"), found
+
+    def sight(self) -> Sight:
+        """The camera as far as it is known; kept until run.toml changes."""
+        key = (self.doc.version, f"{self.opened} {self.size_px}")
+        kept = self._sight
+        if kept is None or kept[0] != key:
+            kept = self._sight = (key, sight(self.doc.content, self.size_px, self._lens_covariance()))
+        return kept[1]
+
+    def _lens_covariance(self) -> Any:
+        """Of the calibration or the standard deviations in [camera]; None where they are not there, or not complete."""
+        run = self.run_or_none()
+        try:
+            return None if run is None else lens_covariance(run)
+        except (TowlineError, OSError):
+            return None
+
+    def from_above(self, index: int) -> Any:
+        """A frame as seen from above, (h, w, 3) BGR; None where there is no camera yet."""
+        seen = self.sight()
+        kept = self._view
+        if kept is None or kept[0] is not seen:
+            kept = self._view = (seen, view_of(seen))
+        if kept[1] is None or self.frames is None:
+            return None
+        return kept[1].annotated(self.frames.exact(index).bgr(), f"z = {seen.depth_m:g} m")
+
+    def run_or_none(self) -> Run | None:
+        """The run as it stands, checked; None where something is missing."""
+        try:
+            return self.doc.run()
+        except TowlineError:
+            return None
+
+    def detect(self) -> Detected:
+        """What the detector sees in the frame that is shown."""
+        key = (self.doc.version, self.index)
+        kept = self._detected
+        if kept is None or kept[0] != key:
+            kept = self._detected = (key, detected(self.frame(), self.sight(), self.run_or_none()))
+        return kept[1]
+
+    # by hand -------------------------------------------------------------------------------------------------------------
+
+    def hand(self) -> ByHand:
+        """The clicks by hand, begun or gone on with.
+
+        Raises
+        ------
+        InputError : there are no two markers to click, or the clicks that are there do not fit them
+        """
+        names = [str(row["name"]) for row in self.doc.rows("marker") if row.get("name")]
+        if len(names) < 2:
+            raise InputError(
+                self.doc.folder / RUN_FILE, "marker", f"{len(names)} markers; give the bow's and the stern's first"
+            )
+        if self.by_hand is None or (list(self.by_hand.markers) != names and not self.by_hand.clicks):
+            self.by_hand = begun(self.doc.folder, names)
+            if not self.by_hand.clicks:
+                self.by_hand.frame = self.first_analysed()
+        elif list(self.by_hand.markers) != names:
+            self.by_hand.markers = names
+        return self.by_hand
+
+    def use_hand_tracks(self) -> None:
+        """Name the clicks' file as the run's source; the video's name stays as a comment."""
+        video = self.doc.get("source", "video")
+        changes: list[tuple[tuple[str | int, ...], Any]] = [(("source", "video"), None), (("source", "tracks"), FILE)]
+        self.doc.set_all(changes, "use the clicks as tracks")
+        if isinstance(video, str) and f'video = "{video}"' not in self.doc.text:
+            self.doc.note("source", f'video = "{video}"  # the recording that was digitised by hand')
+
+    def use_video(self) -> None:
+        """Track the video again instead of the clicks."""
+        changes: list[tuple[tuple[str | int, ...], Any]] = [
+            (("source", "tracks"), None),
+            (("source", "video"), self.video or self.video_name()),
+        ]
+        self.doc.set_all(changes, "track the video")
+
+    # results -------------------------------------------------------------------------------------------------------------
+
+    def shown(self) -> Shown:
+        """Motion and tracks in out/; read again when something there, or the saved run.toml, changed."""
+        folder = self.doc.folder
+        paths = [folder / "out" / n for n in ("motion.csv", "tracks.csv")] + [folder / RUN_FILE, folder / FILE]
+        key = (self.opened, *(p.stat().st_mtime_ns if p.is_file() else 0 for p in paths))
+        kept = self._shown
+        if kept is None or kept[0] != key:
+            try:
+                run = read_run(folder)
+            except TowlineError:
+                run = None
+            kept = self._shown = (key, read_shown(run, folder))
+        return kept[1]
+
+    def show_page(self, path: Path) -> int:
+        """Let a result page be shown; returns its number."""
+        for number, known in self.pages.items():
+            if known == path:
+                return number
+        number = len(self.pages) + 1
+        self.pages[number] = path
+        return number
+
+
+__all__ = ["Desk"]

@@ -1,0 +1,247 @@
+"""Step 4: the markers on the model, clicked where they are in the first analysed frame; what the detector sees."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from nicegui import ui
+
+from ..record.errors import TowlineError
+from .form import parsed, row_fields, shown
+from .page_hall import Step
+from .page_parts import Typed, button, choose, colour_of, keys_line, say
+from .sight import Detected
+
+FIELDS = {str(field.where[-1]): field for field in row_fields("marker")}
+LOOKS = ("led", "disc", "template", "aruco:0", "apriltag:0")
+
+
+class MarksStep(Step):
+    """Marks on the model."""
+
+    title = "Marks"
+    picks = True
+
+    def __init__(self, hall: Any) -> None:
+        super().__init__(hall)
+        self.detector = True
+        self._seen: Detected | None = None
+        self._wanted = (-1, -1)
+        self._looking = False
+
+    def build(self) -> None:
+        desk = self.desk
+        self._what = ui.label("").classes("big")
+        self._said = say("", "soft")
+        with ui.row().style("gap: 18px; align-items: center"):
+            snap = ui.checkbox("Snap to the mark", value=desk.snapping, on_change=self._snap)
+            made = ui.checkbox("Show what the detector sees", value=self.detector, on_change=self._set_detector)
+            snap.props["aria-label"], made.props["aria-label"] = "Snap", "Detector"
+        self._detector = say("")
+        for number, row in enumerate(desk.doc.rows("marker")):
+            self._row(number, row)
+        with ui.row().style("margin-top: 12px"):
+            button("First analysed frame", lambda: self.hall.go(desk.first_analysed()), "plain small")
+            button("Add without a click", self._add, "plain small", "Add a marker")
+        say("Ahead: from LCG towards the bow. Depth: below the datum plane, negative above it.", "soft")
+        keys_line(("S", "snap"), ("Esc", "new mark"))
+        self.changed()
+
+    def _row(self, number: int, row: dict[str, Any]) -> None:
+        name = str(row.get("name") or f"mark {number + 1}")
+        chosen = " chosen" if number == self.desk.selected["marker"] else ""
+        with ui.element("div").classes(f"prow{chosen}").style("padding: 8px 4px; margin-top: 8px"):
+            with ui.element("div").classes("rowhead").style("grid-template-columns: 1.5fr 1fr 1fr 1fr"):
+                for word in ("name", "ahead, m", "starboard, m", "depth, m"):
+                    ui.label(word)
+            with ui.element("div").classes("prow").style("grid-template-columns: 1.5fr 1fr 1fr 1fr; border-top: 0"):
+                Typed(f"name of mark {number + 1}", name, lambda said: self._put(number, "name", said))
+                body = row.get("body_m")
+                texts = [shown(v) for v in body] if isinstance(body, list) and len(body) == 2 else ["", ""]
+                for axis, word in enumerate(("ahead", "starboard")):
+                    Typed(
+                        f"{word} of {name}",
+                        texts[axis],
+                        lambda said, axis=axis: self._place(number, texts, axis, said),
+                        placeholder="0" if axis else "?",
+                    )
+                depth = shown(row.get("depth_m"))
+                Typed(f"depth of {name}", depth, lambda said: self._put(number, "depth_m", said), placeholder="?")
+            with (
+                ui.element("div")
+                .classes("prow")
+                .style("grid-template-columns: 1.2fr 1.2fr 1fr auto auto; border-top: 0")
+            ):
+                choose(f"look of {name}", LOOKS, str(row.get("look", "led")), lambda v: self._put(number, "look", v))
+                colours = FIELDS["colour"].choices
+                choose(
+                    f"colour of {name}",
+                    colours,
+                    str(row.get("colour", "bright")),
+                    lambda v: self._put(number, "colour", v),
+                )
+                choose(
+                    f"on of {name}",
+                    FIELDS["on"].choices,
+                    str(row.get("on", "model")),
+                    lambda v: self._put(number, "on", v),
+                )
+                button(
+                    "◎", lambda: self._choose(number), "plain small", f"Click {name}", "The next click says where it is"
+                )
+                button("×", lambda: self._remove(number), "plain small", f"Remove {name}", "Remove")
+            pixel = row.get("seen_at_px")
+            with ui.row().style("align-items: center; gap: 10px"):
+                if isinstance(pixel, list):
+                    say(f"seen at {shown(pixel)} px", "soft")
+                    button("Forget", lambda: self._forget(number), "plain small", f"Forget where {name} is")
+                else:
+                    say("not clicked: the detector tells by distance, colour and line", "soft")
+
+    def _put(self, number: int, key: str, text: str) -> None:
+        self.desk.doc.set(("marker", number, key), parsed(FIELDS[key], text))
+        self.hall.changed()
+
+    def _place(self, number: int, texts: list[str], axis: int, text: str) -> None:
+        """A place is taken when it is known how far ahead; left empty, the mark stands on the centre line."""
+        parsed(FIELDS["depth_m"], text)
+        texts[axis] = text.strip()
+        if texts[0]:
+            value = parsed(FIELDS["body_m"], " ".join(part or "0" for part in texts))
+            name = self.desk.doc.get("marker", number, "name") or number + 1
+            self.desk.doc.set(("marker", number, "body_m"), value, f"place of {name}")
+        else:
+            self.desk.doc.set(("marker", number, "body_m"), None)
+        self.hall.changed()
+
+    def _choose(self, number: int) -> None:
+        desk = self.desk
+        desk.selected["marker"] = -1 if desk.selected["marker"] == number else number
+        self.hall.go(desk.first_analysed())
+        self.hall.draw()
+
+    def _forget(self, number: int) -> None:
+        self.desk.doc.set(("marker", number, "seen_at_px"), None)
+        self.hall.redraw()
+
+    def _remove(self, number: int) -> None:
+        self.desk.doc.remove_row("marker", number)
+        self.desk.selected["marker"] = -1
+        self.hall.redraw()
+
+    def _add(self) -> None:
+        names = {row.get("name") for row in self.desk.doc.rows("marker")}
+        name = next(n for n in ("bow", "stern", *(f"mark {k}" for k in range(3, 99))) if n not in names)
+        self.desk.doc.add_row("marker", {"name": name, "look": "led"})
+        self.hall.redraw()
+
+    def _snap(self, event: Any) -> None:
+        self.desk.snapping = bool(event.value)
+
+    def _set_detector(self, event: Any) -> None:
+        self.detector = bool(event.value)
+        self._wanted = (-1, -1)
+        self.hall.overlay()
+        self.changed()
+
+    async def pick(self, u_px: float, v_px: float, zoom: float) -> None:
+        """A click sets where a marker is."""
+        first = self.desk.first_analysed()
+        if self.desk.index != first:
+            self.hall.tell(
+                f"seen_at_px is meant in the first analysed frame, {first}; that frame is shown now", "warning"
+            )
+            self.hall.go(first)
+            return
+        number, found = await self.hall.work(self.desk.pick_marker, (u_px, v_px), zoom)
+        self.desk.selected["marker"] = -1
+        self.hall.redraw()
+        self._said.text = found.words
+        name = self.desk.doc.rows("marker")[number]["name"]
+        self.hall.select(f"ahead of {name}")
+
+    async def key(self, name: str) -> bool:
+        """S and Escape."""
+        if name == "snap":
+            self.desk.snapping = not self.desk.snapping
+        elif name == "escape" and self.desk.selected["marker"] >= 0:
+            self.desk.selected["marker"] = -1
+        else:
+            return False
+        self.hall.draw()
+        return True
+
+    def changed(self) -> None:
+        """What the next click does."""
+        rows = self.desk.doc.rows("marker")
+        chosen = self.desk.selected["marker"]
+        name = rows[chosen].get("name") if 0 <= chosen < len(rows) else None
+        self._what.text = f"Click {name}" if name else "Click the bow's mark" if not rows else "Click to add a mark"
+        if not self.detector:
+            self._detector.text = ""
+
+    def moved(self) -> None:
+        """Look with the detector, one look at a time."""
+        desk = self.desk
+        wanted = (desk.doc.version, desk.index)
+        if not self.detector or self._looking or wanted == self._wanted or desk.frames is None:
+            return
+        if desk.frames.known(desk.index):
+            self._looking, self._wanted = True, wanted
+            self.hall.soon(self._look)
+
+    def tick(self) -> None:
+        """Also after a change, and once the frame was read."""
+        self.moved()
+
+    async def _look(self) -> None:
+        wanted = self._wanted
+        try:
+            seen = await self.hall.work(self.desk.detect)
+        except TowlineError as error:
+            self._detector.text = str(error)
+            return
+        finally:
+            self._looking = False
+        if self.hall.step is not self or seen is None:
+            return
+        if wanted != (self.desk.doc.version, self.desk.index):
+            self.moved()
+            return
+        self._seen = seen
+        self._detector.text = f"Detector: {seen.words}"
+        self._detector.classes(replace="say good" if seen.marks_px else "say warn")
+        if self.hall.viewer is not None:
+            self.hall.viewer.run_method("over", json.dumps(self.moving()))
+
+    def still(self) -> dict[str, Any]:
+        """Where the markers were clicked."""
+        marks = []
+        for number, row in enumerate(self.desk.doc.rows("marker")):
+            pixel = row.get("seen_at_px")
+            if isinstance(pixel, list) and len(pixel) == 2:
+                marks.append(
+                    {
+                        "u": pixel[0],
+                        "v": pixel[1],
+                        "label": "",
+                        "colour": "#ffffff",
+                        "shape": "cross",
+                        "chosen": number == self.desk.selected["marker"],
+                    }
+                )
+        return {"marks": marks}
+
+    def moving(self) -> dict[str, Any]:
+        """What the detector sees, once it has looked at this frame."""
+        if not self.detector or self._seen is None or self._wanted != (self.desk.doc.version, self.desk.index):
+            return {}
+        marks = [
+            {"u": u, "v": v, "label": name, "colour": colour_of(k), "shape": "ring"}
+            for k, (name, (u, v)) in enumerate(self._seen.marks_px.items())
+        ]
+        return {"spots": self._seen.spots_px.round(1).tolist(), "marks": marks}
+
+
+__all__ = ["MarksStep"]

@@ -1,0 +1,144 @@
+"""Step 6: tracking with its progress, then alpha, beta and y_CG over time, tied to the frame that is shown."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from nicegui import ui
+
+from .motion_view import curves, marks_at, value_at
+from .page_hall import Step
+from .page_parts import Plots, bullets, button, colour_of, keys_line, say
+from .worker import Status
+
+
+class Progress:
+    """A bar and a line about the job under way."""
+
+    def __init__(self) -> None:
+        self._box = ui.element("div").classes("bar").style("margin: 8px 0 4px 0")
+        with self._box:
+            self._fill = ui.element("div").classes("fill").style("width: 0%")
+        self._text = say("")
+        self._text.props["aria-live"] = "polite"
+        self._last = ""
+
+    def put(self, status: Status) -> None:
+        """Show how it stands."""
+        self._box.set_visibility(status.running)
+        share = 100 * status.done / status.total if status.total else 100.0 * (status.took_s % 2.0) / 2.0
+        if status.running:
+            self._fill.style(f"width: {min(share, 100):.1f}%")
+            count = f"{status.done} of {status.total} frames, " if status.total else ""
+            text, kind = f"{status.text}: {count}{status.took_s:.0f} s", "say"
+        elif status.error:
+            text, kind = status.error, "say bad"
+        elif status.stopped:
+            text, kind = f"Stopped after {status.took_s:.1f} s; what was finished is kept.", "say warn"
+        elif status.found is not None:
+            text, kind = f"{status.found.title} done in {status.took_s:.1f} s.", "say good"
+        else:
+            text, kind = "", "say"
+        if text != self._last:
+            self._text.text = self._last = text
+            self._text.classes(replace=kind)
+
+
+class TrackStep(Step):
+    """The motion."""
+
+    title = "Track"
+
+    def build(self) -> None:
+        with ui.row().style("gap: 10px; align-items: center"):
+            self._go = button("Track", self._start, "main", "Track")
+            self._stop = button("Stop", self.desk.worker.stop, "stop", "Stop")
+            self._fresh = ui.checkbox("again from the start", value=False)
+            self._fresh.props["aria-label"] = "Track again"
+        self._progress = Progress()
+        self._state = say("")
+        self._said = ui.element("div")
+        self._value = ui.label("").style("font-weight: 700; font-size: 17px; white-space: pre; margin-top: 6px")
+        with ui.element("div").classes("plotbox"):
+            self._plots = Plots("No motion yet. Fill in the facts, datum and marks, then press Track.")
+            self._plots.on("seek", lambda e: self._seek(float(e.args["t"])))
+        keys_line(("← →", "frame"), ("move over the curves", "the frame follows"))
+        self._number = -1
+        self._read()
+        self.tick()
+
+    def changed(self) -> None:
+        """The button says that it saves."""
+        missing = len(self.desk.doc.faults())
+        self._go.text = "Save and track" if self.desk.dirty else "Track"
+        running = self.desk.worker.poll().running
+        self._go.set_enabled(not missing and not running)
+        self._stop.set_visibility(running)
+        if missing:
+            self._state.text = f"{missing} things are missing or wrong in run.toml; step 1 lists them."
+            self._state.classes(replace="say warn")
+        else:
+            shown = self.desk.shown()
+            self._state.text = shown.words
+            self._state.classes(replace="say warn")
+
+    def _start(self) -> None:
+        if self.hall.save() and self.desk.worker.start("track", [self.desk.doc.folder], fresh=bool(self._fresh.value)):
+            self._said.clear()
+            self.tick()
+
+    def tick(self) -> None:
+        """Follow the job."""
+        status = self.desk.worker.poll()
+        if status.name == "track" or status.running:
+            self._progress.put(status)
+        else:
+            self._progress.put(Status())
+        if status.number != self._number or status.running != self._running:
+            self._number, self._running = status.number, status.running
+            self.changed()
+            if status.name == "track" and status.found is not None:
+                self._said.clear()
+                with self._said:
+                    bullets(status.found.sentences)
+                self._read()
+
+    _running = False
+
+    def _read(self) -> None:
+        shown = self.desk.shown()
+        self._plots.props["curves_json"] = "" if shown.motion is None else json.dumps(curves(shown.motion))
+        self.changed()
+        self.hall.overlay()
+        self.moved()
+
+    def _seek(self, t_s: float) -> None:
+        if self.desk.frames is not None:
+            self.hall.go(self.desk.frames.at_time(t_s))
+
+    def moved(self) -> None:
+        """The frame's time on the plots."""
+        frames, shown = self.desk.frames, self.desk.shown()
+        if frames is None:
+            return
+        t_s = frames.time_s(self.desk.index)
+        self._plots.run_method("at", t_s)
+        self._value.text = "" if shown.motion is None else value_at(shown.motion, t_s)
+
+    def moving(self) -> dict[str, Any]:
+        """The marks as tracked, with their last places."""
+        tracks = self.desk.shown().tracks
+        if tracks is None:
+            return {}
+        places, trails = marks_at(tracks, self.desk.index)
+        order = {str(name): k for k, name in enumerate(tracks["marker"].unique())}
+        marks = [
+            {"u": u, "v": v, "label": name, "colour": colour_of(order[name]), "shape": "ring"}
+            for name, (u, v) in places.items()
+        ]
+        lines = [{"points": points, "colour": colour_of(order[name])} for name, points in trails.items()]
+        return {"marks": marks, "lines": lines}
+
+
+__all__ = ["Progress", "TrackStep"]

@@ -1,0 +1,190 @@
+"""The web page served on this machine only: start address, routes of pictures and reports, and the end of it all."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ..record.errors import TowlineError
+from .desk import Desk
+from .guard import TOKEN, Guard, new_token
+
+HOST = "127.0.0.1"
+EXIT_TERMINATED = 143
+TRIES, TRY_S = 400, 0.05
+WARM = ("geometry", "vision.datum_find", "vision.spots.search", "report.topview", "report.scale_grid", "stages")
+"""Rooms imported while the person looks at the first page."""
+
+
+def serve(start: Path, open_run: bool, port: int, say: Callable[[str], None], browser: bool) -> None:
+    """Serve the page until Ctrl+C.
+
+    Parameters
+    ----------
+    start : folder to begin in
+    open_run : open it as a run at once
+    port : 0 = any free one
+    say : told the start address, once it answers
+    browser : open it in the browser
+
+    Raises
+    ------
+    TowlineError : NiceGUI is absent, the run cannot be opened, or the port is taken
+    """
+    try:
+        import nicegui  # noqa: F401
+    except ModuleNotFoundError:
+        raise TowlineError(
+            "the page needs the package nicegui, which is not there: pip install 'towline[app]'"
+        ) from None
+    # ended from outside as by Ctrl+C: the process of the jobs ends with this one
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(EXIT_TERMINATED))
+    desk = Desk(start)
+    if open_run:
+        desk.open(start)
+    port = _free_port(port)
+    token = new_token()
+    address = f"http://{HOST}:{port}/?{TOKEN}={token}"
+    try:
+        _run(desk, port, token, lambda: _started(port, address, say, browser))
+    except KeyboardInterrupt:
+        pass  # the way to end it
+    finally:
+        desk.worker.close()
+        desk.close()
+
+
+def _free_port(port: int) -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+        except OSError as error:
+            raise TowlineError(
+                f"port {port} on {HOST} cannot be used ({error.strerror}); give another --port"
+            ) from None
+        return int(probe.getsockname()[1])
+
+
+def _started(port: int, address: str, say: Callable[[str], None], browser: bool) -> None:
+    """Say the address once somebody answers there."""
+    for _ in range(TRIES):
+        try:
+            socket.create_connection((HOST, port), TRY_S).close()
+            break
+        except OSError:
+            time.sleep(TRY_S)
+    say(address)
+    if browser:
+        import webbrowser
+
+        webbrowser.open(address)
+
+
+def _run(desk: Desk, port: int, token: str, started: Callable[[], None]) -> None:
+    from nicegui import app, ui
+
+    from .page_datum import DatumStep
+    from .page_facts import FactsStep
+    from .page_hall import Hall
+    from .page_hand import HandStep
+    from .page_marks import MarksStep
+    from .page_results import ResultsStep
+    from .page_run import RunStep
+    from .page_track import TrackStep
+
+    add_routes(app, desk)
+
+    def root() -> None:
+        Hall(desk, [RunStep, FactsStep, DatumStep, MarksStep, HandStep, TrackStep, ResultsStep]).build()
+
+    def begin() -> None:
+        threading.Thread(target=started, daemon=True).start()
+        threading.Thread(target=_warm, args=(desk,), daemon=True).start()
+
+    app.on_startup(begin)
+    app.add_middleware(Guard, token=token, port=port)
+    ui.run(
+        root,
+        host=HOST,
+        port=port,
+        title="towline",
+        dark=False,
+        reload=False,
+        show=False,
+        show_welcome_message=False,
+        tailwind=False,
+        gzip_middleware_factory=None,
+        reconnect_timeout=20.0,
+        ws_max_size=1 << 20,
+        timeout_graceful_shutdown=2,
+    )
+
+
+def _warm(desk: Desk) -> None:
+    from importlib import import_module
+
+    for name in WARM:
+        import_module(f"..{name}", __package__)
+    import numpy as np
+
+    from ..vision.recording import Frame
+    from .snap import snapped
+
+    dot = np.full((80, 80), 60, dtype=np.uint8)
+    dot[38:43, 38:43] = 200
+    snapped(Frame(0, 0.0, dot, None), (40.0, 40.0), lossy=True)  # what is imported at its first call
+    desk.worker.warm()
+
+
+def add_routes(app: Any, desk: Desk) -> None:
+    """Pictures of the open run, and reports that were made or asked for; nothing else of the disk is served."""
+    from fastapi import Response
+    from fastapi.responses import FileResponse, PlainTextResponse
+
+    @app.get("/frame/{opened}/{index}.jpg")
+    def frame(opened: int, index: int) -> Response:
+        frames = desk.frames
+        if frames is None or opened != desk.opened or index < 0:
+            return PlainTextResponse("no such frame", 404)
+        try:
+            data, sure = frames.jpeg(index)
+        except (TowlineError, ValueError) as error:
+            return PlainTextResponse(str(error), 404)
+        if not sure:
+            desk.unsure = index
+        return Response(
+            data, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=600" if sure else "no-store"}
+        )
+
+    @app.get("/top/{opened}/{version}/{index}.jpg")
+    def top(opened: int, version: int, index: int) -> Response:
+        import cv2
+
+        frames = desk.frames
+        if frames is None or opened != desk.opened or desk.document is None:
+            return PlainTextResponse("no such frame", 404)
+        try:
+            seen = desk.from_above(index)
+        except TowlineError as error:
+            return PlainTextResponse(str(error), 404)
+        if seen is None:
+            return Response(status_code=204)
+        data = cv2.imencode(".jpg", seen, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
+        return Response(data, media_type="image/jpeg", headers={"Cache-Control": "no-store"})
+
+    @app.get("/result/{number}")
+    def result(number: int) -> Response:
+        path = desk.pages.get(number)
+        if path is None or not path.is_file():
+            return PlainTextResponse("no such report", 404)
+        return FileResponse(path, media_type="text/html; charset=utf-8", headers={"Cache-Control": "no-store"})
+
+
+__all__ = ["serve"]

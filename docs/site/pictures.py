@@ -1,0 +1,82 @@
+"""The tutorial's pictures, taken from the pages that its own commands write: ``python docs/site/pictures.py``."""
+
+from __future__ import annotations
+
+import base64
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PICTURES = ROOT / "docs" / "pictures"
+TOWS, STEADY = "sample_videos/mariner/x*", "sample_videos/leander_steady/hole*"
+COMMANDS = (
+    f"towline run {TOWS}",
+    f"towline run {STEADY}",
+    f"towline identify {TOWS}",
+    "towline check sample_videos/mariner/x1446",
+    "towline rectify sample_videos/mariner/x1446 --grid",
+    "cp -r sample_videos/mariner wrong && sed -i 's#video = .*#tracks = \"out/tracks.csv\"#' wrong/x*/run.toml",
+    "sed -i 's/line_length_m = 0.91/line_length_m = 0.90/' wrong/x*/run.toml",
+    "towline diagnose wrong/x1446 wrong/x1751",
+)
+MARINER, X1446 = "sample_videos/mariner/out", "sample_videos/mariner/x1446/out"
+TAKEN = (
+    ("frame.webp", f"{MARINER}/report.html", "a frame of the recording"),
+    ("tracks.svg", f"{MARINER}/report.html", "pixel coordinates u and v"),
+    ("motion.svg", f"{MARINER}/report.html", "tow line angle, heading"),
+    ("residuals.svg", f"{MARINER}/report.html", "residuals of sideways place"),
+    ("whiteness.svg", f"{MARINER}/derivatives.html", "autocorrelation and histogram"),
+    ("consistency.svg", f"{MARINER}/derivatives.html", "estimates of each run alone"),
+    ("invariants.svg", f"{X1446}/check.html", "invariants of"),
+    ("line.svg", "sample_videos/leander_steady/out/report.html", "tow point over one by"),
+    ("ladder.svg", "wrong/out/gap.html", "probabilities of the hypotheses"),
+)
+"""Picture, the page that holds it, how its alternative text begins: the first such picture of the page."""
+GRID_WIDTH_PX = 640
+
+
+def main() -> None:
+    """Make all of them anew."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        shutil.copytree(
+            ROOT / "sample_videos", folder / "sample_videos", ignore=shutil.ignore_patterns("out", "truth", "*.md")
+        )
+        path = f"export PATH='{Path(sys.executable).parent}':$PATH; "
+        for command in COMMANDS:
+            subprocess.run(["bash", "-c", path + command], cwd=folder, check=True)
+        for picture, page, begins in TAKEN:
+            write(PICTURES / picture, taken((folder / page).read_text(encoding="utf-8"), begins))
+        write(PICTURES / "grid.webp", (folder / X1446 / "grid.png").read_bytes())
+
+
+def taken(page: str, begins: str) -> bytes:
+    """The first picture of a page whose alternative text begins so."""
+    for image in re.findall(r"<img [^>]*>", page):
+        if f'alt="{begins}' in image:
+            return base64.b64decode(re.findall(r'src="data:image/[\w+]+;base64,([^"]+)"', image)[0])
+    raise LookupError(f"no picture {begins!r}")
+
+
+def write(path: Path, data: bytes) -> None:
+    """As it is (SVG), or coded as WebP."""
+    if path.suffix == ".svg":
+        path.write_bytes(data)
+        return
+    import cv2
+    import numpy as np
+
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    if picture.shape[1] > GRID_WIDTH_PX:
+        size = (GRID_WIDTH_PX, round(picture.shape[0] * GRID_WIDTH_PX / picture.shape[1]))
+        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    cv2.imwrite(str(path), picture, [cv2.IMWRITE_WEBP_QUALITY, 82])
+
+
+if __name__ == "__main__":
+    main()

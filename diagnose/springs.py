@@ -31,10 +31,12 @@ RATES_HZ = (0.12, 0.45)
 BAND_HZ = (0.25, 0.45)
 """Of a whole course: from this frequency to this share of the blocks' rate."""
 DECAYS_S = (0.02, 0.08, 0.3)
-CLEAR = 60.0
+CLEAR = 30.0
 """What a bounce in all runs must explain of the whitened square, beside two numbers a run."""
 COURSE_FORM = 0.003
 """Of a whole course: what its own freedom did not take was not its form's fault."""
+LIKE = 1.25
+"""Within this factor of the campaign's rate a run may have its own: other tow points and lines."""
 FINER = 8
 """Samples of a course to a block."""
 
@@ -89,6 +91,8 @@ def _rings(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:
             },
         )
         own_decay, own_rate = abs(float(end.x[0])), float(end.x[1])
+        if not rate / LIKE <= own_rate <= LIKE * rate:
+            own_decay, own_rate = decay, rate  # one line and one model: where a run shows little, the others say
         explained, size = _ring(run.centre_s, rest, own_decay, own_rate)
         # a mean over a block flattens what comes and goes within it
         flat = float(np.sinc(own_rate * step / (2 * np.pi)))

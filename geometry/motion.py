@@ -416,9 +416,12 @@ def _mean_and_scatter(values: Array) -> Measured:
 
 
 def _uncertainty_mm(modes: Array, place: Array) -> dict[str, float]:
-    """Common error of the marks' places where they were seen: largest and median of x and y, mm."""
+    """Common error of the marks' places where they were seen: largest and median of x and y, mm.
+
+    Marks' own places on the hull err along the hull: a mark seen alone says nothing of these.
+    """
     spread = np.sqrt((modes**2).sum(axis=0)) * 1e3
-    seen = np.isfinite(place).all(axis=2)
+    seen = np.isfinite(place).all(axis=2) & np.isfinite(spread).all(axis=2)
     if not seen.any():
         return {}
     x, y = spread[seen][:, 0], spread[seen][:, 1]

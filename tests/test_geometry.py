@@ -415,6 +415,24 @@ def test_lost_marks_stay_lost(tmp_path: Path) -> None:
         motion_from_tracks(run, tracks, run_datum(run, None))
 
 
+def test_a_mark_seen_alone_does_not_spoil_the_stated_uncertainty(tmp_path: Path) -> None:
+    """Marks' own places on the hull err along a heading; where one mark is seen there is none; the others say what it costs."""
+    seen = camera()
+    run = run_of(seen, picks(seen, TOP), tmp_path)
+    pose = np.column_stack([np.full(10, -2.4), np.linspace(0, 0.1, 10), np.zeros(10)])
+    tracks = tracks_of(seen, run, pose, 0.0, np.random.default_rng(0)).reset_index(drop=True)
+    sure = {"marker_place_sd_m": 1e-3, "marker_depth_sd_m": 1e-3}
+    run = replace(run, file=run.file.model_copy(update={"priors": run.file.priors.model_copy(update=sure)}))
+    whole = motion_from_tracks(run, tracks, run_datum(run, None)).camera.uncertainty_mm
+    hidden = (tracks["marker"] == "stern") & tracks["frame"].between(4, 4)
+    tracks.loc[hidden, ["u_px", "v_px"]] = np.nan
+    tracks.loc[hidden, "status"] = "lost"
+    stated = motion_from_tracks(run, tracks, run_datum(run, None)).camera.uncertainty_mm
+    assert stated.keys() == whole.keys()
+    for name, value in stated.items():
+        assert value == pytest.approx(whole[name], rel=0.2)
+
+
 def test_true_pixels_of_the_film_give_its_motion(shared: Path) -> None:
     """What is left is the picks of the datum (0.15 px): 0.34 mm, 0.004 and 0.014 degrees by the issue's own account."""
     run = read_run(shared / "film")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,12 @@ from .geometry.checks.words import found_fault
 from .geometry.mapping import ProjectiveMapping
 from .geometry.motion import Poses, invariants, motion_from_tracks, poses_from_tracks
 from .identify import fit_runs, run_data
+from .progress import Progress as StageProgress
 from .record.check_file import CheckFile, FoundFault, MapOfUncertainty, PointCheck
-from .record.errors import GeometryError, TowlineError
-from .record.run import Run
+from .record.errors import GeometryError, InputError, TowlineError
+from .record.run import RUN_FILE, Run, read_run
 from .simulate.model import DERIVATIVE_UNITS
+from .stages import datum_of, tracked
 
 UNLIKELY = 1e-4
 """A joint fit less probable than this, after its noise is scaled, holds something that is not right."""
@@ -52,21 +55,45 @@ class Checked:
     datum: DatumFit
 
 
-def set_ups(runs: Sequence[Run]) -> list[list[int]]:
-    """Runs of one camera, datum and set of marks belong together."""
+def filmed_runs(
+    folders: Sequence[str | Path], progress: StageProgress
+) -> tuple[list[Run], list[pd.DataFrame], dict[str, str]]:
+    """Runs that can be checked, their tracks, and why the others cannot; a single run's reason is raised."""
+    runs: list[Run] = []
+    tables: list[pd.DataFrame] = []
+    failed: dict[str, str] = {}
+    for folder in folders:
+        try:
+            run = read_run(folder)
+            if run.file.source.motion is not None:
+                raise InputError(
+                    run.folder / RUN_FILE, "source.motion", "a motion holds no pixels; there is no camera to check"
+                )
+            tables.append(tracked(run, progress).table)
+            runs.append(run)
+        except TowlineError as error:
+            if len(folders) == 1:
+                raise
+            failed[str(folder)] = str(error)
+    return runs, tables, failed
+
+
+def set_ups(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[tuple[str, list[Run], list[pd.DataFrame]]]:
+    """Runs of one camera, datum and set of marks belong together: the stem of their files, the runs, their tracks."""
     groups: dict[str, list[int]] = {}
     for index, run in enumerate(runs):
         file = run.file
         key = repr((file.camera, file.datum, [m.model_copy(update={"seen_at_px": None}) for m in file.marker]))
         groups.setdefault(key, []).append(index)
-    return list(groups.values())
+    return [
+        ("check" if len(groups) == 1 else f"check-{number}", [runs[i] for i in group], [tables[i] for i in group])
+        for number, group in enumerate(groups.values(), 1)
+    ]
 
 
 def checked(
     runs: Sequence[Run],
     tracks: Sequence[pd.DataFrame],
-    datum: DatumFit,
-    inputs: dict[str, str],
     refine: Sequence[str] = (),
     effects: bool = True,
     progress: Progress | None = None,
@@ -76,13 +103,12 @@ def checked(
     Parameters
     ----------
     runs, tracks : of one set-up
-    datum : ``run_datum``'s
-    inputs : hashes, for the file
     refine : parameters to estimate (``geometry.checks.refine.CHOICES``)
     effects : also say what each camera parameter's uncertainty does to the derivatives
     """
     say = progress or (lambda _: None)
     say("checking the camera")
+    datum = datum_of(runs[0])
     poses = [poses_from_tracks(run, table, datum.mapping) for run, table in zip(runs, tracks, strict=True)]
     try:
         check = check_geometry(runs, tracks, datum)
@@ -103,7 +129,7 @@ def checked(
     file = CheckFile(
         schema="towline/check",
         tool=__version__,
-        inputs=inputs,
+        inputs={f"{run.name}/{name}": digest for run in runs for name, digest in run.input_hashes().items()},
         runs=names,
         verdict=verdict,
         sentences=_sentences(verdict, named, check, runs, changes),
@@ -295,4 +321,4 @@ def _moved_runs(runs: Sequence[Run]) -> Iterator[tuple[str, list[Run]]]:
         yield f"mark {file.marker[0].name} {word} {1e3 * off:g} mm", changed(place)
 
 
-__all__ = ["Checked", "checked", "effects_of", "set_ups"]
+__all__ = ["Checked", "checked", "effects_of", "filmed_runs", "set_ups"]

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-Progress = Callable[[str, int, int | None], None]
+from ..progress import Progress
 
 
 @dataclass(frozen=True)
@@ -66,36 +66,16 @@ def track(folders: Sequence[Path], tell: Progress, fresh: bool = False) -> Found
 def check(folders: Sequence[Path], tell: Progress, effects: bool = True) -> Found:
     """Is the camera right: ``towline check``."""
     from ..analysis import output_folder
-    from ..checking import checked, set_ups
-    from ..record.errors import InputError, TowlineError
+    from ..checking import checked, filmed_runs, set_ups
     from ..record.results import write_result
-    from ..record.run import RUN_FILE, read_run
     from ..report.check_page import write_check_page
-    from ..stages import datum_of, tracked
 
-    runs, tables, failed = [], [], {}
-    for folder in folders:
-        try:
-            run = read_run(folder)
-            if run.file.source.motion is not None:
-                raise InputError(
-                    run.folder / RUN_FILE, "source.motion", "a motion holds no pixels; there is no camera to check"
-                )
-            tables.append(tracked(run, tell).table)
-            runs.append(run)
-        except TowlineError as error:
-            if len(folders) == 1:
-                raise
-            failed[str(folder)] = str(error)
+    runs, tables, failed = filmed_runs(folders, tell)
     said: list[str] = []
     pages, files = [], []
-    groups = set_ups(runs)
-    for number, group in enumerate(groups, 1):
-        some, their = [runs[i] for i in group], [tables[i] for i in group]
-        inputs = {f"{r.name}/{name}": digest for r in some for name, digest in r.input_hashes().items()}
-        found = checked(some, their, datum_of(some[0]), inputs, (), effects, lambda text: tell(text, 0, None))
+    for stem, some, their in set_ups(runs, tables):
+        found = checked(some, their, (), effects, lambda text: tell(text, 0, None))
         out = output_folder([r.folder for r in some])
-        stem = "check" if len(groups) == 1 else f"check-{number}"
         write_result(out / f"{stem}.json", found.file)
         write_check_page(out / f"{stem}.html", found)
         files.append(out / f"{stem}.json")

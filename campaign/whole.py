@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ..processes import Done
+from ..progress import Progress
 from ..record.errors import TowlineError
 from ..record.run import RUN_FILE
 from .find import OUT, run_folders
 from .table import tidy, write_tidy
 from .work import Answer, Options, fit_job, restored, run_job
 
-Progress = Callable[[str, int, int | None], None]
 LOCK = ".campaign.lock"
 
 

@@ -33,47 +33,18 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
 
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
-    from ..checking import checked, set_ups
+    from ..analysis import output_folder
+    from ..checking import checked, filmed_runs, set_ups
     from ..cli import EXIT_OK, EXIT_SOME_FAILED, show_progress
-    from ..record.errors import InputError, TowlineError
     from ..record.results import write_result
-    from ..record.run import RUN_FILE, read_run
-    from ..stages import datum_of, tracked
 
-    runs: list[Any] = []
-    tables: list[Any] = []
-    failed: dict[str, str] = {}
     wanted = [name for name in options.refine.split(",") if name]
     with show_progress() as show:
-        for folder in options.runs:
-            try:
-                run = read_run(folder)
-                if run.file.source.motion is not None:
-                    raise InputError(
-                        run.folder / RUN_FILE, "source.motion", "a motion holds no pixels; there is no camera to check"
-                    )
-                tables.append(tracked(run, show).table)
-                runs.append(run)
-            except TowlineError as error:
-                if len(options.runs) == 1:
-                    raise
-                failed[str(folder)] = str(error)
-    groups = set_ups(runs)
-    for number, group in enumerate(groups, 1):
-        some, their = [runs[i] for i in group], [tables[i] for i in group]
+        runs, tables, failed = filmed_runs(options.runs, show)
+    for stem, some, their in set_ups(runs, tables):
         with show_progress() as show:
-            inputs = {f"{r.name}/{name}": digest for r in some for name, digest in r.input_hashes().items()}
-            found = checked(
-                some,
-                their,
-                datum_of(some[0]),
-                inputs,
-                wanted,
-                not options.no_effects,
-                lambda text: show(text, 0, None),
-            )
-        out = options.out or _folder([r.folder for r in some])
-        stem = "check" if len(groups) == 1 else f"check-{number}"
+            found = checked(some, their, wanted, not options.no_effects, lambda text: show(text, 0, None))
+        out = options.out or output_folder([run.folder for run in some])
         write_result(out / f"{stem}.json", found.file)
         _print(found.file)
         paths = [out / f"{stem}.json"]
@@ -86,12 +57,6 @@ def call(options: argparse.Namespace) -> int:
         options.outcome.wrote(*paths)
     options.outcome.fail(failed)
     return EXIT_SOME_FAILED if failed else EXIT_OK
-
-
-def _folder(folders: list[Path]) -> Path:
-    from ..analysis import output_folder
-
-    return output_folder(folders)
 
 
 def _print(file: Any) -> None:

@@ -55,19 +55,21 @@ def base_hypotheses(runs: Sequence[TowRun], speed_m_s: float) -> list[Hypothesis
     if fitted is not None and np.isfinite(fitted).all():
         sixes.insert(0, fitted)
     nodes = 2 * (max(len(r.centre_s) for r in runs) + BEYOND) + 1
-    found = [_along(runs, six, nodes, 1.0) for six in sixes]
-    if any((_scatter(run) > SHAKEN).all() for run in runs):
-        found += [_along(runs, six, nodes, 0.0) for six in sixes]
+    found = _along(runs, sixes, np.stack([measured_path(run, nodes) for run in runs], axis=-1))
+    scatter = [_scatter(run) for run in runs]
+    if any((wider > SHAKEN).all() for wider in scatter):
+        # marks that shake are no motion: followed no closer than they scatter
+        smooth = [measured_path(run, nodes, np.maximum(wider, 1.0)) for run, wider in zip(runs, scatter, strict=True)]
+        found += _along(runs, sixes, np.stack(smooth, axis=-1))
     return found
 
 
-def _along(runs: Sequence[TowRun], six: Array, nodes: int, trust: float) -> Hypothesis:
-    states = np.stack([measured_path(run, nodes, trust) for run in runs], axis=-1)
+def _along(runs: Sequence[TowRun], sixes: Sequence[Array], states: Array) -> list[Hypothesis]:
     own = []
     for start, run in zip(states[:, 0].T, runs, strict=True):
         tow = run.data.tow
         own.append([*start, 0.0, 0.0, tow.tension_n, tow.tow_point_m, tow.line_length_m, tow.speed_m_s])
-    return Hypothesis(six, np.array(own, dtype=float), path=Path((), states))
+    return [Hypothesis(six, np.array(own, dtype=float), path=Path((), states)) for six in sixes]
 
 
 def _scatter(run: TowRun) -> Array:
@@ -82,16 +84,15 @@ def _scatter(run: TowRun) -> Array:
     return np.sqrt((about**2 / sds**2).mean(axis=0))
 
 
-def measured_path(run: TowRun, nodes: int, trust: float = 1.0) -> Array:
+def measured_path(run: TowRun, nodes: int, wider: Sequence[float] | Array = (1.0, 1.0)) -> Array:
     """(4, nodes) alpha, beta, v, r every half block, from smoothing splines of y and beta; beyond the run its last values.
 
-    ``trust`` 1 follows them as closely as their noise says, 0 no closer than they scatter: marks that shake are no motion.
+    ``wider``: how many times as far as their noise y and beta may lie off the splines.
     """
     tow = run.data.tow
     good = np.isfinite(run.values[:, :2]).all(axis=1)
     t_s = run.centre_s[good]
     at = np.clip(np.arange(nodes) * run.step_s / 2, 0.0, len(run.centre_s) * run.step_s)
-    wider = np.maximum(_scatter(run), 1.0) ** (1 - trust)
     sds = [wider[k] * np.sqrt(np.diag(run.covariance[k])[good]) for k in (0, 1)]
     y, beta = (UnivariateSpline(t_s, run.values[good, k], 1 / sd, s=len(t_s)) for k, sd in enumerate(sds))
     sine = (y(at) + tow.tow_point_m * np.sin(beta(at)) + tow.tow_point_offset_m * np.cos(beta(at))) / tow.line_length_m

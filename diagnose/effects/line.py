@@ -13,7 +13,7 @@ from .base import Effect, Parameter, Seen, Situation
 
 GIVES = 0.15
 """Share of the way at which a line that a wave slackens has lost most of its pull."""
-COURSE_FORM = 0.01
+SLACK_FORM = 0.01
 """A slack line's course is a guess, its time and size are fitted."""
 RUB_RATE = 0.004
 """rad/s at which dry friction has turned over (it is smoothed there)."""
@@ -148,5 +148,5 @@ def slack(windows: Sequence[tuple[float, float] | None], wave: bool = False) -> 
         variant=("wave " if wave else "") + ", ".join(found),
         bound=True,
         sizes=(1.0,),
-        form=COURSE_FORM,
+        form=SLACK_FORM,
     )

@@ -33,7 +33,7 @@ def rendered(folder: Path, runs: int, seconds: float) -> None:
         text = scenarios[k % len(scenarios)].read_text()
         lines = []
         for line in text.splitlines():
-            if line.startswith("name = "):
+            if line.startswith("name = ") and not any(kept.startswith("[") for kept in lines):
                 line = f'name = "run-{k + 1:02d}"'
             if line.startswith("duration_s"):
                 line = f"duration_s = {seconds}"

@@ -13,6 +13,7 @@ import pandas as pd
 from . import __version__
 from .identify import Fit, RunData, derivatives_file, fit_steady, fit_with_noise, run_data, steady_file, steady_state
 from .identify.steady import SteadyState
+from .processes import Each, in_turn
 from .record.errors import EstimationError, InputError, TowlineError
 from .record.priors import Priors
 from .record.results import DerivativesFile, SteadyFile
@@ -105,6 +106,7 @@ def identified(
     priors: Priors | None = None,
     progress: Callable[[str], None] | None = None,
     noise: str = "auto",
+    each: Each = in_turn,
 ) -> Identified:
     """Joint fit of the six derivatives over the batch; ``noise`` as in ``identify.fit_with_noise``.
 
@@ -128,7 +130,7 @@ def identified(
         raise EstimationError(
             f"the runs are not of one hull in one water: (length_pp_m, mass_kg, density_kg_m3) = {sorted(hulls)}"
         )
-    fit = fit_with_noise(data, form, speed_m_s, noise, progress)
+    fit = fit_with_noise(data, form, speed_m_s, noise, progress, each)
     first = used[0].run
     result = derivatives_file(
         fit, data, first.model, first.water, __version__, all_inputs(used), failed, _true_six(used, fit.speed_m_s)
@@ -138,7 +140,10 @@ def identified(
 
 
 def fit_page(
-    answer: Identified, compared: Comparison | None = None, progress: Callable[[str], None] | None = None
+    answer: Identified,
+    compared: Comparison | None = None,
+    progress: Callable[[str], None] | None = None,
+    each: Each = in_turn,
 ) -> FitPage:
     """What the page of a fit shows: beside the fit, whether the runs agree, and what it left."""
     from .identify.consistency import consistency, judged
@@ -150,7 +155,7 @@ def fit_page(
         data=answer.data,
         motion={m.run.name: m.motion for m in answer.runs},
         fitted=answer.fitted,
-        agreed=consistency(answer.fit, answer.data, progress),
+        agreed=consistency(answer.fit, answer.data, progress, each),
         judged=judged(answer.fit, answer.data),
         compared=compared,
     )

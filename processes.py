@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -18,6 +18,8 @@ Job = tuple[Callable[..., Any], tuple[Any, ...]]
 """What to call, and with which arguments; both must travel between processes."""
 Done = Callable[[Iterable[Job]], Iterator[Any]]
 """Jobs -> results, as they come."""
+Each = Callable[[Callable[..., Any], Sequence[tuple[Any, ...]]], list[Any]]
+"""What to call, and its arguments time by time -> results in that order."""
 ORPHAN_S = 0.5
 
 
@@ -52,6 +54,27 @@ def processes(count: int) -> Iterator[Done]:
     pool.shutdown()
 
 
+def in_turn(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> list[Any]:
+    """``Each`` in this process."""
+    return [call(*one) for one in arguments]
+
+
+def each_of(done: Done) -> Each:
+    """``Each`` by workers."""
+
+    def each(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> list[Any]:
+        if len(arguments) < 2:
+            return in_turn(call, arguments)
+        found = dict(done((_numbered, (k, call, *one)) for k, one in enumerate(arguments)))
+        return [found[k] for k in range(len(arguments))]
+
+    return each
+
+
+def _numbered(number: int, call: Callable[..., Any], *arguments: Any) -> tuple[int, Any]:
+    return number, call(*arguments)
+
+
 def _end_with(parent: int) -> None:
     """Nobody waits for a process whose parent was killed, and the next start does its work."""
 
@@ -70,4 +93,4 @@ def in_parallel(call: Callable[..., Any], arguments: Iterable[tuple[Any, ...]], 
         yield from done(jobs)
 
 
-__all__ = ["Done", "Job", "in_parallel", "processes"]
+__all__ = ["Done", "Each", "Job", "each_of", "in_parallel", "in_turn", "processes"]

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..processes import Done
+from ..processes import Done, each_of, processes
 from ..progress import Progress
 from ..record.errors import TowlineError
 from ..record.run import RUN_FILE
@@ -76,8 +76,10 @@ def campaign(
         runs = _answers(workers, jobs, found.runs, "runs", say)
         runs += [Answer(name, name, f"no {RUN_FILE} in this folder; towline init writes one") for name in found.without]
         plan = _fits(runs, folder, target)
-        jobs = [(fit_job, (name, *rest, chosen)) for name, *rest in plan]
-        fits = _answers(workers, jobs, [name for name, *_ in plan], "fits", say)
+        # a fit is one job of this process; what it does run by run is spread over the workers
+        jobs = [(fit_job, (name, *rest, chosen, each_of(workers))) for name, *rest in plan]
+        with processes(1) as here:
+            fits = _answers(here, jobs, [name for name, *_ in plan], "fits", say)
         runs, fits = ([_from_here(a, folder) for a in answers] for answers in (runs, fits))
         wrote = write_tidy(target, tidy(runs, fits))
         _swept(*places, *_below(target))  # a worker of the cluster may have been killed while others went on

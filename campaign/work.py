@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..processes import Each, in_turn
 from ..record.errors import TowlineError
 from ..record.files import sha256_of_texts, write_text
 
@@ -74,9 +75,11 @@ def run_job(job: str, folder: str, options: dict[str, Any]) -> dict[str, Any]:
     return _answered(job, "", lambda: _moved(job, Path(folder), Options(**options)))
 
 
-def fit_job(job: str, kind: str, folders: Sequence[str], out: str, options: dict[str, Any]) -> dict[str, Any]:
-    """Derivatives or steady state of several runs, unless they stand in ``out`` already."""
-    return _answered(job, job, lambda: _fit(job, kind, folders, Path(out), Options(**options)))
+def fit_job(
+    job: str, kind: str, folders: Sequence[str], out: str, options: dict[str, Any], each: Each = in_turn
+) -> dict[str, Any]:
+    """Derivatives or steady state of several runs, unless they stand in ``out`` already; ``each``: what does a run's share."""
+    return _answered(job, job, lambda: _fit(job, kind, folders, Path(out), Options(**options), each))
 
 
 def _answered(job: str, name: str, work: Callable[[], Answer]) -> dict[str, Any]:
@@ -89,12 +92,15 @@ def _answered(job: str, name: str, work: Callable[[], Answer]) -> dict[str, Any]
     return asdict(answer)
 
 
-def _fit(job: str, kind: str, folders: Sequence[str], out: Path, options: Options) -> Answer:
+def _fit(job: str, kind: str, folders: Sequence[str], out: Path, options: Options, each: Each) -> Answer:
     stamp = _stamp(kind, folders, options)
     kept = None if options.fresh else _kept(out / RECORD, stamp)
     if kept is not None:
         return replace(kept, redone=False)
-    answer = (_fitted if kind == "derivatives" else _settled)(job, folders, out, options, stamp)
+    if kind == "derivatives":
+        answer = _fitted(job, folders, out, options, stamp, each)
+    else:
+        answer = _settled(job, folders, out, options, stamp)
     write_text(out / RECORD, json.dumps(asdict(answer), indent=1, sort_keys=True) + "\n")
     return answer
 
@@ -147,16 +153,15 @@ def _numbers(run: Any, m: Any) -> tuple[Number, ...]:
     return tuple(found)
 
 
-def _fitted(job: str, folders: Sequence[str], out: Path, options: Options, stamp: str) -> Answer:
+def _fitted(job: str, folders: Sequence[str], out: Path, options: Options, stamp: str, each: Each) -> Answer:
     from ..analysis import fit_page, identified, moved_batch
     from ..record.results import write_result
     from ..report.identify_page import write_identify_page
 
-    answer = identified(
-        moved_batch(folders, options.method), options.form, options.speed_m_s, None, None, options.noise
-    )
+    batch = moved_batch(folders, options.method)
+    answer = identified(batch, options.form, options.speed_m_s, noise=options.noise, each=each)
     write_result(out / "derivatives.json", answer.result)
-    write_identify_page(out / "derivatives.html", fit_page(answer))
+    write_identify_page(out / "derivatives.html", fit_page(answer, each=each), each)
     result = answer.result
     numbers = [(name, d.value, d.std, d.unit) for name, d in result.derivatives.items()]
     numbers += [(f"{name}_prime", d.prime, d.prime_std, "") for name, d in result.derivatives.items()]

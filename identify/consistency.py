@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from ..processes import Each, in_turn
 from ..record.errors import EstimationError
 from ..simulate.model import Array, alpha_from_y, line_force
 from .colour.choose import as_fit
@@ -75,19 +76,22 @@ class Consistency:
     p_value: float | None
 
 
-def consistency(fit: Fit, runs: list[RunData], progress: Callable[[str], None] | None = None) -> Consistency:
+def consistency(
+    fit: Fit, runs: list[RunData], progress: Callable[[str], None] | None = None, each: Each = in_turn
+) -> Consistency:
     """Fit each run alone and all but each, in the form and with the noise of ``fit``.
 
     A part's estimate and the joint one share the part's data: for efficient estimates the difference has the covariance
     cov(part) - cov(joint) (Hausman, Econometrica 46, 1978).
     """
-    alone, without = [], []
-    for index, run in enumerate(runs):
-        if progress is not None:
-            progress(f"consistency: run {index + 1} of {len(runs)}")
-        alone.append(_part(run.name, fit, [run], index))
-        if len(runs) > 1:
-            without.append(_part(run.name, fit, [d for d in runs if d is not run]))
+    if progress is not None:
+        progress(f"consistency: {len(runs)} runs, each alone and all but each")
+    parts = [(run.name, fit, [run], index) for index, run in enumerate(runs)]
+    if len(runs) > 1:
+        parts += [(run.name, fit, [d for d in runs if d is not run], None) for run in runs]
+    # the longest first, so that no worker is left with one at the end
+    found = each(_part, parts[::-1])[::-1]
+    alone, without = found[: len(runs)], found[len(runs) :]
     kept = np.array([np.where(p.fixed, p.part.six, np.nan) for p in alone])
     count = np.isfinite(kept).sum(axis=0)
     mean, scatter = np.full(6, np.nan), np.full(6, np.nan)

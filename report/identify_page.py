@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..processes import Each, in_turn
 from .dynamics_figures import Answer, bode_figure, orbits_figure, spectrum_figure
 from .format import NONE, SYMBOLS_TEXT, plus_minus, significant, to_decimals
 from .html import Html, bullets, figure, join, number, table, tag, unit
@@ -57,12 +58,12 @@ class FitPage:
     compared: Comparison | None = None
 
 
-def write_identify_page(path: Path, found: FitPage) -> None:
-    """Write the page atomically."""
-    write_document(path, identify_page(found))
+def write_identify_page(path: Path, found: FitPage, each: Each = in_turn) -> None:
+    """Write the page atomically; ``each`` draws the runs, here or by workers."""
+    write_document(path, identify_page(found, each))
 
 
-def identify_page(found: FitPage) -> Html:
+def identify_page(found: FitPage, each: Each = in_turn) -> Html:
     """The page as text."""
     agreed, compared = found.agreed, found.compared
     result = found.result
@@ -81,8 +82,11 @@ def identify_page(found: FitPage) -> Html:
         parts.append(_reference(found, agreed, compared))
     parts.append(_consistency(found, agreed))
     parts.append(_answer(found))
-    for order, (page, one) in enumerate(zip(pages, found.judged, strict=True), 1):
-        parts.append(_run(found, page, one, order))
+    drawn = [
+        (page, one, _whitened(found, order), found.result.runs[page.name].tests, order + 1)
+        for order, (page, one) in enumerate(zip(pages, found.judged, strict=True))
+    ]
+    parts += each(_run, drawn)
     words = (
         "± is one standard deviation, bars are 95 %; y and angles positive to starboard. "
         f"Written by towline {result.tool}."
@@ -292,8 +296,12 @@ def _answer(found: FitPage) -> Html:
 # one run ------------------------------------------------------------------------------------------------------------
 
 
-def _run(found: FitPage, page: RunPage, one: Judged, order: int) -> Html:
-    index, name = order - 1, f"run-{order}"
+def _whitened(found: FitPage, index: int) -> bool:
+    return found.fit.method == "innovations" or bool(found.fit.orders[index].any())
+
+
+def _run(page: RunPage, one: Judged, whitened: bool, tests: dict[str, float], order: int) -> Html:
+    name = f"run-{order}"
     rest = residuals(page.motion, page.fitted)
     left: list[object] = [figure(motion_figure(page.motion, page.fitted, None), _MOTION, of=name)]
     right: list[object] = []
@@ -304,11 +312,9 @@ def _run(found: FitPage, page: RunPage, one: Judged, order: int) -> Html:
         right.append(figure(whiteness_figure(rest), _RAW, of=name))
         left.append(figure(orbits_figure(page.motion, page.fitted), ORBITS, of=name))
         left.append(figure(spectrum_figure(rest), SPECTRUM, of=name))
-    whitened = found.fit.method == "innovations" or found.fit.orders[index].any()
     if whitened:
         right.append(figure(whiteness_figure(white_residuals(one)), _WHITENED, of=f"{name}-whitened"))
     right.append(figure(cross_figure(one), _CROSS, of=name))
-    tests = found.result.runs[page.name].tests
     words = [f"{key.replace('_', ' ').replace('ljung box', 'Ljung-Box')} {value:.3g}" for key, value in tests.items()]
     return tag(
         "section",

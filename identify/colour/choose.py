@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...processes import Each, in_turn
 from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..data import RunData
@@ -31,6 +32,7 @@ def fit_with_noise(
     speed_m_s: float | None = None,
     noise: str = "auto",
     progress: Callable[[str], None] | None = None,
+    each: Each = in_turn,
 ) -> Fit:
     """``fit_runs``, and the Kalman filter's prediction-error fit where the residuals ask for it.
 
@@ -38,6 +40,7 @@ def fit_with_noise(
     ----------
     noise : "output": output error, colour whitened by an autoregression; "innovations": a coloured force on the hull;
         "auto": output error, unless its residuals are coloured and a force on the hull explains them better (BIC)
+    each : does what is one run's, here or by workers
 
     Where runs have a static record the measurement's colour is that record's, in both; what is looked for is what it leaves.
 
@@ -58,7 +61,7 @@ def fit_with_noise(
     what = "coloured" if not any(known) else "coloured beyond what the static records show"
     along = [modes_along(d, p) for d, p in zip(runs, fit.response, strict=True)]
     try:
-        found = maximise(along, form, fit.speed_m_s, fit.theta, progress=progress)
+        found = maximise(along, form, fit.speed_m_s, fit.theta, progress=progress, each=each)
     except EstimationError as error:
         if noise == "innovations":
             raise

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...processes import Each, in_turn
 from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..data import RunData
@@ -86,6 +87,7 @@ def maximise(
     noise: Array | None = None,
     progress: Callable[[str], None] | None = None,
     extra: tuple[tuple[int, float, float], ...] = (),
+    each: Each = in_turn,
 ) -> LikelihoodFit:
     """Fit by Fisher scoring with Marquardt's damping.
 
@@ -94,6 +96,7 @@ def maximise(
     runs : every sample; they are thinned here; common modes along a smooth path
     theta : start, of ``Problem(runs, form, speed_m_s)``, e.g. the output error's optimum
     noise : (5,) start of the noise parameters
+    each : runs the filter over each run, here or by workers
 
     Raises
     ------
@@ -105,7 +108,7 @@ def maximise(
     first = noise_start(problem, theta) if noise is None else noise.copy()
     noise = first
     with np.errstate(all="ignore"):
-        here = _evaluate(problem, theta, noise, first, slow)
+        here = _evaluate(problem, theta, noise, first, slow, each)
     if not np.isfinite(here.deviance):
         raise EstimationError("the innovations have no likelihood at the output error's optimum")
     free = np.concatenate([np.flatnonzero(problem.free), problem.size + np.arange(NOISE)])
@@ -125,7 +128,7 @@ def maximise(
         there = None
         if trial[0] > 0 and trial[1] > 0 and np.abs(trial_noise - noise).max() < 5:
             with np.errstate(all="ignore"):
-                there = _evaluate(problem, trial, trial_noise, first, slow)
+                there = _evaluate(problem, trial, trial_noise, first, slow, each)
         if there is not None and np.isfinite(there.deviance) and there.deviance <= here.deviance:
             gain = (here.deviance - there.deviance) / max(expected, 1e-300)
             theta, noise, here = trial, trial_noise, there
@@ -156,7 +159,7 @@ class _Here:
     answers: list[Answer]
 
 
-def _evaluate(problem: Problem, theta: Array, noise: Array, first: Array, slow: list[Slow | None]) -> _Here:
+def _evaluate(problem: Problem, theta: Array, noise: Array, first: Array, slow: list[Slow | None], each: Each) -> _Here:
     """-2 log L, half its gradient, and the Fisher information, over theta and noise."""
     size = problem.size + NOISE
     score, matrix = np.zeros(size), np.zeros((size, size))
@@ -174,29 +177,47 @@ def _evaluate(problem: Problem, theta: Array, noise: Array, first: Array, slow: 
     matrix[np.ix_(place[:2], place[:2])] += np.outer(row, row)
     score[place[:2]] += tie * row
     answers = problem.evaluate(theta)
-    runs = []
-    for data, answer, part in zip(problem.runs, answers, slow, strict=True):
-        found = innovations(data, theta[:6], noise, problem.speed, answer.residual, answer.slope, part)
-        runs.append(found)
+    given = [(*one, theta[:6], noise, problem.speed) for one in zip(problem.runs, answers, slow, strict=True)]
+    found = each(_run, given)
+    runs = [run.innovations for run in found]
+    for run, answer in zip(found, answers, strict=True):
+        deviance += run.deviance
+        if not np.isfinite(deviance):
+            return _Here(np.inf, score, matrix, runs, answers)
         columns = np.concatenate([answer.columns, np.arange(6), place])
+        np.add.at(score, columns, run.score)
+        np.add.at(matrix, (columns[:, None], columns[None, :]), run.information)
+    return _Here(deviance, score, matrix, runs, answers)
+
+
+@dataclass(frozen=True)
+class _Run:
+    innovations: Innovations
+    deviance: float
+    score: Array
+    information: Array
+
+
+def _run(data: RunData, answer: Answer, part: Slow | None, six: Array, noise: Array, speed_m_s: float) -> _Run:
+    """One run's share, over the columns of its answer, the six, and the noise parameters."""
+    with np.errstate(all="ignore"):
+        found = innovations(data, six, noise, speed_m_s, answer.residual, answer.slope, part)
         inverse = np.linalg.inv(found.spread)
         weighed = np.einsum("nij,nj->ni", inverse, found.error)
         sign, log_determinant = np.linalg.slogdet(found.spread)
         if (sign <= 0).any():
-            return _Here(np.inf, score, matrix, runs, answers)
-        deviance += float((found.error * weighed).sum() + log_determinant.sum())
-        slopes = np.zeros((len(data.t_s), len(columns), 2))
+            return _Run(found, np.inf, np.zeros(0), np.zeros((0, 0)))
+        deviance = float((found.error * weighed).sum() + log_determinant.sum())
+        slopes = np.zeros((len(data.t_s), len(answer.columns) + MOVING, 2))
         slopes[:] = found.d_error
         weighed_slopes = slopes @ inverse
-        own = np.einsum("nki,ni->k", slopes, weighed)
+        score = np.einsum("nki,ni->k", slopes, weighed)
         fisher = np.tensordot(weighed_slopes, slopes, axes=([0, 2], [0, 2]))
         turned = inverse[:, None] @ found.d_spread  # (n, 11, 2, 2)
         pushed = 0.5 * np.trace(turned, axis1=2, axis2=3).sum(axis=0)
         pushed -= 0.5 * np.einsum("ni,nkij,nj->k", weighed, found.d_spread, weighed)
         flat = turned.reshape(len(turned), MOVING, 4)
         crossed = turned.transpose(0, 1, 3, 2).reshape(len(turned), MOVING, 4)
-        own[-MOVING:] += pushed
+        score[-MOVING:] += pushed
         fisher[-MOVING:, -MOVING:] += 0.5 * np.tensordot(flat, crossed, axes=([0, 2], [0, 2]))
-        np.add.at(score, columns, own)
-        np.add.at(matrix, (columns[:, None], columns[None, :]), fisher)
-    return _Here(deviance, score, matrix, runs, answers)
+    return _Run(found, deviance, score, fisher)

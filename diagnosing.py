@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from . import __version__
+from .diagnose.apart import measured_apart
 from .diagnose.effects import LIBRARY, Effect, installed_effects, load_effects
 from .diagnose.gap import Diagnosis, diagnosed
 from .diagnose.tow import TowSimulator
@@ -92,11 +93,12 @@ def diagnose_folders(
         tows.append(tow_run(run, m.motion, m.common, m.tracks, fit, static_tracks(run, progress), step))
     inputs = {f"{run.name}/{name}": digest for run in runs for name, digest in run.input_hashes().items()}
     say = None if progress is None else lambda text: progress(text, 0, None)
+    measured = measured_apart(runs, library)
     known = None if reference is None else _reference(reference)
     # the bootstrap of an interval: the same runs give the same answer
     rng = np.random.default_rng(int.from_bytes("".join(sorted(inputs.values())).encode()[:8].ljust(8, b"0"), "big"))
     try:
-        found = diagnosed(TowSimulator(tows, known), library, __version__, inputs, held or None, rng, say)
+        found = diagnosed(TowSimulator(tows, known, measured), library, __version__, inputs, held or None, rng, say)
     except np.linalg.LinAlgError as error:
         raise EstimationError(
             f"the runs' normal equations cannot be solved ({error}); does each run hold a tow?"

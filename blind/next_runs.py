@@ -1,8 +1,9 @@
-"""Does the proposed next run settle what was left open? Reality makes it, and the diagnosis is asked once more."""
+"""Does the proposed next run (or measurement) settle what was left open? Reality makes it, and the diagnosis is asked once more."""
 
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from .draw import ANSWERS, CASES, SMALL, opened
 from .judge import Call, call_of, truth_of
 from .run import answered, read_answers
 from .scores import Score, share
+from .truth.apart import measured_apart
 from .truth.cases import Case, RunTruth
 
 NEXT, NEXT_ANSWERS = "next", "next-answers"
@@ -30,7 +32,8 @@ class Settled:
     name, truth : of the case
     before, after : calls
     open_before, open_after : hypotheses in the 95 % set
-    distance : D that was expected of the run
+    distance : D that was expected
+    by : "tow", or the effect that was measured without one
     """
 
     name: str
@@ -40,6 +43,7 @@ class Settled:
     open_before: int
     open_after: int
     distance: float
+    by: str
 
 
 def with_next_run(case: Case, proposed: dict[str, Any]) -> Case:
@@ -71,20 +75,22 @@ def next_runs(out: Path, workers: int = 1, progress: Progress | None = None) -> 
         gap = given.get(case.name, {}).get("gap")
         if gap is None or gap["next_run"] is None or gap["verdict"] != "effect" or len(gap["set95"]) < 2:
             continue
-        folder = out / NEXT / case.name
-        more = f"run-{len(case.runs) + 1}"
-        if not (folder / more / "run.toml").is_file():
-            try:
-                _write_last(folder, with_next_run(case, gap["next_run"]))
-            except ValueError:  # the tow turned over: the run tells nothing
-                continue
-        runs = [*sorted((out / CASES / case.name).glob("run-*")), folder / more]
+        apart = gap.get("next_measurement")
+        proposed = gap["next_run"]
+        more = _towed
+        if apart is not None and apart["distance"] > proposed["distance"]:
+            proposed, more = apart, _measured
+        made = sorted((out / CASES / case.name).glob("run-*"))
+        try:
+            runs = more(out / NEXT / case.name, case, proposed, made)
+        except ValueError:  # the tow turned over: the run tells nothing
+            continue
         jobs.append((case.name, runs, out / NEXT_ANSWERS / f"{case.name}.json"))
-        chosen.append(case)
+        chosen.append((case, proposed))
     answered(jobs, workers, progress)
     after = read_answers(out / NEXT_ANSWERS)
     found = []
-    for case in chosen:
+    for case, proposed in chosen:
         before, then = given[case.name]["gap"], after[case.name].get("gap")
         if then is None:
             continue
@@ -96,7 +102,8 @@ def next_runs(out: Path, workers: int = 1, progress: Progress | None = None) -> 
                 call_of(then)[0],
                 len(before["set95"]),
                 len(then["set95"]),
-                float(before["next_run"]["distance"]),
+                float(proposed["distance"]),
+                proposed.get("effect", "tow"),
             )
         )
     plain = [{**vars(s), "truth": sorted(s.truth), "before": sorted(s.before), "after": sorted(s.after)} for s in found]
@@ -104,18 +111,41 @@ def next_runs(out: Path, workers: int = 1, progress: Progress | None = None) -> 
     return found
 
 
-def _write_last(folder: Path, case: Case) -> None:
+def _towed(folder: Path, case: Case, proposed: dict[str, Any], made: list[Path]) -> list[Path]:
+    """One tow more; raises ValueError where it turns over."""
     from .truth.folders import write_run
 
-    with np.errstate(all="ignore"):
-        write_run(folder, case, len(case.runs) - 1)
+    more = folder / f"run-{len(case.runs) + 1}"
+    if not (more / "run.toml").is_file():
+        with np.errstate(all="ignore"):
+            write_run(folder, with_next_run(case, proposed), len(case.runs))
+    return [*made, more]
+
+
+def _measured(folder: Path, case: Case, proposed: dict[str, Any], made: list[Path]) -> list[Path]:
+    """The same tows; what was measured stands in the first one's run.toml."""
+    rng = np.random.default_rng([case.seed, 10])
+    first = folder / made[0].name
+    if not (first / "run.toml").is_file():
+        shutil.copytree(made[0], first, ignore=shutil.ignore_patterns("run.toml", "out"), dirs_exist_ok=True)
+        text = (made[0] / "run.toml").read_text(encoding="utf-8")
+        for number, sd in sorted(proposed["numbers"].items()):
+            value = measured_apart(case, number, sd, rng)
+            text += f'\n[[measured]]\nnumber = "{number}"\nvalue = {value:.8g}\nsd = {sd:g}\n'
+        write_text(first / "run.toml", text)
+    return [first, *made[1:]]
 
 
 def next_scores(found: list[Settled]) -> list[Score]:
     """Open sets that the run closed on the truth; how often it was right before and after."""
-    surely = [s for s in found if s.distance > 20]
+    strata = {
+        "all open": found,
+        "expected D > 20": [s for s in found if s.distance > 20],
+        "by a tow": [s for s in found if s.by == "tow"],
+        "measured": [s for s in found if s.by != "tow"],
+    }
     rows = []
-    for stratum, of in (("all open", found), ("expected D > 20", surely)):
+    for stratum, of in strata.items():
         if of:
             rows.append(share("right before", stratum, "towline", (s.before == s.truth for s in of)))
             rows.append(share("right after the next run", stratum, "towline", (s.after == s.truth for s in of)))

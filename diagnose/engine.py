@@ -259,11 +259,12 @@ def _scores(inference: Inference, base: Fitted, effects: Sequence[Effect], share
     grams = Grams(linear.columns, inference.noise)
     fixed = inference.fixed(here) + here.size
     answers: dict[str, float] = {}
+    # an effect's own prior stands in its score; what was measured of it is data
+    prior = inference.priors(linear.hypothesis)
+    in_score = np.concatenate([np.zeros(fixed), *([q.sd**-2.0 for q in e.parameters] for e in effects)])
     for share in shares:
         part = inference.reduced(grams, linear.hypothesis, base.forces.scaled(share))
-        precision, gap, _ = inference.priors(linear.hypothesis)
-        matrix, right = part.matrix + np.diag(np.where(np.arange(len(precision)) < fixed, precision, 0)), part.right
-        right = right + np.where(np.arange(len(precision)) < fixed, precision * gap, 0)
+        matrix, right = part.matrix + np.diag(prior.precision - in_score), part.right + prior.pull
         inverse = inverse_of_normal(matrix[:fixed, :fixed])
         at = fixed
         for effect in effects:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from ..record.gap_file import GapFile, NextRun, RankedEffects, Where
+from ..record.gap_file import GapFile, NextMeasurement, NextRun, RankedEffects, Where
 from ..record.results import Measured
+from .apart import Apart, measurement
 from .effects import Effect
 from .engine import TWINS, Candidate, Progress, Ranking, ranked
 from .held_out import Shrink, shrink
@@ -99,6 +100,7 @@ def diagnosed(
         p_unknown=ranking.p_unknown,
         set95=[list(names) for names in ranking.set95],
         next_run=_next(inference, ranking, best),
+        next_measurement=_measurement(ranking, best, simulator.apart),
         derivatives={
             "before": _derivatives(ranking.base, simulator.shared_names),
             **({"after": _derivatives(best.fitted, simulator.shared_names)} if best is not None else {}),
@@ -204,19 +206,22 @@ def _twins(
     return found
 
 
-def _next(inference: Inference, ranking: Ranking, best: Candidate | None) -> NextRun | None:
-    """Between the headline and its nearest rival (no gap among them)."""
+def _rival(ranking: Ranking, best: Candidate | None) -> Candidate | None:
+    """The headline's nearest, of one effect."""
     rivals = [c for c in ranking.candidates if c is not best and len(c.effects) == 1]
-    if not rivals:
+    return max(rivals, key=lambda c: c.log_evidence, default=None)
+
+
+def _next(inference: Inference, ranking: Ranking, best: Candidate | None) -> NextRun | None:
+    """Between the headline (or no gap) and its nearest rival."""
+    second = _rival(ranking, best)
+    if second is None:
         return None
-    second = max(rivals, key=lambda c: c.log_evidence)
     design = next_run(inference, best.fitted if best is not None else ranking.base, second.fitted)
     if design is None:
         return None
     rival, against = second.names[0], best.names[0] if best is not None else "no gap"
-    size = f"{design.distance:.0f}" if design.distance < LARGEST_D else f"over {LARGEST_D:.0f}"
-    told = "tells" if design.distance > 20 else "tells best, though not surely,"
-    why = f"{design.differs}: {told} {against} from {rival} (expected D {size}; 20 is enough)"
+    why = f"{design.differs}: {_tells(design.distance)} {against} from {rival} {_expected(design.distance)}"
     return NextRun(
         tow_point_m=design.tow_point_m,
         line_length_m=design.line_length_m,
@@ -226,3 +231,24 @@ def _next(inference: Inference, ranking: Ranking, best: Candidate | None) -> Nex
         distance=design.distance,
         why=why,
     )
+
+
+def _tells(distance: float) -> str:
+    return "tells" if distance > 20 else "tells best, though not surely,"
+
+
+def _expected(distance: float) -> str:
+    return f"(expected D {f'{distance:.0f}' if distance < LARGEST_D else f'over {LARGEST_D:.0f}'}; 20 is enough)"
+
+
+def _measurement(ranking: Ranking, best: Candidate | None, known: Mapping[str, Apart]) -> NextMeasurement | None:
+    """Of the headline or its nearest rival: the one whose presence it would tell best."""
+    rival = _rival(ranking, best)
+    here = [c.fitted.hypothesis for c in (best, rival) if c is not None]
+    found = [one for hypothesis in here for one in measurement(hypothesis, known)]
+    if not found:
+        return None
+    distance, effect, numbers = max(found, key=lambda one: one[0])
+    size = ", ".join(f"{name} to {sd:g}" for name, sd in numbers.items())
+    why = f"{size}: {_tells(distance)} whether it is {effect.name} {_expected(distance)}. {effect.cure}"
+    return NextMeasurement(effect=effect.name, numbers=numbers, distance=distance, why=why)

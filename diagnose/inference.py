@@ -103,6 +103,24 @@ class Fitted:
     grams: Grams
 
 
+@dataclass(frozen=True)
+class Priors:
+    """What is known of the shared numbers, modes and effects beside the runs, at a hypothesis.
+
+    Attributes
+    ----------
+    precision : (n,) inverse variances
+    pull : (n,) minus half the slope of ``chi_square``
+    chi_square : squared distances from what is known
+    spread : log of the effects' prior variances
+    """
+
+    precision: Array
+    pull: Array
+    chi_square: float
+    spread: float
+
+
 def on_its_side(z: float) -> float:
     """What a one-sided prior adds to the log evidence: log of twice the probability that a number, z of its own standard
     deviations on its side, is there.
@@ -156,8 +174,8 @@ class Inference:
         """Normal equations of the shared numbers, the runs' own eliminated; ``only``: these runs."""
         return reduced(grams, forces, self.stated - h.own, self.own_sd, only)
 
-    def priors(self, h: Hypothesis) -> tuple[Array, Array, float]:
-        """Of shared numbers, modes and effects: precision, gap to the prior's mean, log of the variances."""
+    def priors(self, h: Hypothesis) -> Priors:
+        """Of shared numbers, modes and effects, and what was measured of effects apart from the runs."""
         sd = np.array([q.sd for e in h.effects for q in e.parameters])
         none = np.array([q.none for e in h.effects for q in e.parameters])
         here = np.concatenate(h.numbers) if h.numbers else np.zeros(0)
@@ -165,19 +183,28 @@ class Inference:
         prior = self.simulator.shared_prior
         mean, known = (h.shared, np.zeros(len(h.shared))) if prior is None else (prior[0], prior[1] ** -2.0)
         precision = np.concatenate([known, np.ones(k), 1 / sd**2])
-        return precision, np.concatenate([mean - h.shared, np.zeros(k), none - here]), 2 * float(np.log(sd).sum())
+        gap = np.concatenate([mean - h.shared, np.zeros(k), none - here])
+        pull, chi_square = precision * gap, float(precision @ gap**2)
+        found = [f"{e.name}.{q.name}" for e in h.effects for q in e.parameters]
+        for name, told in self.simulator.apart.items():
+            own = np.flatnonzero([one == name for one in found])
+            off = told.value - (here[own] if len(own) else np.array([told.none]))
+            precision[self.fixed(h) + own] += told.sd**-2.0
+            if len(own):
+                pull[self.fixed(h) + own] += off / told.sd**2
+            chi_square += float((off**2).sum()) / told.sd**2
+        return Priors(precision, pull, chi_square, 2 * float(np.log(sd).sum()))
 
     def solve(self, grams: Grams, h: Hypothesis, forces: Forces, only: Sequence[int] | None = None) -> Solved:
         """One Gauss-Newton step with its evidence."""
         part = self.reduced(grams, h, forces, only)
-        precision, gap, spread = self.priors(h)
-        matrix, right = part.matrix + np.diag(precision), part.right + precision * gap
-        known = float(precision @ gap**2)
+        prior = self.priors(h)
+        matrix, right = part.matrix + np.diag(prior.precision), part.right + prior.pull
         covariance = inverse_of_normal(matrix)
         step = covariance @ right
-        chi_square = part.chi_square + known - float(right @ step)
-        log = part.log + spread + np.linalg.slogdet(matrix)[1]
-        here = -0.5 * (part.before + known + log)
+        chi_square = part.chi_square + prior.chi_square - float(right @ step)
+        log = part.log + prior.spread + np.linalg.slogdet(matrix)[1]
+        here = -0.5 * (part.before + prior.chi_square + log)
         return Solved(-0.5 * (chi_square + log), here, chi_square, step, part.own_step(step), covariance)
 
     def sized(self, h: Hypothesis, solved: Solved) -> float:

@@ -48,7 +48,7 @@ class Forces:
         """Log density of the sizes; above ``most`` a force is no noise any more, and the density falls off at once."""
         sizes = np.array([self.side_n, self.moment_n_m])
         logs = np.log(sizes / [FORCE_SD_N, MOMENT_SD_N_M])
-        above = np.maximum(np.log(sizes / most), 0.0) / EDGE
+        above = np.log(np.maximum(sizes / most, 1.0)) / EDGE
         return float(-0.5 * (logs @ logs) / LOG_SD**2 - 0.5 * above @ above)
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 from ..simulate.model import Array
+from .apart import Apart
 from .effects import Effect
 from .hypothesis import Hypothesis, Slopes
 from .noise import Noise
@@ -53,6 +54,7 @@ class Simulator(Protocol):
     least : size below which a shared number counts as small
     most_force : random forces above this are a gap, not noise
     force_scale : unit of the random forces' sizes
+    apart : effect.number -> what was measured of it apart from the runs
     symmetries : what no motion can tell apart, each with the effect that raises the question ("": always said)
     """
 
@@ -68,6 +70,7 @@ class Simulator(Protocol):
     most_force: float
     force_scale: float
     symmetries: Sequence[tuple[str, Sequence[str]]]
+    apart: Mapping[str, Apart]
 
     @property
     def runs(self) -> Sequence[SimulatedRun]:

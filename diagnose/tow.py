@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..simulate.model import DERIVATIVE_UNITS, Array
+from .apart import Apart
 from .effects import Effect
 from .hypothesis import FREE, Hypothesis
 from .noise import Noise
@@ -44,12 +45,19 @@ class TowSimulator(TowModel):
     runs : with one block length
     reference : the simulator's own six derivatives, their standard deviations and the speed they are quoted at, judged as they
         are; None: fitted to these runs
+    apart : effect.number -> what was measured of it apart from the runs
     """
 
-    def __init__(self, runs: Sequence[TowRun], reference: tuple[Array, Array, float] | None = None) -> None:
+    def __init__(
+        self,
+        runs: Sequence[TowRun],
+        reference: tuple[Array, Array, float] | None = None,
+        apart: Mapping[str, Apart] | None = None,
+    ) -> None:
         super().__init__(runs, float(np.mean([r.data.tow.speed_m_s for r in runs])))
         self.shared_names: tuple[str, ...] = tuple(DERIVATIVE_UNITS)
         self.symmetries: Sequence[tuple[str, Sequence[str]]] = SYMMETRIES
+        self.apart: Mapping[str, Apart] = apart or {}
         self.shared_prior: tuple[Array, Array] | None = None
         if reference is not None:
             six, sd, quoted = reference

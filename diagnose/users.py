@@ -6,7 +6,7 @@ and the effects it knows (``effects.Effect`` with a name, a stage, numbers, and 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from ..record.errors import InputError
 from ..simulate.model import Array
+from .apart import Apart
 from .effects import Effect
 from .hypothesis import EFFECT_STEP, FREE, Hypothesis, Slopes
 from .noise import FORCE_SD_N, TIMES_S, Measured, Noise, forced
@@ -75,6 +76,7 @@ class UsersSimulator:
         errors stand in the outputs themselves
     usual_force : size of the random forces that stay when nothing is missing
     most_force : above this they are a gap
+    apart : effect.number -> what was measured of it apart from the runs
 
     Raises
     ------
@@ -90,6 +92,7 @@ class UsersSimulator:
         response: Callable[[Numbers, UsersRun], Array] | None = None,
         usual_force: float = FORCE_SD_N,
         most_force: float = np.inf,
+        apart: Mapping[str, Apart] | None = None,
     ) -> None:
         if not runs:
             raise InputError("runs", "", "none given, expected at least one")
@@ -109,6 +112,7 @@ class UsersSimulator:
         self.least = min((n.size for n in shared), default=1.0) * 1e-3
         self.most_force = most_force / self.force_scale
         self.symmetries: Sequence[tuple[str, Sequence[str]]] = ()
+        self.apart: Mapping[str, Apart] = apart or {}
 
     @property
     def runs(self) -> Sequence[UsersRun]:

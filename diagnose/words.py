@@ -78,6 +78,7 @@ def sentences(file: GapFile, held: Shrink | None, rest: Leftover) -> list[str]:
             f"With it, the gap on the runs kept aside falls from {row.gap_before:.2f} to {row.gap_after:.2f} sigma "
             f"({100 * row.shrink:.0f} %, interval {100 * low:.0f}-{100 * high:.0f})."
         )
+    apart = file.next_measurement
     twins = [t for t in file.indistinguishable if t[0] in row.effects]
     if twins:
         others = " or ".join(_like([n]) for n in twins[0][1:])
@@ -85,7 +86,10 @@ def sentences(file: GapFile, held: Shrink | None, rest: Leftover) -> list[str]:
         said.append(f"It cannot be told from {others} with these runs{cure}.")
     elif file.next_run is not None:
         said.append(f"To be surer: {file.next_run.why}.")
-    said.append(row.cure)
+    if apart is not None and len(file.set95) > 1:
+        said.append(f"Without a tow: measure {apart.why}")
+    if row.cure not in said[-1]:
+        said.append(row.cure)
     changed = _changed(file)
     if changed:
         said.append(changed)

@@ -48,6 +48,15 @@ class NextRun(_Part):
     why: str = Field(description="in words")
 
 
+class NextMeasurement(_Part):
+    """What, measured without a tow, would tell most."""
+
+    effect: str = Field(description="of which effect")
+    numbers: dict[str, float] = Field(description="effect.number -> standard deviation to which it is to be measured")
+    distance: float = Field(description="expected D between the best two hypotheses by it")
+    why: str = Field(description="in words")
+
+
 class GapFile(ResultFile):
     """out/gap.json."""
 
@@ -65,6 +74,9 @@ class GapFile(ResultFile):
     p_unknown: float = Field(description="probability that something in no library is missing")
     set95: list[list[str]] = Field(description="hypotheses that hold 95 %: [] is no gap, [unknown] unknown")
     next_run: NextRun | None = Field(description="null: nothing is left to tell apart")
+    next_measurement: NextMeasurement | None = Field(
+        default=None, description="null: neither of the best two can be measured without a tow"
+    )
     derivatives: dict[str, dict[str, Measured]] = Field(
         default_factory=dict, description="the six, before (no effect) and after (the headline)"
     )

@@ -223,6 +223,14 @@ class WaterTable(Table):
     tank_width_m: PositiveLength | None = Field(default=None, description="between the walls")
 
 
+class ApartTable(Table):
+    """[[measured]]: a number of something the simulator does not know, measured apart: data for `diagnose`."""
+
+    number: Name = Field(description="effect.number, as gap.json names it: `frame_rate.rate`")
+    value: Number = Field(description="what was measured; SI")
+    sd: Positive = Field(description="its standard deviation")
+
+
 class RunFile(Table):
     """run.toml."""
 
@@ -240,6 +248,9 @@ class RunFile(Table):
     model: ModelTable | None = Field(default=None, description="needed unless kind is free")
     water: WaterTable | None = Field(default=None, description="needed unless kind is free")
     priors: Priors = Field(default_factory=lambda: Priors(), description="what is known beside the recording")
+    measured: tuple[ApartTable, ...] = Field(
+        default=(), description="numbers of unmodelled effects measured apart (a filmed clock, a tape along the datum)"
+    )
 
     @model_validator(mode="after")
     def _whole(self) -> RunFile:

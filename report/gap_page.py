@@ -35,6 +35,9 @@ def gap_page(found: Diagnosed) -> Html:
     ]
     if file.next_run is not None:
         parts.append(tag("section", tag("h2", "The next run"), _next(file)))
+    if file.next_measurement is not None:
+        said = tag("p", f"Measure {file.next_measurement.why} State it as [[measured]] in one run.toml, zero or not.")
+        parts.append(tag("section", tag("h2", "Without a tow"), said))
     if file.excluded:
         rows = [[name, why] for name, why in file.excluded.items()]
         parts.append(tag("section", tag("h2", "Not judged"), table(["effect", "why"], rows)))

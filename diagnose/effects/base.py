@@ -34,6 +34,7 @@ class Parameter:
     sd : prior standard deviation about ``none``: how large the effect usually is where it exists
     none : value at which the effect is absent
     one_sided : physics lets it only be larger than ``none``
+    apart : standard deviation to which it can be measured without a tow, as the effect's cure says; 0: it cannot
     """
 
     name: str
@@ -41,6 +42,7 @@ class Parameter:
     sd: float
     none: float = 0.0
     one_sided: bool = False
+    apart: float = 0.0
 
 
 @dataclass(frozen=True)

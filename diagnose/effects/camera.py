@@ -17,6 +17,10 @@ ROLL_FORM = 0.01
 ROLLS_S = (0.6, 0.8, 1.0, 1.25, 1.55, 1.9, 2.4)
 """Roll periods where a fit may begin; models of 1 to 4 m have these."""
 SHORTEST_ROLL_S = 0.3
+RULE_M = 1e-3
+"""How well a height or a place is measured by rule."""
+PICKED_RAD = 2e-4
+"""How well a camera's turn is known from the datum picked again: four points, a sixth of a pixel, 1000 px of focal length."""
 
 
 def _changed(run, **tables):
@@ -130,7 +134,7 @@ def _no_history(run) -> str:
 LENS = Effect(
     "lens_distortion",
     "camera",
-    (Parameter("k1", "", 0.03),),
+    (Parameter("k1", "", 0.03, apart=0.002),),
     "The lens bends straight lines otherwise than [camera] says.",
     "Calibrate the lens (towline lens).",
     "theory.md 4",
@@ -140,7 +144,7 @@ LENS = Effect(
 DECK = Effect(
     "deck_height",
     "camera",
-    (Parameter("depth_m", "m", 0.015),),
+    (Parameter("depth_m", "m", 0.015, apart=RULE_M),),
     "The marks lie on another plane than depth_m says, so that they are projected to the wrong place.",
     "Measure the marks' height against the datum plane.",
     "thesis (4.2)",
@@ -151,7 +155,7 @@ DECK = Effect(
 SHIFT = Effect(
     "camera_shift",
     "camera",
-    (Parameter("right_rad", "rad", 0.003), Parameter("down_rad", "rad", 0.003), Parameter("roll_rad", "rad", 0.003)),
+    tuple(Parameter(f"{name}_rad", "rad", 0.003, apart=PICKED_RAD) for name in ("right", "down", "roll")),
     "The camera was turned after the datum was picked.",
     "Pick the datum again in this recording, or let its points be tracked.",
     "theory.md 4",
@@ -162,7 +166,7 @@ SHIFT = Effect(
 SCALE = Effect(
     "datum_scale",
     "camera",
-    (Parameter("scale", "", 0.01),),
+    (Parameter("scale", "", 0.01, apart=5e-4),),
     "The datum points stand elsewhere than tank_m says, all by one factor.",
     "Measure the datum's length and width again.",
     "thesis 4.6",
@@ -173,7 +177,7 @@ SCALE = Effect(
 POST = Effect(
     "datum_bias",
     "camera",
-    (Parameter("ahead_m", "m", 0.006), Parameter("aside_m", "m", 0.006)),
+    (Parameter("ahead_m", "m", 0.006, apart=RULE_M), Parameter("aside_m", "m", 0.006, apart=RULE_M)),
     "The tow post stands off the place that post_m says.",
     "Measure the post against the datum.",
     "theory.md 4",
@@ -208,9 +212,9 @@ ROLLING = tuple(
 SHUTTER = Effect(
     "rolling_shutter",
     "clock",
-    (Parameter("readout_s", "s", 0.02),),
+    (Parameter("readout_s", "s", 0.02, apart=1e-3),),
     "The sensor's rows are exposed one after another, so that marks in different rows are seen at different times.",
-    "Use a camera with a global shutter, or give the readout time.",
+    "Film a light that flashes (its edge stands in one row) for the readout time; use a camera with a global shutter.",
     "CMOS sensors",
     observe=_shutter,
     needs=_no_pixels,
@@ -218,7 +222,7 @@ SHUTTER = Effect(
 RATE = Effect(
     "frame_rate",
     "clock",
-    (Parameter("rate", "", 0.01),),
+    (Parameter("rate", "", 0.01, apart=1e-4),),
     "Frames come at another rate than stated, so that every time is stretched.",
     "Film a clock; give source.frame_rate_hz.",
     "theory.md 2",
@@ -241,7 +245,7 @@ DRIFT = Effect(
 DELAY = Effect(
     "sync_delay",
     "clock",
-    (Parameter("delay_s", "s", 0.2),),
+    (Parameter("delay_s", "s", 0.2, apart=0.02),),
     "Load cell and video run on different clocks, so that the tension comes too early or too late.",
     "Give tow.tension_delay_s from a tap that both record.",
     "formats.md",

@@ -57,7 +57,7 @@ ELASTIC = Effect(
 OFFSET = Effect(
     "tow_point_offset",
     "line",
-    (Parameter("offset_m", "m", 0.005),),
+    (Parameter("offset_m", "m", 0.005, apart=1e-3),),
     "The line pulls beside the centre line and turns the model.",
     "Measure the tow point's offset and give tow_point_offset_m.",
     "theory.md 2",

@@ -1,4 +1,5 @@
 # make demo        the main job on the sample videos        make test   lint and tests        make docs   build/site/index.html
+# make wheel-test  the tests against an installed wheel (TESTS='-k lens' passes options on)
 # KORNIA=0         leaves torch and kornia out              PYTHON=...  another interpreter (3.11 or newer)
 PYTHON ?= python3
 KORNIA ?= 1
@@ -9,14 +10,16 @@ SOURCES := pyproject.toml Makefile
 ifeq ($(KORNIA),0)
 DEMO_EXTRAS := .
 TEST_EXTRAS := .[test]
+EXTRAS := test
 STAMP := plain
 else
 DEMO_EXTRAS := .[kornia]
 TEST_EXTRAS := .[test,kornia]
+EXTRAS := test,kornia
 STAMP := kornia
 endif
 
-.PHONY: demo test lint wheel clean docs
+.PHONY: demo test lint wheel wheel-test clean docs
 
 demo: $(VENV)/.demo-$(STAMP)
 	$(BIN)/towline run sample_videos/leander_steady/hole6 sample_videos/leander_steady/hole5 sample_videos/leander_steady/hole4 sample_videos/leander_steady/hole3
@@ -42,6 +45,15 @@ $(BIN)/python:
 	@$(PYTHON) -m venv $(VENV) 2>/dev/null || { rm -rf $(VENV); \
 	  $(PYTHON) -m pip install --quiet --target .virtualenv-bootstrap virtualenv && \
 	  PYTHONPATH=.virtualenv-bootstrap $(PYTHON) -m virtualenv --quiet $(VENV) && rm -rf .virtualenv-bootstrap; }
+
+# The wheel in an environment of its own, with the versions of constraints.txt, and the tests against what it installed.
+wheel-test:
+	@rm -rf build/wheel-test && mkdir -p build/wheel-test
+	@$(MAKE) --no-print-directory VENV=build/wheel-test/venv build/wheel-test/venv/bin/python
+	build/wheel-test/venv/bin/python -m pip wheel --quiet --no-deps -w build/wheel-test .
+	build/wheel-test/venv/bin/python -m pip install --quiet -c constraints.txt "$$(ls build/wheel-test/towline-*.whl)[$(EXTRAS)]"
+	@cd build/wheel-test && venv/bin/python -c 'import sys, towline; sys.exit(None if "site-packages" in towline.__file__ else towline.__file__)'
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 build/wheel-test/venv/bin/python -m pytest tests $(TESTS)
 
 $(VENV)/.demo-$(STAMP): $(BIN)/python $(SOURCES)
 	$(BIN)/python -m pip install --quiet -e '$(DEMO_EXTRAS)'

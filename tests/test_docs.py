@@ -386,3 +386,15 @@ def test_markers_and_tight_lists_reach_the_site_as_markdown() -> None:
     assert hooks.with_inner_links("[a](../benchmarks/x.txt) [b](b.md#c)", "d.md") == "[a](benchmarks/x.txt) [b](b.md#c)"
     assert hooks.with_inner_links("[a](../../tests/x.py)", "methods/d.md") == "[a](../tests/x.py)"
     assert hooks.with_inner_links("[a](../docs/x.md)", "sample_videos/README.md") == "[a](../x.md)"
+
+
+TRACED = re.compile(r"^\| `(.+?)` \| ([\w/]+\.txt) \| `(.+?)` \|$", re.MULTILINE)
+
+
+def test_the_figures_of_the_readme_stand_in_the_benchmarks_tables() -> None:
+    rows = TRACED.findall((ROOT / "benchmarks" / "README.md").read_text())
+    assert len(rows) > 20
+    readme = (ROOT / "README.md").read_text()
+    for said, file, there in rows:
+        assert said.replace("\\|", "|") in readme, f"README.md does not say {said!r}"
+        assert there in (ROOT / "benchmarks" / file).read_text(), f"benchmarks/{file} does not hold {there!r}"

@@ -1,0 +1,144 @@
+"""Every benchmark by one command; each table is written beside its script with what made it.
+
+    python benchmarks/all.py [--only first_path vision ...] [--list]
+
+A table's first lines say the command, the commit, the day, the machine with its load before and after, and the versions. What was
+measured before stays until its successor is whole. Some take hours (--list says about how long, on two cores); the long ones go
+on where they were stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from datetime import date
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from towline.record.files import write_text
+
+HERE = Path(__file__).resolve().parent
+PACKAGES = (
+    "towline", "numpy", "scipy", "pandas", "opencv-python-headless", "scikit-image", "av", "kornia", "torch", "trackpy", "casadi",
+    "jax-sysid", "pysindy",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Table:
+    """A benchmark.
+
+    Attributes
+    ----------
+    command : after ``python``; {out} is a folder that is kept, so that it can go on
+    file : table, in benchmarks/
+    minutes : to expect on two cores; the table says what it took
+    says : what it measures
+    """
+
+    command: str
+    file: str
+    minutes: float
+    says: str
+
+
+TABLES = {
+    "first_path": Table("benchmarks/first_path.py", "first_path.txt", 1, "the sample videos from film to derivatives"),
+    "vision": Table("benchmarks/vision.py", "vision.txt", 20, "marks against their bound, beside trackpy, OpenCV, scikit-image"),
+    "fuzz": Table("benchmarks/fuzz.py", "fuzz.txt", 6, "damaged recordings"),
+    "faults": Table("benchmarks/faults.py", "faults.txt", 20, "damaged files of every other kind, and estimators"),
+    "geometry": Table("benchmarks/geometry.py", "geometry.txt", 15, "random cameras, planted faults"),
+    "trapezoid": Table("benchmarks/trapezoid.py", "trapezoid.txt", 1, "the thesis's trapezoid against the exact form"),
+    "identify": Table("benchmarks/identify.py", "identify.txt", 90, "the joint fit, its bound, scipy, CasADi, jax-sysid"),
+    "methods": Table("benchmarks/methods.py", "methods.txt", 6, "every estimator under one noise"),
+    "gap": Table("benchmarks/gap.py", "gap.txt", 5, "every effect of the library, planted once"),
+    "app": Table("benchmarks/app.py", "app.txt", 3, "the page: seconds per interaction, memory"),
+    "campaign": Table("benchmarks/campaign.py", "campaign.txt", 9, "two workers against one, kills, memory"),
+    "end_to_end": Table("benchmarks/end_to_end.py {out}/end-to-end", "end_to_end.txt", 100, "100 campaigns, film to derivatives"),
+    "blind": Table(
+        "-m towline blind {out}/blind --cases 600 --nulls 300 --seed 2027 --workers 2 --html", "blind/score.txt", 75,
+        "600 campaigns whose truth is sealed",
+    ),
+    "mutants": Table("benchmarks/mutants.py {out}/mutants", "mutants.txt", 120, "300 random mutants against the tests"),
+}  # fmt: skip
+
+
+def head(command: str) -> str:
+    """What made a table."""
+    found = []
+    for name in PACKAGES:
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            continue
+    commit = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], cwd=HERE, capture_output=True, text=True, check=False
+    ).stdout.strip()
+    machine = f"{platform.machine()}, {os.cpu_count()} cores, {_processor()}"
+    return (
+        f"# python {command}\n# {date.today()}, commit {commit or 'unknown'}, {machine}, load {_load()} before\n"
+        f"# python {platform.python_version()}, {', '.join(found)}\n"
+    )
+
+
+def _load() -> str:
+    return ", ".join(f"{value:.1f}" for value in os.getloadavg()) if hasattr(os, "getloadavg") else "unknown"
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
+
+
+def made(table: Table, out: Path) -> bool:
+    """Run one and write its table; False: it ended with an error, and the old table stays."""
+    shown, command = table.command.format(out="OUT"), table.command.format(out=out).split()
+    began, first = time.perf_counter(), head(shown)
+    one = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    done = subprocess.run(
+        [sys.executable, *command],
+        cwd=HERE.parent,
+        env={**os.environ, **one},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        print(f"{shown}: ended with {done.returncode}; benchmarks/{table.file} stays as it was", file=sys.stderr)
+        return False
+    first += f"# {(time.perf_counter() - began) / 60:.1f} minutes, load {_load()} after\n\n"
+    write_text(HERE / table.file, first + done.stdout)
+    return True
+
+
+def main() -> None:
+    """Run what is asked for."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--only", nargs="+", choices=TABLES, default=list(TABLES), metavar="NAME")
+    parser.add_argument("--list", action="store_true", help="say what there is, run nothing")
+    parser.add_argument("--out", type=Path, default=Path(tempfile.gettempdir()) / "towline-benchmarks")
+    given = parser.parse_args()
+    if given.list:
+        for name, table in TABLES.items():
+            print(f"{name:12}{table.minutes:5.0f} min  {table.says}")
+        return
+    failed = []
+    for name in given.only:
+        print(f"{name}: {TABLES[name].says} ({TABLES[name].minutes:g} min)", flush=True)
+        if not made(TABLES[name], given.out):
+            failed.append(name)
+    if failed:
+        raise SystemExit(f"not measured: {', '.join(failed)}")
+
+
+if __name__ == "__main__":
+    main()

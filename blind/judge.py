@@ -31,6 +31,7 @@ class Judged:
     set95 : calls that hold 95 %
     own_class : effects that the diagnosis itself cannot tell from what it said
     shrink, interval, oracle : of the headline; None where the truth is no effect or the gap is too small
+    gap : without the effect, in the oracle's hands; 0: not known
     seconds : to the answer
     calls : method -> call, of the baselines
     """
@@ -50,6 +51,7 @@ class Judged:
     shrink: float | None
     interval: tuple[float, float] | None
     oracle: float | None
+    gap: float
     seconds: float
     calls: Mapping[str, Call]
 
@@ -117,6 +119,7 @@ def judged(
         shrink,
         interval,
         measure.get("oracle_shrink") if measure.get("oracle_before", 0.0) > SHOWS else None,
+        float(measure.get("oracle_before", 0.0)),
         float(answer.get("seconds", float("nan"))),
         dict(calls or {}),
     )

@@ -11,6 +11,8 @@ from .judge import NO_GAP, NONE, TOLD_APART, UNKNOWN, Call, Judged
 
 STRATA = (("D > 20", TOLD_APART, np.inf), ("D 5-20", 5.0, TOLD_APART), ("D < 5", -np.inf, 5.0))
 SURE = 0.9
+GROSS = 2.0
+"""A gap of this size is one that anybody sees; its shrink is a number with few per cent of noise."""
 BINS = 10
 TOWLINE = "towline"
 
@@ -128,8 +130,9 @@ def _of_probabilities(cases: Sequence[Judged]) -> list[Score]:
         wrong = (c.said not in (NO_GAP, UNKNOWN) and c.probability > SURE for c in unknown)
         found.append(share("named wrongly with p > 0.9", "in no library", TOWLINE, wrong))
     shrunk = [c for c in singles if c.clear and c.in_class(c.said) and c.shrink is not None and c.oracle is not None]
-    if shrunk:
-        found += _shrinks(shrunk)
+    for name, of in (("D > 20", shrunk), ("D > 20, gap >= 2", [c for c in shrunk if c.gap >= GROSS])):
+        if of:
+            found += _shrinks(name, of)
     if answered:
         error, *_ = calibration(answered)
         found.append(Score("expected calibration error", "all", TOWLINE, None, len(answered), error, error, error))
@@ -155,7 +158,7 @@ def _mean(what: str, stratum: str, values: Sequence[float], unit: str = "") -> S
     return Score(what, stratum, TOWLINE, None, len(values), mean, mean - half, mean + half, unit)
 
 
-def _shrinks(cases: Sequence[Judged]) -> list[Score]:
+def _shrinks(stratum: str, cases: Sequence[Judged]) -> list[Score]:
     off = np.array([abs(float(c.shrink or 0.0) - float(c.oracle or 0.0)) for c in cases])
     rng = np.random.default_rng(0)
     drawn = off[rng.integers(0, len(off), (2000, len(off)))]
@@ -163,9 +166,9 @@ def _shrinks(cases: Sequence[Judged]) -> list[Score]:
     for what, q in (("|shrink - oracle|, median", 0.5), ("|shrink - oracle|, 90th percentile", 0.9)):
         low, high = np.quantile(np.quantile(drawn, q, axis=1), [0.025, 0.975])
         value = float(np.quantile(off, q))
-        found.append(Score(what, "D > 20", TOWLINE, None, len(off), value, float(low), float(high)))
+        found.append(Score(what, stratum, TOWLINE, None, len(off), value, float(low), float(high)))
     inside = (c.interval is not None and c.interval[0] <= float(c.oracle or 0.0) <= c.interval[1] for c in cases)
-    return [*found, share("oracle in the 90 % interval", "D > 20", TOWLINE, inside)]
+    return [*found, share("oracle in the 90 % interval", stratum, TOWLINE, inside)]
 
 
 @dataclass(frozen=True)

@@ -45,13 +45,13 @@ def _kinds(cases: Sequence[Judged]) -> str:
 
 def _table(table: Sequence[Score]) -> list[str]:
     methods = list(dict.fromkeys(s.method for s in table))
-    head = f"{'score':34}{'of':16}" + "".join(f"{m:>{WIDE}}" for m in methods)
+    head = f"{'score':36}{'of':18}" + "".join(f"{m:>{WIDE}}" for m in methods)
     rows = list(dict.fromkeys((s.what, s.stratum) for s in table))
     by = {(s.what, s.stratum, s.method): s for s in table}
     lines = [head, "-" * len(head)]
     for what, stratum in rows:
         cells = [by.get((what, stratum, m)) for m in methods]
-        lines.append(f"{what:34}{stratum:16}" + "".join(f"{_cell(s):>{WIDE}}" for s in cells))
+        lines.append(f"{what:36}{stratum:18}" + "".join(f"{_cell(s):>{WIDE}}" for s in cells))
     return [line.rstrip() for line in lines]
 
 

@@ -8,6 +8,8 @@ from ..record.gap_file import GapFile
 from .held_out import Shrink
 from .scan import Leftover
 
+OPEN = 0.6
+"""Below this probability no gap is a verdict for want of a better one."""
 STANDS_OUT = 5.0
 """Log evidence."""
 
@@ -41,11 +43,19 @@ def sentences(file: GapFile, held: Shrink | None, rest: Leftover) -> list[str]:
     """The summary in plain words."""
     if file.verdict == "no_gap":
         said = [f"The simulator explains these runs to within their noise (probability {file.p_no_gap:.2f})."]
+        if file.p_no_gap < OPEN:
+            said = [
+                f"No gap is shown, nor excluded: that nothing is missing has a probability of {file.p_no_gap:.2f} only."
+            ]
         if file.ranking:
             first = file.ranking[0]
             said.append(
                 f"The nearest thing to a gap would be {_like(first.effects)} (probability {first.probability:.2f})."
             )
+        if file.p_no_gap < OPEN and file.next_measurement is not None:
+            said.append(f"Without a tow: measure {file.next_measurement.why}")
+        if file.p_no_gap < OPEN and file.next_run is not None:
+            said.append(f"To be surer: {file.next_run.why}.")
         return said
     if file.verdict == "unknown":
         place = file.where

@@ -476,6 +476,11 @@ def test_the_shrinks_coverage_can_fail() -> None:
     table = scores(off)
     assert _find(table, "oracle in the 90 % interval", "D > 20").hits == 0
     assert _find(table, "|shrink - oracle|, median", "D > 20").value == pytest.approx(0.6)
+    # a gap that hardly shows has a stratum of its own
+    small = [_judged("effect", ["crossflow_drag"], _gap("effect"), oracle_before=1.3)]
+    table = scores([*off, *small])
+    assert _find(table, "|shrink - oracle|, median", "D > 20").of == 4
+    assert _find(table, "|shrink - oracle|, median", "D > 20, gap >= 2").of == 3
 
 
 def test_calibration_of_honest_and_boastful_answers() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -14,6 +14,7 @@ import tomlkit
 
 from towline.cli import main
 from towline.diagnose.effects import LIBRARY, STAGES, Effect, load_effects
+from towline.diagnose.gap import _verdict
 from towline.diagnose.hypothesis import Hypothesis
 from towline.diagnose.noise import Forces
 from towline.diagnose.tow_data import block_step
@@ -240,3 +241,26 @@ def test_a_free_run_is_refused_by_name(
     assert read_run(folder).file.kind == "free"
     assert main(["diagnose", str(folder)]) == 1
     assert "only towed runs" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("no_gap", "unknown", "effects", "verdict"),
+    [
+        (0.9, 0.05, (0.05,), "no_gap"),
+        (0.25, 0.05, (0.4, 0.3), "no_gap"),  # something is likely missing, but not surely
+        (0.19, 0.01, (0.5, 0.3), "effect"),
+        (0.1, 0.5, (0.4,), "unknown"),
+        (0.1, 0.44, (0.23, 0.23), "effect"),
+        (0.05, 0.95, (), "unknown"),
+    ],
+)
+def test_a_gap_is_called_where_one_is_almost_sure(
+    no_gap: float, unknown: float, effects: tuple[float, ...], verdict: str
+) -> None:
+    names = [SimpleNamespace(names=(f"effect {k}",)) for k in range(len(effects))]
+    ranking = SimpleNamespace(
+        candidates=tuple(names), probabilities=np.array(effects), p_no_gap=no_gap, p_unknown=unknown
+    )
+    said, best = _verdict(ranking)
+    assert said == verdict
+    assert best is (names[0] if verdict == "effect" else None)

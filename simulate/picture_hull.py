@@ -177,20 +177,24 @@ def _sides(rig: Rig, box, deck: Array, water: Array) -> Picture:
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
     facing = normal @ (_SUN / np.linalg.norm(_SUN))
     boot = deck + (water - deck) * 0.72
-    for i in range(len(plan)):
-        j = (i + 1) % len(plan)
-        level = 0.66 + 0.30 * facing[i]
-        for a, b, colour in ((deck, boot, rig.paint_bgr * level), (boot, water, _BOOT * (0.8 + 0.4 * level))):
-            quad = np.stack([a[i], a[j], b[j], b[i]]) - corner
-            if _turns_clockwise(quad):
-                cv2.fillConvexPoly(side, np.round(quad * 16).astype(np.int32), colour.tolist(), cv2.LINE_8, 4)
+    level = 0.66 + 0.30 * facing[:, None]
+    quads = np.stack([_panels(deck, boot), _panels(boot, water)], axis=1) - corner
+    colours = np.stack([rig.paint_bgr * level, _BOOT * (0.8 + 0.4 * level)], axis=1)
+    for i, band in np.argwhere(_turn_clockwise(quads)):
+        fixed = np.round(quads[i, band] * 16).astype(np.int32)
+        cv2.fillConvexPoly(side, fixed, colours[i, band].tolist(), cv2.LINE_8, 4)
     return side
 
 
-def _turns_clockwise(quad: Array) -> bool:
-    """The panel's outside faces the camera."""
-    x, y = quad[:, 0], quad[:, 1]
-    return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) > 0
+def _panels(above: Array, below: Array) -> Array:
+    """(n, 4, 2) corners of the panels between two outlines (n, 2)."""
+    return np.stack([above, np.roll(above, -1, axis=0), np.roll(below, -1, axis=0), below], axis=1)
+
+
+def _turn_clockwise(quads: Array) -> NDArray[np.bool_]:
+    """Which panels (..., 4, 2) show the camera their outside."""
+    x, y = quads[..., 0], quads[..., 1]
+    return (x * np.roll(y, -1, axis=-1) - y * np.roll(x, -1, axis=-1)).sum(axis=-1) > 0
 
 
 def _bar(picture: Picture, camera: Camera, rig: Rig, pose: Pose, exposure: float) -> None:

@@ -65,6 +65,13 @@ def cases(root: Path) -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def end_to_end(root: Path) -> ModuleType:
+    """Random campaigns from hull to film, and what comes out of them."""
+    _cases(root, "end_to_end_cases")
+    return _cases(root, "end_to_end")
+
+
+@pytest.fixture(scope="session")
 def tow_runs(cases: ModuleType) -> Callable[[int, int], list]:
     """(seed, how many) -> tows without any effect, as the diagnosis takes them."""
     from towline.diagnose.tow_data import block_step, tow_run

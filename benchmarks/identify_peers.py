@@ -1,4 +1,4 @@
-"""What people use instead, on the same runs: scipy, CasADi multiple shooting, jax-sysid (each where it is installed).
+"""What people use instead, on the same runs: scipy, CasADi multiple shooting, jax-sysid, pysindy (each where it is installed).
 
 All are helped: they start from derivatives 10 % off and from the true start of each run, and know the noise's size. towline
 is asked for everything without a guess.
@@ -142,6 +142,33 @@ def jax_sysid_fit(runs: list[RunData]) -> np.ndarray:
     return np.array(model.params[0]) * SIX
 
 
+def pysindy_fit(runs: list[RunData], window: int = 129) -> np.ndarray:
+    """pysindy: v and r from smoothed differences of y and beta, and least squares of their rates on v, r and the line's force.
+
+    It is told the equations' form and the tension, and needs no guess; of windows of 9, 33, 65 and 129 samples the last is best.
+    """
+    import pysindy as ps
+
+    smooth = ps.SmoothedFiniteDifference(smoother_kws={"window_length": window, "polyorder": 3})
+    states, forces, times = [], [], []
+    for run in runs:
+        y, beta = (smooth._differentiate(x[:, None], run.t_s)[:, 0] for x in (run.y_m, run.beta_rad))
+        tow = run.tow
+        slope = run.y_m / tow.line_length_m + (1 + tow.tow_point_m / tow.line_length_m) * run.beta_rad
+        states.append(np.column_stack([y - tow.speed_m_s * run.beta_rad, beta]))
+        forces.append(tow.tension_n * np.column_stack([slope, tow.tow_point_m * slope]))
+        times.append(run.t_s)
+    model = ps.SINDy(
+        optimizer=ps.STLSQ(threshold=0.0, alpha=0.0),
+        feature_library=ps.PolynomialLibrary(degree=1, include_bias=False),
+        differentiation_method=smooth,
+    )
+    model.fit(states, t=times, u=forces)
+    (y_v, y_r, side, _), (n_v, n_r, _, turn) = model.coefficients()
+    m, i = -1 / side, -1 / turn
+    return np.array([m, i, y_v * m, y_r * m, n_v * i, n_r * i])
+
+
 def peers() -> list[tuple[str, Peer]]:
     """Those that are installed; the others are said."""
     found: list[tuple[str, Peer]] = [
@@ -150,6 +177,7 @@ def peers() -> list[tuple[str, Peer]]:
     for module, name, call in (
         ("casadi", "CasADi multiple shooting", casadi_fit),
         ("jax_sysid", "jax-sysid, L-BFGS", jax_sysid_fit),
+        ("pysindy", "pysindy, rates regressed", pysindy_fit),
     ):
         if find_spec(module) is None:
             print(f"{name}: not installed here")

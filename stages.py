@@ -352,6 +352,16 @@ def _drawn_before(path: Path, found: Tracked) -> bool:
 # motion ------------------------------------------------------------------------------------------------------------
 
 
+def _kept(run: Run, paths: dict[str, Path], tracks: pd.DataFrame) -> Moved | None:
+    """The motion as it stands; None where a file of it is damaged, so that it is made anew."""
+    try:
+        common = np.load(paths[COMMON], allow_pickle=False)
+        motion, camera = read_motion(paths[MOTION]), read_result(paths[CAMERA], CameraFile)
+    except (OSError, ValueError, EOFError, TowlineError):
+        return None
+    return Moved(run, motion, common, camera, tracks) if common.shape[1:] == (len(motion), 3) else None
+
+
 def moved(run: Run, method: str = "exact", progress: Progress | None = None, fresh: bool = False) -> Moved:
     """Motion of a run, from its own file, from out/ or from its tracks."""
     if run.file.source.motion is not None:
@@ -362,10 +372,9 @@ def moved(run: Run, method: str = "exact", progress: Progress | None = None, fre
     stamp = run.input_hash("motion", code_hash(), method)
     paths = {name: run.out / name for name in (MARKS, MOTION, COMMON, CAMERA)}
     if not fresh and input_hash_of(paths[MOTION]) == stamp and all(p.is_file() for p in paths.values()):
-        common = np.load(paths[COMMON], allow_pickle=False)
-        motion = read_motion(paths[MOTION])
-        if common.shape[1:] == (len(motion), 3):
-            return Moved(run, motion, common, read_result(paths[CAMERA], CameraFile), tracks)
+        kept = _kept(run, paths, tracks)
+        if kept is not None:
+            return kept
     if progress is not None:
         progress(f"{run.name}: motion", 0, None)
     from .geometry import motion_from_tracks

@@ -7,6 +7,7 @@ of the session says who asks. A request under another host's name, from another 
 from __future__ import annotations
 
 import hmac
+import re
 import secrets
 from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
@@ -19,6 +20,7 @@ Served = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 MOST_BODY = 1 << 20
 """Bytes of a request; nothing is uploaded."""
+LENGTH = re.compile(r"[0-9]{1,15}")
 TOKEN = "token"
 SAFE = ("GET", "HEAD")
 
@@ -72,7 +74,7 @@ class Guard:
         if not _same(_cookies(head.get("cookie", "")).get(self.cookie, ""), self._session):
             await _refuse(scope, send, 403, "open the address that towline app printed")
             return
-        if not head.get("content-length", "0").isdigit() or int(head.get("content-length", "0")) > MOST_BODY:
+        if not LENGTH.fullmatch(head.get("content-length", "0")) or int(head.get("content-length", "0")) > MOST_BODY:
             await _refuse(scope, send, 413, "too large")
             return
         await self._served(scope, _bounded(receive) if scope["type"] == "http" else receive, self._with_policy(send))

@@ -198,7 +198,11 @@ def _kept(path: Path, stamp: str) -> Answer | None:
         return None
     if not isinstance(record, dict) or record.get("stamp") != stamp:
         return None
-    return restored(record) if all((path.parent / name).is_file() for name in record.get("wrote", ())) else None
+    try:
+        answer = restored(record)
+        return answer if all((path.parent / name).is_file() for name in answer.wrote) else None
+    except (KeyError, TypeError, ValueError):  # damaged: done again
+        return None
 
 
 def restored(plain: dict[str, Any]) -> Answer:

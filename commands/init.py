@@ -148,6 +148,8 @@ def _content(options: argparse.Namespace, folder: Path, asker: Asker) -> tuple[d
         tow["post_amplitude_m"] = number(AMPLITUDE, 0.05)
         tow["post_frequency_hz"] = number(FREQUENCY, 0.2)
     content["tow"] = tow
+    if any(name.startswith("..") or Path(name).anchor for name in (file, tow.get("tension")) if isinstance(name, str)):
+        content["outside"] = True
     if size_px is not None:
         content["marker"] = _marks(options, asker, length_m)
         behind_m = -(tow.get("line_length_m", 1.0) + 1.2 * length_m)

@@ -150,7 +150,10 @@ def _picture(path: Path) -> Any:
 
     from ..record.errors import InputError
 
-    luma = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if path.stat().st_size else None
+    try:
+        luma = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if path.stat().st_size else None
+    except cv2.error:  # a header that claims more pixels than OpenCV takes
+        luma = None
     if luma is None:
         raise InputError(path, "", "is no picture that OpenCV can read")
     return luma

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.special import chdtrc
 
-from ..record.errors import GeometryError
+from ..record.errors import GeometryError, solvable
 from ..record.schema import CameraTable, DatumPoint
 from .camera import Array
 from .datum_model import DatumModel, datum_model
@@ -86,6 +86,7 @@ class _Solved:
     whitened: Array
 
 
+@solvable(GeometryError, "the datum does not fix the camera")
 def fit_datum(
     points: Sequence[DatumPoint],
     camera: CameraTable | None,

@@ -16,6 +16,8 @@ from ..simulate.model import Array, Tow
 from ..simulate.scenario import tow_from_table
 from .still import Still
 
+LONGEST_S = 1e6
+"""No record is longer: its times are in another unit."""
 ASSUMED_SIGMA_Y_M = 1e-3
 ASSUMED_SIGMA_BETA_RAD = np.radians(0.1)
 """Weights of a motion without sigma columns; the fit measures the noise itself, these only start it."""
@@ -96,6 +98,7 @@ def run_data(
         raise InputError(run.source_path, "", f"{int(measured.sum())} measured samples; at least 20 are needed")
     rows = motion[measured]
     times = rows["t_s"].to_numpy()
+    check_times(run, times)
     tow = tow_from_table(table)
     tension = speed = None
     if table.tension is not None:
@@ -130,6 +133,16 @@ def run_data(
         assumed_sigma=assumed,
         still=None if still is None else _still(still),
     )
+
+
+def check_times(run: Run, times: Array) -> None:
+    """InputError unless the times of a motion are finite and rise strictly, as ``read_motion`` sees to."""
+    if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
+        raise InputError(run.source_path, "t_s", "times must be finite and rise strictly")
+    if len(times) > 1 and times[-1] - times[0] > LONGEST_S:
+        raise InputError(
+            run.source_path, "t_s", f"from {times[0]:g} to {times[-1]:g} s; a tow lasts less than {LONGEST_S:g} s"
+        )
 
 
 def _still(motion: pd.DataFrame) -> Still:

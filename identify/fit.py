@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record.errors import EstimationError
+from ..record.errors import EstimationError, solvable
 from ..simulate.model import Array
 from .colour.disturbance import Disturbance
 from .data import RunData
@@ -91,6 +91,7 @@ class Fit:
     notes: tuple[str, ...] = ()
 
 
+@solvable(EstimationError, "the record does not fix what was asked of it")
 def fit_runs(
     runs: list[RunData],
     form: str = "full",

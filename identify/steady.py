@@ -12,12 +12,12 @@ import numpy as np
 import pandas as pd
 from scipy.special import chdtrc, ndtri
 
-from ..record.errors import EstimationError, InputError
+from ..record.errors import EstimationError, InputError, solvable
 from ..record.results import Measured, SteadyTow
 from ..record.run import RUN_FILE, Run
 from ..record.tables import read_history
 from ..simulate.model import Array
-from .data import common_key
+from .data import check_times, common_key
 from .noise import LARGEST_ORDER, autoregression
 
 BATCHES = 8
@@ -125,6 +125,7 @@ def steady_state(run: Run, motion: pd.DataFrame, common: Array | None) -> Steady
     if span is not None:
         good &= motion["t_s"].between(span[0], span[1]).to_numpy()
     times = motion["t_s"].to_numpy()[good]
+    check_times(run, times)
     if good.sum() < 5 * BATCHES or times[-1] - times[0] < SHORTEST_S:
         raise InputError(
             run.source_path, "", f"{int(good.sum())} samples with alpha and beta; {SHORTEST_S:g} s are needed"
@@ -218,6 +219,7 @@ def _tail_mean(angles: Array) -> tuple[Array, Array]:
     return mean, correlation * sd[:, None] * sd[None, :]
 
 
+@solvable(EstimationError, "the record does not fix what was asked of it")
 def fit_steady(tows: list[SteadyState], x_delta_m: float | None = None) -> SteadyFit:
     """X_v from two or more steady tows: the line X_T = X_v + k/F (5.4), fitted as F = k/(X_T - X_v) with F's covariance.
 

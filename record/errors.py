@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -41,3 +43,14 @@ class GeometryError(TowlineError):
 
 class EstimationError(TowlineError):
     """The record does not hold what was asked of it."""
+
+
+@contextmanager
+def solvable(error: type[TowlineError], words: str) -> Iterator[None]:
+    """Numerics that break down (a matrix without inverse, an overflow) say ``words`` as ``error``; also a decorator."""
+    from numpy.linalg import LinAlgError
+
+    try:
+        yield
+    except (LinAlgError, ArithmeticError) as fault:
+        raise error(f"{words} ({' '.join(str(fault).split()) or type(fault).__name__})") from None

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -162,7 +163,7 @@ def read_result(path: str | Path, kind: type[ResultT]) -> ResultT:
     """Read a result file; InputError if it is absent, no JSON, or another schema."""
     path = Path(path)
     try:
-        return kind.model_validate_json(path.read_text(encoding="utf-8"))
+        result = kind.model_validate_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(path, "", "no such file") from None
     except (OSError, UnicodeDecodeError) as error:
@@ -171,3 +172,19 @@ def read_result(path: str | Path, kind: type[ResultT]) -> ResultT:
         fault = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in fault["loc"])
         raise InputError(path, where, fault["msg"].lower()) from None
+    where = _not_finite(result.model_dump(by_alias=True))
+    if where is not None:
+        raise InputError(path, where, "is not a finite number")
+    return result
+
+
+def _not_finite(value: Any) -> str | None:
+    """Where a number that is not finite stands; None: nowhere."""
+    if isinstance(value, float):
+        return None if math.isfinite(value) else ""
+    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, (list, tuple)) else ()
+    for key, one in inner:
+        where = _not_finite(one)
+        if where is not None:
+            return f"{key}.{where}".rstrip(".")
+    return None

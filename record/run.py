@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -84,6 +85,7 @@ class Run:
     def _named_files(self) -> list[str]:
         file, tow = self.file, self.file.tow
         named = [file.source.file, file.noise.static if file.noise else None]
+        named.append(file.camera.calibration if file.camera else None)
         if tow is not None:
             named += [tow.tension, tow.rudder, tow.speed]
         return [name for name in named if name]
@@ -104,9 +106,23 @@ def read_run(folder: str | Path) -> Run:
     path = folder / RUN_FILE
     run = Run(folder, read_toml(path, RunFile))
     for key, name in _paths(run.file):
-        if not (folder / name).is_file():
-            raise InputError(path, key, f"no such file: {name}")
+        if not run.file.outside and _leads_out(name):
+            raise InputError(path, key, f"{name!r} leads out of the run folder; outside = true at the top allows it")
+        if not _is_file(folder / name):
+            raise InputError(path, key, f"no such file: {name if name.isprintable() else repr(name)}")
     return run
+
+
+def _leads_out(name: str) -> bool:
+    """Whether a path, as written, is absolute or climbs out of the folder it starts at; links are followed, not judged."""
+    return bool(Path(name).anchor) or Path(os.path.normpath(name)).parts[:1] == ("..",)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a name longer than the file system's, or with a zero byte
+        return False
 
 
 def _paths(file: RunFile) -> list[tuple[str, str]]:
@@ -115,6 +131,7 @@ def _paths(file: RunFile) -> list[tuple[str, str]]:
         ("source.tracks", file.source.tracks),
         ("source.motion", file.source.motion),
         ("noise.static", file.noise.static if file.noise else None),
+        ("camera.calibration", file.camera.calibration if file.camera else None),
         ("tow.tension", file.tow.tension if file.tow else None),
         ("tow.rudder", file.tow.rudder if file.tow else None),
         ("tow.speed", file.tow.speed if file.tow else None),

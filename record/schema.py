@@ -237,6 +237,10 @@ class RunFile(Table):
     name: Name = Field(description="name of the run in tables and reports")
     kind: Kind = Field(default="tow", description="tow | forced (post oscillates) | free (no line)")
     notes: str = Field(default="", description="free text")
+    outside: bool = Field(
+        default=False,
+        description="true: files may be named outside this folder (../x, absolute); else they are refused",
+    )
     source: SourceTable = Field(description="what was recorded")
     noise: NoiseTable | None = Field(default=None, description="records of the measurement's own noise")
     camera: CameraTable | None = Field(default=None, description="the lens")

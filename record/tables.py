@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import io
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .errors import InputError
 from .files import replacing
@@ -18,6 +21,7 @@ STATUS = ("measured", "predicted", "lost")
 TRACK_COLUMNS = ("frame", "t_s", "marker", "u_px", "v_px", "sigma_u_px", "sigma_v_px", "status")
 MARK_COLUMNS = ("t_s", "marker", "x_m", "y_m", "sigma_x_m", "sigma_y_m", "status")
 MOTION_COLUMNS = ("t_s", "y_cg_m", "beta_rad", "alpha_rad")
+FOUND_LETTERS, SHOWN_LETTERS = 300, 100
 _HASH_PREFIX = "# inputs sha256 "
 
 
@@ -28,23 +32,22 @@ def read_table(path: str | Path, needed: tuple[str, ...]) -> pd.DataFrame:
     ------
     InputError : missing or empty file, no header, a needed column absent, or a value that is no number (row named).
     """
-    import pandas as pd
-
     path = Path(path)
     try:
         if path.suffix == ".parquet":
-            table = pd.read_parquet(path)
+            table = _read_parquet(path)
         else:
             table = _read_csv(path)
     except FileNotFoundError:
         raise InputError(path, "", "no such file") from None
     except InputError:
         raise
-    except (OSError, ValueError, UnicodeDecodeError) as error:  # pandas and pyarrow raise their own ValueErrors
+    except (OSError, ValueError, csv.Error) as error:  # pandas and pyarrow raise their own ValueErrors
         raise InputError(path, "", f"cannot be read as a table ({_first_line(error)})") from None
     missing = [name for name in needed if name not in table.columns]
     if missing:
-        found = ", ".join(str(c) for c in table.columns)
+        found = ", ".join(" ".join(str(c).split()) for c in table.columns)
+        found = found if len(found) <= FOUND_LETTERS else found[:FOUND_LETTERS] + "..."
         raise InputError(path, f"column {missing[0]}", f"missing; found {found or 'none'}")
     return table
 
@@ -52,14 +55,29 @@ def read_table(path: str | Path, needed: tuple[str, ...]) -> pd.DataFrame:
 def _read_csv(path: Path) -> pd.DataFrame:
     import pandas as pd
 
-    text = path.read_text(encoding="utf-8")
+    text = path.read_text(encoding="utf-8-sig")
     lines = text.splitlines(keepends=True)
     skip = 0
     while skip < len(lines) and (lines[skip].startswith("#") or not lines[skip].strip()):
         skip += 1
     if skip == len(lines):
         raise InputError(path, "", "is empty; a header row is expected")
+    if skip + 1 < len(lines):  # pandas would take the first column for names of rows
+        head, first = (len(next(csv.reader([line.strip("\r\n")]), [])) for line in lines[skip : skip + 2])
+        if first > head:
+            raise InputError(path, "row 1", f"{first} cells; the header has {head}")
     return pd.read_csv(io.StringIO("".join(lines[skip:])), skip_blank_lines=False)
+
+
+def _read_parquet(path: Path) -> pd.DataFrame:
+    import pandas as pd
+
+    try:
+        return pd.read_parquet(path).reset_index(drop=True)
+    except OSError:
+        raise
+    except Exception as error:  # of damaged bytes and damaged descriptions in them: whatever came of it
+        raise ValueError(_first_line(error)) from None
 
 
 def _first_line(error: Exception) -> str:
@@ -104,13 +122,11 @@ def read_tracks(path: str | Path) -> pd.DataFrame:
             table[name] = np.nan
     if "status" not in table:
         table["status"] = "measured"
-    unknown = ~table["status"].isin(STATUS)
-    if unknown.any():
-        row = int(np.flatnonzero(unknown.to_numpy())[0])
-        raise InputError(path, _row(row), f"status {table['status'].iloc[row]!r}; expected {', '.join(STATUS)}")
+    _known_status(path, table)
     absent = table[["u_px", "v_px"]].isna().any(axis=1)
     table.loc[absent, "status"] = "lost"
     _no_gap(path, table, ("frame", "t_s"))
+    _named(path, table)
     table["marker"] = table["marker"].astype(str)
     for marker, rows in table.groupby("marker", sort=False):
         _rising(path, rows["t_s"], f"of marker {marker!r}")
@@ -133,7 +149,9 @@ def read_motion(path: str | Path) -> pd.DataFrame:
     _no_gap(path, table, ("t_s",))
     _rising(path, table["t_s"], "")
     if "status" not in table:
-        table["status"] = np.where(table[["y_cg_m", "beta_rad"]].isna().any(axis=1), "lost", "measured")
+        table["status"] = "measured"
+    _known_status(path, table)
+    table.loc[table[["y_cg_m", "beta_rad"]].isna().any(axis=1), "status"] = "lost"
     return table
 
 
@@ -149,15 +167,51 @@ def read_history(path: str | Path, column: str) -> pd.DataFrame:
 
 
 def _numbers(path: str | Path, table: pd.DataFrame, names: tuple[str, ...]) -> None:
+    for name in names:
+        numbers = numbers_of(table[name])
+        wrong = (np.isnan(numbers) & table[name].notna().to_numpy()) | np.isinf(numbers)
+        if wrong.any():
+            row = int(np.flatnonzero(wrong)[0])
+            shown = repr(table[name].iloc[row])
+            shown = shown if len(shown) <= SHOWN_LETTERS else shown[:SHOWN_LETTERS] + "..."
+            raise InputError(path, f"{_row(row)}, {name}", f"{shown} is not a finite number")
+        table[name] = numbers
+
+
+def numbers_of(column: pd.Series) -> NDArray[np.float64]:
+    """A column as floats; NaN where a cell is empty or no number."""
     import pandas as pd
 
-    for name in names:
-        numbers = pd.to_numeric(table[name], errors="coerce")
-        wrong = (numbers.isna() & table[name].notna()) | np.isinf(numbers.to_numpy(dtype=float, na_value=np.nan))
-        if wrong.any():
-            row = int(np.flatnonzero(wrong.to_numpy())[0])
-            raise InputError(path, f"{_row(row)}, {name}", f"{table[name].iloc[row]!r} is not a finite number")
-        table[name] = numbers.astype(float)
+    if isinstance(column.dtype, pd.CategoricalDtype) or column.dtype.kind in "mM":
+        return np.full(len(column), np.nan)  # a date is no number of seconds
+    try:
+        return pd.to_numeric(column, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
+    except (TypeError, ValueError, OverflowError):  # bytes, lists, whole numbers of hundreds of digits
+        return np.array([_number_or_nan(value) for value in column], dtype=float)
+
+
+def _number_or_nan(value: object) -> float:
+    try:
+        return float(value) if isinstance(value, (int, float, str)) else math.nan
+    except (ValueError, OverflowError):
+        return math.nan
+
+
+def _known_status(path: str | Path, table: pd.DataFrame) -> None:
+    unknown = np.array([not (isinstance(status, str) and status in STATUS) for status in table["status"]], dtype=bool)
+    if unknown.any():
+        row = int(np.flatnonzero(unknown)[0])
+        raise InputError(path, _row(row), f"status {table['status'].iloc[row]!r}; expected {', '.join(STATUS)}")
+    table["status"] = table["status"].astype(str)
+
+
+def _named(path: str | Path, table: pd.DataFrame) -> None:
+    nameless = np.array(
+        [not isinstance(m, (list, dict, np.ndarray)) and not str(m).strip() for m in table["marker"]], dtype=bool
+    )
+    nameless |= table["marker"].isna().to_numpy()
+    if nameless.any():
+        raise InputError(path, f"{_row(int(np.flatnonzero(nameless)[0]))}, marker", "is empty")
 
 
 def _no_gap(path: str | Path, table: pd.DataFrame, names: tuple[str, ...]) -> None:

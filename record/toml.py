@@ -12,6 +12,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from .errors import InputError
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
+TOO_DEEP = "its lists or tables stand too deep in one another"
+WHOLE_BITS = 63
+"""TOML's whole numbers have 64 bits, one of them the sign."""
 
 
 class Table(BaseModel):
@@ -36,8 +39,10 @@ def read_toml(path: str | Path, model: type[ModelT]) -> ModelT:
         raise InputError(path, "", f"cannot be read ({error.strerror})") from None
     except UnicodeDecodeError:
         raise InputError(path, "", "is not UTF-8 text") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(path, "", f"is not valid TOML: {error}") from None
+    except RecursionError:
+        raise InputError(path, "", TOO_DEEP) from None
+    except ValueError as error:  # TOMLDecodeError, and what a whole number of thousands of digits gives
+        raise InputError(path, "", f"is not valid TOML: {' '.join(str(error).split())[:300]}") from None
     return check_tables(content, model, path)
 
 
@@ -45,6 +50,10 @@ def check_tables(content: dict[str, Any], model: type[ModelT], path: str | Path)
     """Check already parsed TOML ``content``; ``path`` is only quoted in errors."""
     try:
         return model.model_validate(_lists_to_tuples(content))
+    except RecursionError:
+        raise InputError(path, "", TOO_DEEP) from None
+    except OverflowError:
+        raise InputError(path, "", "holds a whole number beyond 64 bits") from None
     except ValidationError as error:
         where, message = _describe(error, model, content)
         raise InputError(path, where, message) from None
@@ -56,6 +65,8 @@ def _lists_to_tuples(value: Any) -> Any:
         return {key: _lists_to_tuples(inner) for key, inner in value.items()}
     if isinstance(value, list):
         return tuple(_lists_to_tuples(inner) for inner in value)
+    if isinstance(value, int) and value.bit_length() > WHOLE_BITS:
+        raise OverflowError
     return value
 
 

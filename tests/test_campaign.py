@@ -20,7 +20,7 @@ import pytest
 from towline.campaign.find import run_folders
 from towline.campaign.remote import cache_folder
 from towline.campaign.whole import campaign
-from towline.campaign.work import Options
+from towline.campaign.work import RECORD, Options
 from towline.campaign.workers import workers
 from towline.cli import EXIT_SOME_FAILED, main
 from towline.record import InputError
@@ -137,7 +137,7 @@ def test_a_killed_campaign_goes_on_to_the_same_end(
     folder = copied(made, tmp_path)
     code = (
         "import sys; from pathlib import Path; from towline.campaign.whole import campaign; "
-        "from towline.campaign.work import Options; from towline.campaign.workers import workers\n"
+        "from towline.campaign.work import RECORD, Options; from towline.campaign.workers import workers\n"
         "if __name__ == '__main__':\n"
         "    with workers(1) as one: campaign(Path(sys.argv[1]), one, Options(form='linear', noise='output'))"
     )
@@ -254,3 +254,17 @@ def test_a_cluster_gives_the_same_and_a_killed_worker_costs_its_own_work(
     assert files_of(folder) == undisturbed[1]
     with pytest.raises(TowlineError, match="no Dask scheduler at"), workers(1, "tcp://127.0.0.1:1"):
         pass
+
+
+@pytest.mark.parametrize("damage", [RECORD, "motion_common.npy", "camera.json"])
+def test_a_damaged_result_is_made_again(
+    undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path, damage: str
+) -> None:
+    folder = copied(undisturbed[0], tmp_path)
+    (path, *_) = sorted(folder.rglob(damage))
+    record = path.read_bytes()
+    path.write_bytes(json.dumps({"stamp": json.loads(record)["stamp"]}).encode() if damage == RECORD else record[:40])
+    with workers(1) as one:
+        campaign(folder, one, QUICK)
+    assert path.read_bytes() == record
+    assert files_of(folder) == undisturbed[1]

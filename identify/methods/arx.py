@@ -14,10 +14,10 @@ from typing import Literal
 
 import numpy as np
 
-from ...record.errors import EstimationError
+from ...record.errors import EstimationError, solvable
 from ...simulate.model import Array, Hull, Tow, linear_system, sway_yaw_acceleration
 from .characteristic import derivatives_from_coefficients, roots_from_coefficients
-from .common import Record, SixEstimate, propagate
+from .common import Record, SixEstimate, check_series, propagate
 from .least_squares import least_squares_svd
 
 ORDER = 4
@@ -78,6 +78,7 @@ def continuous_coefficients(a: Array, step_s: float) -> Array:
     return np.real(np.poly(s))[1:]
 
 
+@solvable(EstimationError, "the record does not fix what was asked of it")
 def fit_arx(
     y: Array,
     step_s: float,
@@ -101,7 +102,9 @@ def fit_arx(
     ------
     EstimationError : too few samples, or poles without a continuous counterpart
     """
-    values = np.asarray(y, dtype=float).reshape(len(y), -1)
+    values = np.asarray(y, dtype=float)
+    check_series(np.arange(len(values)), values)
+    values = values.reshape(len(values), -1)
     lag = decimation * np.arange(ORDER + 1)
     if len(values) < 3 * lag[-1] + 20:
         raise EstimationError(f"{len(values)} samples are too few for ARX-4 at a decimation of {decimation}")
@@ -223,6 +226,7 @@ def arx_derivatives(fits: Sequence[ArxFit], tows: tuple[Tow, Tow]) -> SixEstimat
     return derivatives_from_coefficients(fits[0].coefficients, fits[1].coefficients, tows, covariance)
 
 
+@solvable(EstimationError, "the record does not fix what was asked of it")
 def arx_of_records(
     records: tuple[Record, Record], decimation: int, method: Literal["ls", "iv"] = "iv"
 ) -> tuple[tuple[ArxFit, ArxFit], SixEstimate]:

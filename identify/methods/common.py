@@ -11,7 +11,7 @@ from ...record.errors import EstimationError
 from ...record.results import Measured
 from ...simulate.model import DERIVATIVE_UNITS, Array, Tow, linear_system, sway_yaw_acceleration
 from ...simulate.model import Hull as _Hull
-from ..data import RunData
+from ..data import LONGEST_S, RunData
 
 DIFFERENCE_SHARE = 1e-5
 """Step of the central differences relative to the value, or to its standard deviation where that is larger."""
@@ -71,6 +71,21 @@ class SixEstimate:
     def named(self) -> dict[str, Measured]:
         """Value and standard deviation by name."""
         return {n: Measured(value=float(v), std=float(s)) for n, v, s in zip(DERIVATIVE_UNITS, self.six, self.sd)}
+
+
+def check_series(t_s: Array, *values: Array, least: int = 1) -> None:
+    """EstimationError unless there are ``least`` samples, all finite, at times that rise strictly."""
+    t_s = np.asarray(t_s, dtype=float)
+    if len(t_s) < max(least, 1):
+        raise EstimationError(f"{len(t_s)} samples; at least {least} are needed")
+    if any(np.shape(one)[:1] != t_s.shape for one in values):
+        raise EstimationError(f"{len(t_s)} times, and series of other lengths beside them")
+    if not all(np.isfinite(np.asarray(one, dtype=float)).all() for one in (t_s, *values)):
+        raise EstimationError("the record holds values that are not finite; leave these samples out")
+    if not (np.diff(t_s) > 0).all():
+        raise EstimationError("the times of the record do not rise strictly")
+    if t_s[-1] - t_s[0] > LONGEST_S:
+        raise EstimationError(f"the record lasts {t_s[-1] - t_s[0]:g} s; at most {LONGEST_S:g} s are expected")
 
 
 def jacobian(function: Callable[[Array], Array], values: Array, scale: Array | None = None) -> Array:

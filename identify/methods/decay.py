@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...record.errors import EstimationError
+from ...record.errors import EstimationError, solvable
 from ...record.results import Measured
 from ...simulate.model import Array, Tow
 from ..data import ASSUMED_SIGMA_BETA_RAD, ASSUMED_SIGMA_Y_M
 from ..noise import Whitener, measured, stated
-from .common import propagate
+from .common import check_series, propagate
 from .decay_search import Sign, basis_of, best_model, from_all_starts, limits_of, search
 from .forced import Swing
 from .phase import Amplitudes
@@ -138,6 +138,7 @@ class DecayFit:
         return take @ filled, take @ self.covariance @ take.T
 
 
+@solvable(EstimationError, "the record does not fix what was asked of it")
 def fit_decay(
     t_s: Array,
     y_m: Array,
@@ -159,6 +160,7 @@ def fit_decay(
     ------
     EstimationError : fewer than 30 samples, or less than three quarters of a swing in the record
     """
+    check_series(t_s, y_m, beta_rad)
     t = np.asarray(t_s, dtype=float) - t_s[0]
     values = np.column_stack([y_m, beta_rad])
     if len(t) < 30:

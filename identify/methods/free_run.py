@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...record.errors import EstimationError
+from ...record.errors import EstimationError, solvable
 from ...record.results import Measured
 from ...simulate.model import DERIVATIVE_UNITS, Array, Hull, Tow, free_rates
-from .common import SixEstimate
+from .common import SixEstimate, check_series
 from .output_error import SIGMA, OutputError, output_error
 
 COMPLEX_STEP = 1e-30
@@ -75,6 +75,7 @@ class FreeRunFit:
     notes: tuple[str, ...]
 
 
+@solvable(EstimationError, "the record does not fix what was asked of it")
 def fit_free_run(
     runs: Sequence[FreeRecord],
     hull: Hull,
@@ -100,6 +101,8 @@ def fit_free_run(
     if not runs:
         raise EstimationError("no free run")
     for index, run in enumerate(runs):
+        check_series(run.t_s, run.y_m, run.beta_rad)
+        check_series(run.rudder_t_s, run.rudder_rad)
         steps = np.diff(run.t_s)
         if len(run.t_s) < 20 or np.abs(steps - steps.mean()).max() > 0.01 * steps.mean():
             raise EstimationError(f"free run {index}: at least 20 evenly sampled values are needed")

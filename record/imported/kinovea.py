@@ -14,10 +14,10 @@ import numpy as np
 
 from ..errors import InputError
 from .convention import Array, Convention
-from .points import Points, Wanted, frames_of_times
+from .points import LARGEST, Points, Wanted, frames_of_times
 from .text import number, read_sheet, read_text
 
-TIMECODE = re.compile(r"^(?:(\d+):)?(\d+):(\d+)[:.,](\d+)$")
+TIMECODE = re.compile(r"^(?:(\d{1,6}):)?(\d{1,6}):(\d{1,6})[:.,](\d{1,9})$")
 PAIR = re.compile(r"^(?P<name>.*?)[/ _]?(?P<axis>[xy])(?:\s*\(.*\))?$", re.IGNORECASE)
 UNITS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "us": 1e-6}
 NEAR = 0.2
@@ -156,7 +156,7 @@ def _kva(path: Path, text: str, wanted: Wanted) -> Points:
         raise InputError(path, "", "declares entities; Kinovea's own files do not")
     try:
         root = ElementTree.fromstring(text.encode("utf-8"))
-    except (ElementTree.ParseError, ValueError) as error:
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # LookupError: it names an encoding that is none
         raise InputError(path, "", f"is no XML ({error})") from None
     if root.tag != "KinoveaVideoAnalysis":
         raise InputError(path, root.tag.rpartition("}")[2], "is not Kinovea's KVA; KVA, CSV or text is expected")
@@ -179,6 +179,8 @@ def _kva(path: Path, text: str, wanted: Wanted) -> Points:
             if len(cells) != 3:
                 raise InputError(path, where, f"{point.text!r}; x;y;time is expected")
             x, y, stamp = (_plain(path, where, cell) for cell in cells)
+            if not abs(stamp - start) < LARGEST * min(tick, 1.0):
+                raise InputError(path, where, f"{stamp:g} is no time stamp of a recording")
             frame = round((stamp - start) / tick)
             if frame in points:
                 raise InputError(path, where, f"frame {frame} stands twice")

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 
 EVEN = 0.25
 """A time may stand this share of a step beside the even raster."""
+MOST_FRAMES = 5_000_000
+"""From the first frame to the last, 46 hours at 30 Hz: beyond it a frame's number or time is wrong."""
+LARGEST = 2.0**53
+"""Whole numbers up to this are exact."""
 OUTSIDE_PX = 1.0
 """A point may lie this far outside the picture before the convention is doubted."""
 
@@ -116,6 +120,10 @@ def frames_of_times(path: Path, t_s: Array, rate_hz: float | None, lines: list[i
     if len(falls):
         row = int(falls[0]) + 1
         raise InputError(path, f"line {lines[row]}, time", f"{t_s[row]:g} s after {t_s[row - 1]:g} s; times must rise")
+    wild = np.flatnonzero(np.abs(t_s) * (rate_hz or 1.0) >= LARGEST)
+    if len(wild):
+        row = int(wild[0])
+        raise InputError(path, f"line {lines[row]}, time", f"{t_s[row]:g} s is no time of a recording")
     if rate_hz is not None:
         frame = np.round(t_s * rate_hz).astype(int)
         times = frame / rate_hz
@@ -123,6 +131,12 @@ def frames_of_times(path: Path, t_s: Array, rate_hz: float | None, lines: list[i
         if len(t_s) < 2:
             raise InputError(path, "", "one row only; its frame rate cannot be seen (--rate HZ)")
         step = float(np.median(np.diff(t_s)))
+        if t_s[-1] - t_s[0] > MOST_FRAMES * step:
+            raise InputError(
+                path,
+                f"line {lines[-1]}, time",
+                f"{t_s[-1]:g} s is too long after {t_s[0]:g} s at steps of {step:.4g} s",
+            )
         step = (t_s[-1] - t_s[0]) / round((t_s[-1] - t_s[0]) / step)
         frame = np.round((t_s - t_s[0]) / step).astype(int)
         off = np.abs(t_s - t_s[0] - frame * step)
@@ -178,6 +192,13 @@ def tracks_table(path: Path, points: Points, wanted: Wanted) -> pd.DataFrame:
         some = ", ".join(points.names[:12]) + (", ..." if len(points.names) > 12 else "")
         raise InputError(path, f"marker {unknown[0]}", f"no such point; found {some}")
     chosen = dict(wanted.markers) or {name: name for name in points.names}
+    if not len(points.frame):
+        raise InputError(path, "", "holds no row")
+    first, last = int(points.frame[0]), int(points.frame[-1])
+    if last - first > MOST_FRAMES:
+        raise InputError(
+            path, f"frame {last}", f"is too far from the first, {first}; at most {MOST_FRAMES} frames are expected"
+        )
     points = filled(points)
     columns = [points.names.index(name) for name in chosen.values()]
     u, v = points.convention.to_pixels(points.x[:, columns], points.y[:, columns])

@@ -12,6 +12,8 @@ import numpy as np
 from ..errors import InputError
 from .convention import Array
 
+LONGEST = 100_000
+"""Letters of a line; a cell of more would be refused by the csv module."""
 EMPTY = frozenset({"", "nan", "na", "n/a", "-"})
 """Cells, in lower case, that hold no value."""
 
@@ -69,6 +71,9 @@ def read_text(path: Path) -> list[str]:
     except UnicodeDecodeError:
         text = content.decode("latin-1")
     lines = text.splitlines()
+    long = next((index for index, line in enumerate(lines) if len(line) > LONGEST), None)
+    if long is not None:
+        raise InputError(path, f"line {long + 1}", f"has {len(lines[long])} letters; no table does")
     if not any(line.strip() for line in lines):
         raise InputError(path, "", "is empty; a table is expected")
     return lines

@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InputError
 from ..tables import read_table
 from .convention import Array
-from .points import Points, Wanted, frame_times
+from .points import LARGEST, Points, Wanted, frame_times
 from .text import read_sheet
 
 NEEDED = ("frame", "x", "y", "particle")
@@ -26,7 +26,7 @@ def read_trackpy(path: Path, wanted: Wanted) -> Points:
     """
     columns, place = _parquet(path) if path.suffix == ".parquet" else _csv(path)
     for name in ("frame", "particle"):
-        wrong = ~np.isfinite(columns[name]) | (columns[name] != np.round(columns[name]))
+        wrong = ~(np.abs(columns[name]) < LARGEST) | (columns[name] != np.round(columns[name]))
         if wrong.any():
             row = int(np.flatnonzero(wrong)[0])
             raise InputError(path, f"{place(row)}, column {name}", f"{columns[name][row]:g}; an integer is expected")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..tables import read_table
+from ..tables import numbers_of, read_table
 from .setup import ChannelTable, SetupFile
 
 Array = NDArray[Any]
@@ -92,8 +92,6 @@ def read_channels(path: str | Path, setup: SetupFile, setup_path: str | Path = "
     ------
     InputError : names file, row and column: no such column, no number, a value without a time, times that do not rise
     """
-    import pandas as pd
-
     found: dict[str, Channel] = {}
     for table in setup.channel:
         source = Path(path) if table.file is None else Path(setup_path).parent / table.file
@@ -101,7 +99,7 @@ def read_channels(path: str | Path, setup: SetupFile, setup_path: str | Path = "
         frame = read_table(source, (table.time, column))
         numbers: dict[str, Array] = {}
         for name in (table.time, column):
-            values = pd.to_numeric(frame[name], errors="coerce").to_numpy(dtype=float, na_value=np.nan)
+            values = numbers_of(frame[name])
             wrong = np.isinf(values) | (np.isnan(values) & frame[name].notna().to_numpy())
             if wrong.any():
                 row = int(np.flatnonzero(wrong)[0])

@@ -1,0 +1,358 @@
+"""Bad input and bad circumstances: what is damaged is refused in one line or taken with its promises kept; outputs stay whole."""
+
+from __future__ import annotations
+
+import ast
+import errno
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+
+from towline.cli import main
+from towline.record import InputError, TowlineError, read_motion, read_run, read_table, read_tracks, write_table
+from towline.record.imported import Wanted, import_tracks
+from towline.record.results import DerivativesFile, read_result
+from towline.simulate import Hull, Start, Tow, simulate_full
+
+ROOT = Path(__file__).resolve().parent.parent
+CASES, SLOW_CASES = 40, 6
+SLICE = {
+    "derandomize": True, "database": None, "deadline": None, "phases": (Phase.generate,),
+    "suppress_health_check": list(HealthCheck),
+}  # fmt: skip
+FILE_LIMIT_BYTES = 8192
+BOMB = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\x01\x11p\0\x01\x11p\x10\0\0\0\0J\xc5\xb7T"
+"""A picture of 70,000 by 70,000, as its header says."""
+HULL = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28)
+RUN_TOML = """\
+name = "{name}"
+[source]
+motion = "motion.csv"
+[tow]
+speed_m_s = 1.28
+line_length_m = 0.91
+tow_point_m = {point}
+tension_n = 3.96
+[model]
+length_pp_m = 2.66
+mass_kg = 78.0
+[water]
+density_kg_m3 = 1000.0
+"""
+
+
+def benchmark(name: str) -> ModuleType:
+    """A module of the benchmarks, by its name (they import one another by theirs)."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "benchmarks" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    sys.modules[name] = module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+benchmark("faults_cases")
+benchmark("faults_bases")
+READERS = benchmark("faults_readers")
+ESTIMATORS = benchmark("faults_estimators")
+
+
+# readers and estimators ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.filterwarnings("ignore")  # what numpy warns of on nonsense is no matter here: the answer is judged
+@pytest.mark.parametrize("reader", READERS.readers(), ids=lambda one: one.name)
+def test_a_reader_takes_or_refuses_whatever_it_is_given(reader: Any, tmp_path: Path) -> None:
+    READERS.prepared(reader, tmp_path)
+    seen: set[str] = set()
+
+    @settings(max_examples=CASES, **SLICE)
+    @given(reader.damaged)
+    def any_case(data: bytes) -> None:
+        seen.add(READERS.judged(reader, tmp_path, data))  # anything that is not handled is raised
+
+    any_case()
+    assert "refused" in seen
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("estimator", ESTIMATORS.estimators(), ids=lambda one: one.name)
+def test_an_estimator_answers_or_refuses(estimator: Any) -> None:
+    @settings(max_examples=max(1, round(estimator.share * SLOW_CASES)), **SLICE)
+    @given(estimator.cases)
+    def any_case(case: Any) -> None:
+        assert ESTIMATORS.estimated(estimator, case) in ("accepted", "refused")
+
+    any_case()
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "read", "words"),
+    [
+        ("run.toml", b"x = " + b"9" * 5000, lambda p: read_run(p.parent), "not valid TOML"),
+        ("run.toml", b"x = 0x" + b"f" * 5000, lambda p: read_run(p.parent), "beyond 64 bits"),
+        ("run.toml", b"x = " + b"[" * 5000, lambda p: read_run(p.parent), "too deep"),
+        ("run.toml", b"x" + b".a" * 5000 + b" = 1", lambda p: read_run(p.parent), "too deep"),
+        ("h.csv", b"t_s,tension_n\n0,4,9\n1,4,9\n", lambda p: read_table(p, ("t_s",)), "row 1: 3 cells; the header has 2"),
+        ("t.csv", b"frame,t_s,marker,u_px,v_px\n0,0,,1,2\n", read_tracks, "row 1, marker: is empty"),
+        ("m.csv", b"t_s,y_cg_m,beta_rad,status\n0,0,0,guessed\n", read_motion, "row 1: status 'guessed'"),
+        ("p.csv", b"frame,particle,x,y\n0,1,5,5\n900000000,1,5,5\n", lambda p: imported(p), "too far from the first"),
+        ("p.csv", b"frame,particle,x,y\n0,1,5,5\n1e300,1,5,5\n", lambda p: imported(p), "an integer is expected"),
+        ("p.csv", b"a," * 60_000, lambda p: imported(p), "has 120000 letters"),
+        ("k.kva", b'<?xml version="1.0" encoding="utf-x"?><a/>', lambda p: imported(p), "is no XML"),
+        ("p.png", BOMB, lambda p: READERS._picture(p), "is no picture"),
+        ("d.json", b'{"speed_m_s": 1e999}', lambda p: read_result(p, DerivativesFile), "d.json"),
+    ],
+)  # fmt: skip
+def test_what_was_not_handled_once(
+    tmp_path: Path, name: str, data: bytes, read: Callable[[Path], Any], words: str
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=words) as caught:
+        read(path)
+    assert name in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def imported(path: Path) -> Any:
+    return import_tracks(path, "auto", Wanted(rate_hz=25.0))
+
+
+def test_a_measured_sample_has_a_place(tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text("t_s,y_cg_m,beta_rad,status\n0,,0,measured\n1,0,0,measured\n")
+    assert list(read_motion(path)["status"]) == ["lost", "measured"]
+
+
+def test_a_byte_order_mark_before_a_comment_is_no_column(tmp_path: Path) -> None:
+    path = tmp_path / "h.csv"
+    path.write_bytes("\ufeff# made by hand\nt_s,tension_n\n0,4\n".encode())
+    assert list(read_table(path, ("t_s", "tension_n")).columns) == ["t_s", "tension_n"]
+
+
+def test_rows_of_parquet_are_counted_as_they_stand(tmp_path: Path) -> None:
+    path = tmp_path / "m.parquet"
+    frame = pd.DataFrame({"t_s": [0.0, 1.0, 1.0], "y_cg_m": 0.0, "beta_rad": 0.0}, index=list("abc"))
+    frame.to_parquet(path)
+    with pytest.raises(InputError, match="row 3, t_s: repeats"):
+        read_motion(path)
+
+
+def test_a_result_holds_finite_numbers_only(tmp_path: Path, samples: Path) -> None:
+    path = tmp_path / "derivatives.json"
+    text = (samples / "mariner" / "out" / "derivatives.json").read_text(encoding="utf-8")
+    path.write_text(
+        text.replace('"speed_m_s": ', '"speed_m_s": 1e999, "_": ', 1).replace(', "_": 1.28', ""), encoding="utf-8"
+    )
+    with pytest.raises(InputError, match="speed_m_s: is not a finite number"):
+        read_result(path, DerivativesFile)
+
+
+# circumstances -------------------------------------------------------------------------------------------------------
+
+
+def made(folder: Path, point: float = 1.548, name: str = "tow", samples: int = 400) -> Path:
+    """A run that came as motion."""
+    folder.mkdir(parents=True)
+    t_s = np.arange(samples) / 10
+    motion = simulate_full(HULL, Tow(1.28, 0.91, point, 3.96), Start(y_cg_m=0.2), t_s)
+    motion = motion[["t_s", "y_cg_m", "beta_rad", "alpha_rad"]]
+    motion[["y_cg_m", "beta_rad"]] += np.random.default_rng(1).normal(0, 1e-3, (samples, 2))
+    write_table(folder / "motion.csv", motion)
+    (folder / "run.toml").write_text(RUN_TOML.format(name=name, point=point), encoding="utf-8")
+    return folder
+
+
+def identify(run: Path, *more: str) -> list[str]:
+    return ["identify", str(run), "--form", "linear", "--noise", "output", "--no-page", *more]
+
+
+def shell(arguments: list[str], env: dict[str, str] | None = None, limit: int | None = None) -> subprocess.Popen:
+    """The command in a process of its own, its files bounded."""
+    code = "import resource, sys\nfrom towline.cli import main\n"
+    code += f"resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))\n" if limit is not None else ""
+    command = [sys.executable, "-c", code + "sys.exit(main(sys.argv[1:]))", *arguments]
+    whole = {**os.environ, **(env or {})}
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=whole)
+
+
+def whole_or_absent(folder: Path, there: set[str]) -> None:
+    """Nothing is in the folder but these, and no temporary file anywhere."""
+    found = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    assert found == there
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    return made(tmp_path / "run")
+
+
+def test_a_disk_that_fills_is_one_line_and_leaves_nothing(
+    run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(self: Path, *_: Any, **__: Any) -> int:
+        with open(self, "w", encoding="utf-8") as stream:
+            stream.write("{")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self))
+
+    monkeypatch.setattr(Path, "write_text", full)
+    assert main(identify(run)) == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert os.strerror(errno.ENOSPC) in said
+    assert "Traceback" not in said
+    whole_or_absent(run, {"run.toml", "motion.csv"})
+
+
+def test_a_file_that_may_not_grow_leaves_no_half_of_it(tmp_path: Path) -> None:
+    scenario = tmp_path / "scenario.toml"
+    scenario.write_text(
+        'name = "s"\n[time]\nduration_s = 60.0\nrate_hz = 30.0\n[hull]\nspeed_m_s = 1.28\nm_minus_y_vdot = 149.19\n'
+        "i_minus_n_rdot = 62.11\ny_v = -52.87\ny_r_minus_mu = -66.33\nn_v = -48.51\nn_r = -57.6\n[tow]\nspeed_m_s = 1.28\n"
+        "line_length_m = 0.91\ntow_point_m = 1.446\ntension_n = 3.96\n[start]\ny_cg_m = 0.2\n[model]\nlength_pp_m = 2.66\n"
+        "mass_kg = 78.0\n"
+    )
+    process = shell(["simulate", str(scenario)], limit=FILE_LIMIT_BYTES)
+    said = process.communicate(timeout=60)[1]
+    assert process.returncode == 1, said
+    assert said.startswith("towline: error: ")
+    assert said.count("\n") == 1
+    assert os.strerror(errno.EFBIG) in said
+    whole_or_absent(tmp_path, {"scenario.toml"})
+
+
+def test_an_output_folder_that_cannot_be_written(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (run / "out").write_text("a file stands where the folder should")
+    assert main(identify(run)) == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "out" in said
+    assert (run / "out").read_text() == "a file stands where the folder should"
+    if os.geteuid():  # root writes anyway
+        (run / "out").unlink()
+        run.chmod(0o500)
+        assert main(identify(run)) == 1
+        assert os.strerror(errno.EACCES) in capsys.readouterr().err
+        run.chmod(0o700)
+
+
+def test_an_interrupted_write_leaves_the_old_output(
+    run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(identify(run)) == 0
+    before = (run / "out" / "derivatives.json").read_bytes()
+
+    def refused(*_: Any) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", refused)
+        assert main(identify(run, "--speed", "1.0")) == 1
+    assert (run / "out" / "derivatives.json").read_bytes() == before
+    whole_or_absent(run, {"run.toml", "motion.csv", "out/derivatives.json"})
+
+    def killed(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", killed)
+        assert main(identify(run, "--speed", "1.0")) == 130
+    assert (run / "out" / "derivatives.json").read_bytes() == before
+    whole_or_absent(run, {"run.toml", "motion.csv", "out/derivatives.json"})
+    capsys.readouterr()
+
+
+def test_what_a_killed_command_left_is_no_output(run: Path) -> None:
+    """Killed between temporary name and rename: the temporary file stays, under a name that nothing reads."""
+    code = (
+        "import os, signal, sys\nos.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)\n"
+        "from towline.cli import main\nmain(sys.argv[1:])"
+    )
+    subprocess.run([sys.executable, "-c", code, *identify(run)], check=False, capture_output=True, timeout=60)
+    left = [path.name for path in (run / "out").iterdir()]
+    assert left
+    assert all(name.startswith(".derivatives-") for name in left)
+    assert main(identify(run)) == 0
+    assert read_result(run / "out" / "derivatives.json", DerivativesFile).speed_m_s == pytest.approx(1.28)
+
+
+def test_two_commands_on_one_folder_both_end_well(run: Path) -> None:
+    both = [shell(identify(run)) for _ in range(2)]
+    for process in both:
+        out, err = process.communicate(timeout=90)
+        assert process.returncode == 0, (out, err)
+    read_result(run / "out" / "derivatives.json", DerivativesFile)
+    whole_or_absent(run, {"run.toml", "motion.csv", "out/derivatives.json"})
+
+
+def test_names_with_blanks_and_letters_of_other_languages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = made(tmp_path / "Schlepprinne 3 – „Ærø“ 船" / "run 1; 'x' $(y)", name="Größe 船")
+    assert main(identify(folder)) == 0
+    assert "Größe 船" in read_result(folder / "out" / "derivatives.json", DerivativesFile).runs
+    (folder / "motion.csv").unlink()
+    capsys.readouterr()
+    assert main(identify(folder)) == 1
+    assert "船" in capsys.readouterr().err
+
+
+def test_a_locale_with_a_decimal_comma_changes_nothing(run: Path, tmp_path: Path) -> None:
+    found = []
+    for number, name in enumerate(("C.UTF-8", "de_DE.UTF-8")):  # where the second is absent, Python takes C
+        out = tmp_path / f"out{number}"
+        process = shell(identify(run, "-o", str(out)), {"LC_ALL": name, "LC_NUMERIC": name, "LANG": name})
+        said = process.communicate(timeout=90)
+        assert process.returncode == 0, said
+        found.append((out / "derivatives.json").read_bytes())
+    assert found[0] == found[1]
+
+
+def test_no_code_sets_a_locale(root: Path) -> None:
+    for path in (p for p in root.glob("**/[a-z_]*.py") if not p.relative_to(root).parts[0].startswith((".", "build"))):
+        text = path.read_text(encoding="utf-8")
+        if "setlocale" in text:
+            names = [node.attr for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Attribute)]
+            assert "setlocale" not in names, path
+
+
+def test_a_traceback_comes_with_debug_only(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (run / "motion.csv").write_text("t_s;y_cg_m\n")
+    assert main(identify(run)) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("towline: error: ")
+    assert said.count("\n") == 1
+    with pytest.raises(TowlineError):
+        main(["--debug", *identify(run)])
+    process = shell(["--debug", *identify(run)])
+    assert "Traceback" in process.communicate(timeout=60)[1]
+    assert process.returncode == 1
+
+
+def test_a_folder_that_goes_while_it_is_read(
+    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = pd.read_csv
+
+    def gone(*arguments: Any, **named: Any) -> Any:
+        shutil.rmtree(run, ignore_errors=True)
+        return real(*arguments, **named)
+
+    monkeypatch.setattr(pd, "read_csv", gone)
+    out = Path(tempfile.mkdtemp(dir=run.parent))
+    code = main(identify(run, "-o", str(out)))
+    said = capsys.readouterr().err
+    assert code in (0, 1)
+    assert "Traceback" not in said
+    assert said.count("\n") == code

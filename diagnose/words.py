@@ -49,9 +49,8 @@ def sentences(file: GapFile, held: Shrink | None, rest: Leftover) -> list[str]:
             ]
         if file.ranking:
             first = file.ranking[0]
-            said.append(
-                f"The nearest thing to a gap would be {_like(first.effects)} (probability {first.probability:.2f})."
-            )
+            may = "It may miss" if file.p_no_gap < OPEN else "The nearest thing to a gap would be"
+            said.append(f"{may} {_like(first.effects)} (probability {first.probability:.2f}).")
         if file.p_no_gap < OPEN and file.next_measurement is not None:
             said.append(f"Without a tow: measure {file.next_measurement.why}")
         if file.p_no_gap < OPEN and file.next_run is not None:

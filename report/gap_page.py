@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..diagnose.words import OPEN
 from .format import significant
 from .gap_figures import drop_figure, ladder_figure, runs_figure, stage_figure
 from .html import Html, bullets, number, table, tag
@@ -17,6 +18,10 @@ if TYPE_CHECKING:
 HEADLINES = {"no_gap": "No gap", "effect": "An effect is missing", "unknown": "Something unknown is missing"}
 
 
+def _headline(file: GapFile) -> str:
+    return "Open" if file.verdict == "no_gap" and file.p_no_gap < OPEN else HEADLINES[file.verdict]
+
+
 def write_gap_page(path: Path, found: Diagnosed) -> None:
     """Write the page atomically."""
     write_document(path, gap_page(found))
@@ -27,7 +32,7 @@ def gap_page(found: Diagnosed) -> Html:
     file = found.diagnosis.file
     parts: list[object] = [
         tag("h1", f"Simulator against tank: {', '.join(file.runs)}"),
-        tag("section", tag("h2", HEADLINES[file.verdict]), bullets(file.sentences), id="verdict"),
+        tag("section", tag("h2", _headline(file)), bullets(file.sentences), id="verdict"),
         tag("section", tag("h2", "How sure"), ladder_figure(file), _ranking(file), _not_told(file)),
         tag("section", tag("h2", "Where"), stage_figure(file), drop_figure(found.diagnosis), _place(file)),
         tag("section", tag("h2", "Measured against simulated"), runs_figure(found.diagnosis)),

@@ -20,8 +20,11 @@ from towline.diagnose.noise import Forces
 from towline.diagnose.tow_data import block_step
 from towline.diagnose.tow_model import TowModel
 from towline.diagnose.tow_noise import tow_noise
+from towline.diagnose.words import sentences
 from towline.diagnosing import diagnose_folders
 from towline.record import InputError, read_run
+from towline.record.gap_file import GapFile, NextMeasurement, Where
+from towline.report.gap_page import _headline
 from towline.simulate.model import Hull, Tow
 from towline.simulate.motion import Start, simulate_full
 
@@ -264,3 +267,18 @@ def test_a_gap_is_called_where_one_is_almost_sure(
     said, best = _verdict(ranking)
     assert said == verdict
     assert best is (names[0] if verdict == "effect" else None)
+
+
+@pytest.mark.parametrize(
+    ("p_no_gap", "headline", "said"), [(0.9, "No gap", "explains these runs"), (0.3, "Open", "nor excluded")]
+)
+def test_no_gap_for_want_of_proof_is_said_so(p_no_gap: float, headline: str, said: str) -> None:
+    file = GapFile(
+        schema="towline/gap", tool="test", inputs={}, verdict="no_gap", ranking=[], indistinguishable=[], p_no_gap=p_no_gap,
+        p_unknown=0.0, set95=[[]], next_run=None, where=Where(stage="", share={}, runs={}, span_s=[], band_hz=[]),
+        next_measurement=NextMeasurement(effect="frame_rate", numbers={"frame_rate.rate": 1e-4}, distance=900.0, why="the clock."),
+    )  # fmt: skip
+    words = " ".join(sentences(file, None, SimpleNamespace()))
+    assert said in words
+    assert ("Without a tow: measure the clock." in words) == (headline == "Open")
+    assert _headline(file) == headline

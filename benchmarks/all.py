@@ -52,7 +52,7 @@ TABLES = {
     "first_path": Table("benchmarks/first_path.py", "first_path.txt", 1, "the sample videos from film to derivatives"),
     "vision": Table("benchmarks/vision.py", "vision.txt", 20, "marks against their bound, beside trackpy, OpenCV, scikit-image"),
     "fuzz": Table("benchmarks/fuzz.py", "fuzz.txt", 6, "damaged recordings"),
-    "faults": Table("benchmarks/faults.py --cases 2000 --estimators 100", "faults.txt", 20, "damaged files of every other kind, and estimators"),
+    "faults": Table("benchmarks/faults.py --cases 2000 --estimators 100", "faults.txt", 20, "damaged files of every other kind"),
     "geometry": Table("benchmarks/geometry.py", "geometry.txt", 15, "random cameras, planted faults"),
     "trapezoid": Table("benchmarks/trapezoid.py", "trapezoid.txt", 1, "the thesis's trapezoid against the exact form"),
     "identify": Table("benchmarks/identify.py", "identify.txt", 90, "the joint fit, its bound, scipy, CasADi, jax-sysid"),

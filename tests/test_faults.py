@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import errno
 import importlib.util
+import json
 import os
 import shutil
 import subprocess
@@ -64,7 +65,7 @@ def benchmark(name: str) -> ModuleType:
 
 
 benchmark("faults_cases")
-benchmark("faults_bases")
+BASES = benchmark("faults_bases")
 READERS = benchmark("faults_readers")
 ESTIMATORS = benchmark("faults_estimators")
 
@@ -151,12 +152,13 @@ def test_rows_of_parquet_are_counted_as_they_stand(tmp_path: Path) -> None:
         read_motion(path)
 
 
-def test_a_result_holds_finite_numbers_only(tmp_path: Path, samples: Path) -> None:
+def test_a_result_holds_finite_numbers_only(tmp_path: Path) -> None:
     path = tmp_path / "derivatives.json"
-    text = (samples / "mariner" / "out" / "derivatives.json").read_text(encoding="utf-8")
-    path.write_text(
-        text.replace('"speed_m_s": ', '"speed_m_s": 1e999, "_": ', 1).replace(', "_": 1.28', ""), encoding="utf-8"
-    )
+    content = BASES.example_of(DerivativesFile)
+    content["speed_m_s"] = 1.28
+    path.write_text(json.dumps(content), encoding="utf-8")
+    assert read_result(path, DerivativesFile).speed_m_s == 1.28
+    path.write_text(json.dumps(content).replace('"speed_m_s": 1.28', '"speed_m_s": 1e999'), encoding="utf-8")
     with pytest.raises(InputError, match="speed_m_s: is not a finite number"):
         read_result(path, DerivativesFile)
 

@@ -77,7 +77,8 @@ class Reduced:
     Attributes
     ----------
     matrix, right : of the shared numbers, summed over the runs
-    before, chi_square : whitened residuals as they stand, and with each run's own numbers fitted
+    before, chi_square : whitened residuals as they stand (but for the modes, which no hypothesis holds: they are fitted), and with
+        each run's own numbers fitted
     log : log determinants of the noise and of the own numbers
     inverse, cross, to_own : per run: how the own numbers follow from the shared ones
     """
@@ -96,13 +97,21 @@ class Reduced:
         return np.einsum("nij,nj->ni", self.inverse, self.to_own - self.cross @ shared)
 
 
-def reduced(grams: Grams, forces: Forces, away: Array, sd: Array, only: Sequence[int] | None = None) -> Reduced:
+def reduced(
+    grams: Grams,
+    forces: Forces,
+    away: Array,
+    sd: Array,
+    only: Sequence[int] | None = None,
+    modes: slice = slice(0, 0),
+) -> Reduced:
     """Eliminate the runs' own numbers.
 
     Parameters
     ----------
     away, sd : (runs, own) of all runs: from the numbers to their priors' means, and the priors' standard deviations
     only : positions among the grams' runs; None: all
+    modes : which of the shared numbers are the cameras' modes, of unit variance
     """
     whole, logs = grams.at(forces)
     chosen = np.arange(len(grams.runs)) if only is None else np.asarray(only)
@@ -118,9 +127,12 @@ def reduced(grams: Grams, forces: Forces, away: Array, sd: Array, only: Sequence
     matrix = (whole[:, shared, shared] - cross.transpose(0, 2, 1) @ followed).sum(axis=0)
     right = (whole[:, shared, 0] - np.einsum("nij,ni->nj", followed, to_own)).sum(axis=0)
     before = float(whole[:, 0, 0].sum() + (away**2 / sd**2).sum())
+    alone = whole[:, shared, 0].sum(axis=0)[modes]
+    fitted = whole[:, shared, shared].sum(axis=0)[modes, modes] + np.eye(len(alone))
+    still = before - float(alone @ np.linalg.solve(fitted, alone))
     left = before - float(np.einsum("ni,nij,nj->", to_own, inverse, to_own))
     log = float(logs.sum() + np.linalg.slogdet(inner)[1].sum() + 2 * np.log(sd).sum())
-    return Reduced(matrix, right, before, left, log, inverse, cross, to_own)
+    return Reduced(matrix, right, still, left, log, inverse, cross, to_own)
 
 
 __all__ = ["Columns", "Grams", "Reduced", "reduced"]

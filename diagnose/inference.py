@@ -172,7 +172,8 @@ class Inference:
 
     def reduced(self, grams: Grams, h: Hypothesis, forces: Forces, only: Sequence[int] | None = None) -> Reduced:
         """Normal equations of the shared numbers, the runs' own eliminated; ``only``: these runs."""
-        return reduced(grams, forces, self.stated - h.own, self.own_sd, only)
+        modes = slice(len(h.shared), self.fixed(h))
+        return reduced(grams, forces, self.stated - h.own, self.own_sd, only, modes)
 
     def priors(self, h: Hypothesis) -> Priors:
         """Of shared numbers, modes and effects, and what was measured of effects apart from the runs."""

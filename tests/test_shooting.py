@@ -190,6 +190,12 @@ def test_own_numbers_are_eliminated(runs: list, hypothesis: Hypothesis) -> None:
     np.testing.assert_allclose(part.own_step(step).ravel(), whole[3:], rtol=1e-6)
     rest = np.concatenate(rights) - np.concatenate(rows) @ whole
     assert np.isclose(part.chi_square - part.right @ step, rest @ rest, rtol=1e-6)
+    # as it stands: nothing moves but the modes, which no hypothesis holds (here the second shared number, of unit variance)
+    still = reduced(Grams(Columns(tables, 3), noise), forces, away, sd, modes=slice(1, 2)).before
+    mode, right = np.concatenate(rows)[:, 1], np.concatenate(rights)
+    best = (mode @ right) / (mode @ mode + 1.0)
+    assert np.isclose(still, ((right - best * mode) ** 2).sum() + best**2, rtol=1e-6)
+    assert np.isclose(part.before, right @ right, rtol=1e-6)
 
 
 @pytest.mark.parametrize("mean", [-0.01, 0.02, 0.4, 3.0])

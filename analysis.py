@@ -17,7 +17,7 @@ from .processes import Each, in_turn
 from .record.errors import EstimationError, InputError, TowlineError
 from .record.priors import Priors
 from .record.results import DerivativesFile, SteadyFile
-from .record.run import RUN_FILE, Run, read_run
+from .record.run import RUN_FILE, Run, all_inputs, read_run
 from .simulate.model import DERIVATIVE_UNITS, Hull, alpha_from_y
 from .stages import Moved, Progress, moved, static_motion, truth_of
 
@@ -69,11 +69,6 @@ def output_folder(folders: Sequence[str | Path]) -> Path:
     while not all(p == common or common in p.parents for p in paths):
         common = common.parent
     return common / "out"
-
-
-def all_inputs(runs: Sequence[Moved]) -> dict[str, str]:
-    """Hashes of every input of every run, by run name and path."""
-    return {f"{m.run.name}/{name}": digest for m in runs for name, digest in m.run.input_hashes().items()}
 
 
 def hull_of(run: Run) -> tuple[float, float, float]:
@@ -133,7 +128,14 @@ def identified(
     fit = fit_with_noise(data, form, speed_m_s, noise, progress, each)
     first = used[0].run
     result = derivatives_file(
-        fit, data, first.model, first.water, __version__, all_inputs(used), failed, _true_six(used, fit.speed_m_s)
+        fit,
+        data,
+        first.model,
+        first.water,
+        __version__,
+        all_inputs([m.run for m in used]),
+        failed,
+        _true_six(used, fit.speed_m_s),
     )
     fitted = {d.name: _fitted(fit, d, m, i) for i, (d, m) in enumerate(zip(data, used, strict=True))}
     return Identified(result, fitted, fit, data, used)
@@ -211,7 +213,7 @@ def steadied(batch: Batch) -> SteadyFile:
     fit = fit_steady(tows, used[0].run.model.x_delta_m)
     truths = {t.x_v_m for m in used if (t := truth_of(m.run)) is not None}
     true_x_v = truths.pop() if len(truths) == 1 else None
-    return steady_file(fit, tows, __version__, all_inputs(used), failed, true_x_v)
+    return steady_file(fit, tows, __version__, all_inputs([m.run for m in used]), failed, true_x_v)
 
 
 def wants_steady(m: Moved) -> bool:

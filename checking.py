@@ -22,7 +22,7 @@ from .identify import fit_runs, run_data
 from .progress import Progress as StageProgress
 from .record.check_file import CheckFile, FoundFault, MapOfUncertainty, PointCheck
 from .record.errors import GeometryError, InputError, TowlineError
-from .record.run import RUN_FILE, Run, read_run
+from .record.run import RUN_FILE, Run, all_inputs, read_run
 from .simulate.model import DERIVATIVE_UNITS
 from .stages import datum_of, tracked
 
@@ -129,7 +129,7 @@ def checked(
     file = CheckFile(
         schema="towline/check",
         tool=__version__,
-        inputs={f"{run.name}/{name}": digest for run in runs for name, digest in run.input_hashes().items()},
+        inputs=all_inputs(runs),
         runs=names,
         verdict=verdict,
         sentences=_sentences(verdict, named, check, runs, changes),

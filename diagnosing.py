@@ -17,7 +17,7 @@ from .diagnose.tow_data import TowRun, block_step, tow_run
 from .record.errors import EstimationError, InputError, TowlineError
 from .record.files import write_text
 from .record.results import DerivativesFile, read_result
-from .record.run import RUN_FILE, Run, read_run
+from .record.run import RUN_FILE, Run, all_inputs, read_run
 from .simulate.model import DERIVATIVE_UNITS
 from .stages import Moved, datum_of, moved, static_tracks
 
@@ -91,7 +91,7 @@ def diagnose_folders(
     for run, m in zip(runs, motions, strict=True):
         fit = datum_of(run) if m.tracks is not None else None
         tows.append(tow_run(run, m.motion, m.common, m.tracks, fit, static_tracks(run, progress), step))
-    inputs = {f"{run.name}/{name}": digest for run in runs for name, digest in run.input_hashes().items()}
+    inputs = all_inputs(runs)
     say = None if progress is None else lambda text: progress(text, 0, None)
     measured = measured_apart(runs, library)
     known = None if reference is None else _reference(reference)

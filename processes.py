@@ -10,7 +10,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
-from typing import Any
+from typing import Any, Protocol
 
 from .record.errors import TowlineError
 
@@ -18,8 +18,10 @@ Job = tuple[Callable[..., Any], tuple[Any, ...]]
 """What to call, and with which arguments; both must travel between processes."""
 Done = Callable[[Iterable[Job]], Iterator[Any]]
 """Jobs -> results, as they come."""
-Each = Callable[[Callable[..., Any], Sequence[tuple[Any, ...]]], list[Any]]
-"""What to call, and its arguments time by time -> results in that order."""
+Tell = Callable[[int], None]
+"""How many are done."""
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""What tells the linear algebra how many threads to use."""
 ORPHAN_S = 0.5
 
 
@@ -32,10 +34,10 @@ def processes(count: int) -> Iterator[Done]:
     TowlineError : a process was killed (what it had not finished is done when started again)
     """
     if count <= 1:
-        yield lambda jobs: (call(*arguments) for call, arguments in jobs)
+        yield _here
         return
     # one thread each: they share the cores
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    for name in THREADS:
         os.environ.setdefault(name, "1")
     pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with, initargs=(os.getpid(),))
 
@@ -54,18 +56,35 @@ def processes(count: int) -> Iterator[Done]:
     pool.shutdown()
 
 
-def in_turn(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> list[Any]:
+def _here(jobs: Iterable[Job]) -> Iterator[Any]:
+    return (call(*arguments) for call, arguments in jobs)
+
+
+class Each(Protocol):
+    """What to call, and its arguments time by time -> results in that order."""
+
+    def __call__(
+        self, call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], tell: Tell | None = None
+    ) -> list[Any]:
+        """``tell`` hears after each how many are done."""
+        ...
+
+
+def in_turn(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], tell: Tell | None = None) -> list[Any]:
     """``Each`` in this process."""
-    return [call(*one) for one in arguments]
+    return each_of(_here)(call, arguments, tell)
 
 
 def each_of(done: Done) -> Each:
     """``Each`` by workers."""
 
-    def each(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> list[Any]:
-        if len(arguments) < 2:
-            return in_turn(call, arguments)
-        found = dict(done((_numbered, (k, call, *one)) for k, one in enumerate(arguments)))
+    def each(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], tell: Tell | None = None) -> list[Any]:
+        found: dict[int, Any] = {}
+        work = done if len(arguments) > 1 else _here
+        for number, result in work((_numbered, (k, call, *one)) for k, one in enumerate(arguments)):
+            found[number] = result
+            if tell is not None:
+                tell(len(found))
         return [found[k] for k in range(len(arguments))]
 
     return each
@@ -93,4 +112,4 @@ def in_parallel(call: Callable[..., Any], arguments: Iterable[tuple[Any, ...]], 
         yield from done(jobs)
 
 
-__all__ = ["Done", "Each", "Job", "each_of", "in_parallel", "in_turn", "processes"]
+__all__ = ["THREADS", "Done", "Each", "Job", "each_of", "in_parallel", "in_turn", "processes"]

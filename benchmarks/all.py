@@ -21,6 +21,7 @@ from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from towline.processes import THREADS
 from towline.record.files import write_text
 
 HERE = Path(__file__).resolve().parent
@@ -103,7 +104,7 @@ def made(table: Table, out: Path) -> bool:
     """Run one and write its table; False: it ended with an error, and the old table stays."""
     shown, command = table.command.format(out="OUT"), table.command.format(out=out).split()
     began, first = time.perf_counter(), head(shown)
-    one = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    one = dict.fromkeys(THREADS, "1")
     done = subprocess.run(
         [sys.executable, *command],
         cwd=HERE.parent,

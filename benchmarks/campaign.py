@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from towline.cli import EXIT_SOME_FAILED
+from towline.processes import THREADS
 
 SAMPLE = Path(__file__).resolve().parent.parent / "sample_videos" / "mariner"
 
@@ -105,7 +106,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--kills", type=int, default=20)
     given = parser.parse_args()
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    for name in THREADS:
         os.environ[name] = "1"
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)

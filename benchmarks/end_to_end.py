@@ -25,7 +25,7 @@ from end_to_end_cases import PRIORS, campaign, filmed
 from scipy.stats import beta as beta_distribution
 
 from towline.analysis import identified, moved_batch
-from towline.processes import in_parallel
+from towline.processes import THREADS, in_parallel
 from towline.record.errors import TowlineError
 from towline.record.files import write_text
 from towline.simulate.model import DERIVATIVE_UNITS
@@ -160,7 +160,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=None, help="of every run; 30 to 45 where absent")
     given = parser.parse_args()
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    for name in THREADS:
         os.environ.setdefault(name, "1")
     given.out.mkdir(parents=True, exist_ok=True)
     jobs = [(str(given.out), seed, given.seconds) for seed in range(given.campaigns)]

@@ -27,6 +27,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from threading import Thread
 
+from towline.processes import THREADS
+
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ("geometry", "identify", "diagnose")
 SLACK_S = 60.0
@@ -69,7 +71,7 @@ def copied(to: Path) -> Path:
 
 def pytest(place: Path, arguments: list[str], timeout_s: float | None = None) -> int:
     """Exit status of the tests in a copy; 124: they did not end."""
-    one = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    one = dict.fromkeys(THREADS, "1")
     environment = {**os.environ, **one, "PYTHONPATH": str(place), "PYTHONDONTWRITEBYTECODE": "1"}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
     process = subprocess.Popen(

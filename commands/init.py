@@ -102,6 +102,7 @@ def call(options: argparse.Namespace) -> int:
 
 def _content(options: argparse.Namespace, folder: Path, asker: Asker) -> tuple[dict[str, Any], tuple[int, int] | None]:
     """The tables of run.toml, and the size of the picture."""
+    from ..record.run import leads_out
     from ..record.template import checked_value, example_datum
 
     def number(asked: _Asked, default: float) -> float:
@@ -148,7 +149,7 @@ def _content(options: argparse.Namespace, folder: Path, asker: Asker) -> tuple[d
         tow["post_amplitude_m"] = number(AMPLITUDE, 0.05)
         tow["post_frequency_hz"] = number(FREQUENCY, 0.2)
     content["tow"] = tow
-    if any(name.startswith("..") or Path(name).anchor for name in (file, tow.get("tension")) if isinstance(name, str)):
+    if any(leads_out(name) for name in (file, tow.get("tension")) if isinstance(name, str)):
         content["outside"] = True
     if size_px is not None:
         content["marker"] = _marks(options, asker, length_m)

@@ -84,13 +84,12 @@ def consistency(
     A part's estimate and the joint one share the part's data: for efficient estimates the difference has the covariance
     cov(part) - cov(joint) (Hausman, Econometrica 46, 1978).
     """
-    if progress is not None:
-        progress(f"consistency: {len(runs)} runs, each alone and all but each")
     parts = [(run.name, fit, [run], index) for index, run in enumerate(runs)]
     if len(runs) > 1:
         parts += [(run.name, fit, [d for d in runs if d is not run], None) for run in runs]
     # the longest first, so that no worker is left with one at the end
-    found = each(_part, parts[::-1])[::-1]
+    say = None if progress is None else lambda done: progress(f"consistency: fit {done} of {len(parts)}")
+    found = each(_part, parts[::-1], say)[::-1]
     alone, without = found[: len(runs)], found[len(runs) :]
     kept = np.array([np.where(p.fixed, p.part.six, np.nan) for p in alone])
     count = np.isfinite(kept).sum(axis=0)

@@ -91,7 +91,7 @@ class Fit:
     notes: tuple[str, ...] = ()
 
 
-@solvable(EstimationError, "the record does not fix what was asked of it")
+@solvable(EstimationError)
 def fit_runs(
     runs: list[RunData],
     form: str = "full",

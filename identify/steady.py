@@ -219,7 +219,7 @@ def _tail_mean(angles: Array) -> tuple[Array, Array]:
     return mean, correlation * sd[:, None] * sd[None, :]
 
 
-@solvable(EstimationError, "the record does not fix what was asked of it")
+@solvable(EstimationError)
 def fit_steady(tows: list[SteadyState], x_delta_m: float | None = None) -> SteadyFit:
     """X_v from two or more steady tows: the line X_T = X_v + k/F (5.4), fitted as F = k/(X_T - X_v) with F's covariance.
 

@@ -46,7 +46,7 @@ class EstimationError(TowlineError):
 
 
 @contextmanager
-def solvable(error: type[TowlineError], words: str) -> Iterator[None]:
+def solvable(error: type[TowlineError], words: str = "the record does not fix what was asked of it") -> Iterator[None]:
     """Numerics that break down (a matrix without inverse, an overflow) say ``words`` as ``error``; also a decorator."""
     from numpy.linalg import LinAlgError
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,7 +75,7 @@ class Run:
 
     def input_hashes(self) -> dict[str, str]:
         """SHA-256 of run.toml and of every file that it names, by their paths in the folder."""
-        names = [RUN_FILE, *self._named_files()]
+        names = [RUN_FILE, *(name for _, name in _paths(self.file))]
         return {name: sha256_of_file(self.path(name)) for name in names if self.path(name).is_file()}
 
     def input_hash(self, *stage: str) -> str:
@@ -82,13 +83,10 @@ class Run:
         hashes = self.input_hashes()
         return sha256_of_texts(*stage, *(f"{name}={digest}" for name, digest in sorted(hashes.items())))
 
-    def _named_files(self) -> list[str]:
-        file, tow = self.file, self.file.tow
-        named = [file.source.file, file.noise.static if file.noise else None]
-        named.append(file.camera.calibration if file.camera else None)
-        if tow is not None:
-            named += [tow.tension, tow.rudder, tow.speed]
-        return [name for name in named if name]
+
+def all_inputs(runs: Iterable[Run]) -> dict[str, str]:
+    """Hashes of every input of every run, by run name and path."""
+    return {f"{run.name}/{name}": digest for run in runs for name, digest in run.input_hashes().items()}
 
 
 def read_run(folder: str | Path) -> Run:
@@ -106,14 +104,14 @@ def read_run(folder: str | Path) -> Run:
     path = folder / RUN_FILE
     run = Run(folder, read_toml(path, RunFile))
     for key, name in _paths(run.file):
-        if not run.file.outside and _leads_out(name):
+        if not run.file.outside and leads_out(name):
             raise InputError(path, key, f"{name!r} leads out of the run folder; outside = true at the top allows it")
         if not _is_file(folder / name):
             raise InputError(path, key, f"no such file: {name if name.isprintable() else repr(name)}")
     return run
 
 
-def _leads_out(name: str) -> bool:
+def leads_out(name: str) -> bool:
     """Whether a path, as written, is absolute or climbs out of the folder it starts at; links are followed, not judged."""
     return bool(Path(name).anchor) or Path(os.path.normpath(name)).parts[:1] == ("..",)
 

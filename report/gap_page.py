@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..diagnose.words import OPEN
+from ..diagnose.words import is_open
 from .format import significant
 from .gap_figures import drop_figure, ladder_figure, runs_figure, stage_figure
 from .html import Html, bullets, number, table, tag
@@ -19,7 +19,7 @@ HEADLINES = {"no_gap": "No gap", "effect": "An effect is missing", "unknown": "S
 
 
 def _headline(file: GapFile) -> str:
-    return "Open" if file.verdict == "no_gap" and file.p_no_gap < OPEN else HEADLINES[file.verdict]
+    return "Open" if is_open(file) else HEADLINES[file.verdict]
 
 
 def write_gap_page(path: Path, found: Diagnosed) -> None:

@@ -64,6 +64,57 @@ def cases(root: Path) -> ModuleType:
     return _cases(root, "gap_cases")
 
 
+MOTION_RUN = """\
+name = {name}
+notes = {notes}
+{more}
+[source]
+motion = {motion}
+[tow]
+speed_m_s = 1.28
+line_length_m = 0.91
+tow_point_m = {point}
+tension_n = 3.96
+[model]
+length_pp_m = 2.66
+mass_kg = 78.0
+[water]
+density_kg_m3 = 1000.0
+"""
+
+
+@pytest.fixture(scope="session")
+def motion_run() -> Callable[..., Path]:
+    """(folder, tow point m, name, what source.motion says, notes, further keys) -> a run that came as motion, 40 s."""
+    import tomlkit
+
+    from towline.record import write_table
+    from towline.simulate import Hull, Start, Tow, simulate_full
+
+    hull = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28)
+
+    def made(
+        folder: Path,
+        point: float = 1.548,
+        name: str = "tow",
+        motion: str = "motion.csv",
+        notes: str = "",
+        more: str = "",
+    ) -> Path:
+        folder.mkdir(parents=True)
+        t_s = np.arange(400) / 10
+        table = simulate_full(hull, Tow(1.28, 0.91, point, 3.96), Start(y_cg_m=0.2), t_s)
+        table = table[["t_s", "y_cg_m", "beta_rad", "alpha_rad"]]
+        table[["y_cg_m", "beta_rad"]] += np.random.default_rng(1).normal(0, 1e-3, (len(t_s), 2))
+        write_table(folder / "motion.csv", table)
+        texts = {"name": name, "notes": notes, "motion": motion}
+        quoted = {key: tomlkit.item(value).as_string() for key, value in texts.items()}
+        (folder / "run.toml").write_text(MOTION_RUN.format(point=point, more=more, **quoted), encoding="utf-8")
+        return folder
+
+    return made
+
+
 @pytest.fixture(scope="session")
 def end_to_end(root: Path) -> ModuleType:
     """Random campaigns from hull to film, and what comes out of them."""

@@ -16,16 +16,14 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 
 from towline.cli import main
-from towline.record import InputError, TowlineError, read_motion, read_run, read_table, read_tracks, write_table
+from towline.record import InputError, TowlineError, read_motion, read_run, read_table, read_tracks
 from towline.record.imported import Wanted, import_tracks
 from towline.record.results import DerivativesFile, read_result
-from towline.simulate import Hull, Start, Tow, simulate_full
 
 ROOT = Path(__file__).resolve().parent.parent
 CASES, SLOW_CASES = 40, 6
@@ -36,22 +34,6 @@ SLICE = {
 FILE_LIMIT_BYTES = 8192
 BOMB = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\x01\x11p\0\x01\x11p\x10\0\0\0\0J\xc5\xb7T"
 """A picture of 70,000 by 70,000, as its header says."""
-HULL = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28)
-RUN_TOML = """\
-name = "{name}"
-[source]
-motion = "motion.csv"
-[tow]
-speed_m_s = 1.28
-line_length_m = 0.91
-tow_point_m = {point}
-tension_n = 3.96
-[model]
-length_pp_m = 2.66
-mass_kg = 78.0
-[water]
-density_kg_m3 = 1000.0
-"""
 
 
 def benchmark(name: str) -> ModuleType:
@@ -166,18 +148,6 @@ def test_a_result_holds_finite_numbers_only(tmp_path: Path) -> None:
 # circumstances -------------------------------------------------------------------------------------------------------
 
 
-def made(folder: Path, point: float = 1.548, name: str = "tow", samples: int = 400) -> Path:
-    """A run that came as motion."""
-    folder.mkdir(parents=True)
-    t_s = np.arange(samples) / 10
-    motion = simulate_full(HULL, Tow(1.28, 0.91, point, 3.96), Start(y_cg_m=0.2), t_s)
-    motion = motion[["t_s", "y_cg_m", "beta_rad", "alpha_rad"]]
-    motion[["y_cg_m", "beta_rad"]] += np.random.default_rng(1).normal(0, 1e-3, (samples, 2))
-    write_table(folder / "motion.csv", motion)
-    (folder / "run.toml").write_text(RUN_TOML.format(name=name, point=point), encoding="utf-8")
-    return folder
-
-
 def identify(run: Path, *more: str) -> list[str]:
     return ["identify", str(run), "--form", "linear", "--noise", "output", "--no-page", *more]
 
@@ -198,8 +168,8 @@ def whole_or_absent(folder: Path, there: set[str]) -> None:
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Path:
-    return made(tmp_path / "run")
+def run(motion_run: Callable[..., Path], tmp_path: Path) -> Path:
+    return motion_run(tmp_path / "run")
 
 
 def test_a_disk_that_fills_is_one_line_and_leaves_nothing(
@@ -300,8 +270,10 @@ def test_two_commands_on_one_folder_both_end_well(run: Path) -> None:
     whole_or_absent(run, {"run.toml", "motion.csv", "out/derivatives.json"})
 
 
-def test_names_with_blanks_and_letters_of_other_languages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = made(tmp_path / "Schlepprinne 3 – „Ærø“ 船" / "run 1; 'x' $(y)", name="Größe 船")
+def test_names_with_blanks_and_letters_of_other_languages(
+    motion_run: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = motion_run(tmp_path / "Schlepprinne 3 – „Ærø“ 船" / "run 1; 'x' $(y)", name="Größe 船")
     assert main(identify(folder)) == 0
     assert "Größe 船" in read_result(folder / "out" / "derivatives.json", DerivativesFile).runs
     (folder / "motion.csv").unlink()

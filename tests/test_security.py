@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -21,7 +21,6 @@ from towline.record.errors import TowlineError
 from towline.record.gap_file import GapFile, NextRun, RankedEffects, Where
 from towline.record.imported import import_tracks
 from towline.record.results import Measured
-from towline.simulate import Hull, Start, Tow, simulate_full
 
 ROOT = Path(__file__).resolve().parent.parent
 ALLOWED = {
@@ -33,7 +32,6 @@ MODULES = {"pickle", "cPickle", "dill", "marshal", "shelve", "yaml", "joblib", "
 CALLS = {"eval", "exec", "exec_module", "system", "popen", "run_path", "run_module", "read_pickle", "to_pickle"}
 HOSTILE = "<script>alert(1)</script>"
 IMAGE = '"><img src=x onerror=alert(2)>'
-HULL = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28)
 
 
 def modules() -> Iterator[tuple[str, ast.AST]]:
@@ -122,57 +120,25 @@ def test_another_programs_pickle_is_refused(tmp_path: Path) -> None:
 
 # paths ---------------------------------------------------------------------------------------------------------------
 
-RUN = """\
-name = {name}
-notes = {notes}
-{more}
-[source]
-motion = {motion}
-[tow]
-speed_m_s = 1.28
-line_length_m = 0.91
-tow_point_m = {point}
-tension_n = 3.96
-[model]
-length_pp_m = 2.66
-mass_kg = 78.0
-[water]
-density_kg_m3 = 1000.0
-"""
 
-
-def made(folder: Path, point: float = 1.548, name: str = "tow", motion: str = "motion.csv", more: str = "") -> Path:
-    """A run that came as motion."""
-    folder.mkdir(parents=True)
-    t_s = np.arange(400) / 10
-    table = simulate_full(HULL, Tow(1.28, 0.91, point, 3.96), Start(y_cg_m=0.2), t_s)[
-        ["t_s", "y_cg_m", "beta_rad", "alpha_rad"]
-    ]
-    table[["y_cg_m", "beta_rad"]] += np.random.default_rng(1).normal(0, 1e-3, (len(t_s), 2))
-    write_table(folder / "motion.csv", table)
-    quoted = {k: tomlkit.item(v).as_string() for k, v in (("name", name), ("notes", IMAGE), ("motion", motion))}
-    (folder / "run.toml").write_text(RUN.format(point=point, more=more, **quoted), encoding="utf-8")
-    return folder
-
-
-def test_paths_that_leave_the_run_folder_need_a_word(tmp_path: Path) -> None:
-    other = made(tmp_path / "other")
+def test_paths_that_leave_the_run_folder_need_a_word(motion_run: Callable[..., Path], tmp_path: Path) -> None:
+    other = motion_run(tmp_path / "other")
     for number, path in enumerate(("../other/motion.csv", str(other / "motion.csv"), "x/../../other/motion.csv", "..")):
-        run = made(tmp_path / f"run{number}", motion=path)
+        run = motion_run(tmp_path / f"run{number}", motion=path)
         with pytest.raises(InputError, match="leads out of the run folder; outside = true") as caught:
             read_run(run)
         assert caught.value.where == "source.motion"
         assert path in str(caught.value)
-    allowed = made(tmp_path / "allowed", motion="../other/motion.csv", more="outside = true")
+    allowed = motion_run(tmp_path / "allowed", motion="../other/motion.csv", more="outside = true")
     assert read_run(allowed).source_path.is_file()
-    inside = made(tmp_path / "inside", motion="./x/../motion.csv")
+    inside = motion_run(tmp_path / "inside", motion="./x/../motion.csv")
     (inside / "x").mkdir()
     assert read_run(inside).source_path.is_file()
 
 
 @pytest.mark.parametrize("key", ["tension", "rudder", "speed"])
-def test_every_key_that_names_a_file_is_looked_at(tmp_path: Path, key: str) -> None:
-    run = made(tmp_path / "run")
+def test_every_key_that_names_a_file_is_looked_at(motion_run: Callable[..., Path], tmp_path: Path, key: str) -> None:
+    run = motion_run(tmp_path / "run")
     text = (run / "run.toml").read_text()
     (run / "run.toml").write_text(text.replace("tension_n = 3.96", f'{key} = "/etc/passwd"'))
     with pytest.raises(InputError, match=f"tow.{key}: '/etc/passwd' leads out"):
@@ -182,8 +148,8 @@ def test_every_key_that_names_a_file_is_looked_at(tmp_path: Path, key: str) -> N
         read_run(run)
 
 
-def test_the_lens_is_a_file_like_the_others(tmp_path: Path) -> None:
-    run = made(tmp_path / "run")
+def test_the_lens_is_a_file_like_the_others(motion_run: Callable[..., Path], tmp_path: Path) -> None:
+    run = motion_run(tmp_path / "run")
     camera = "[camera]\nimage_size_px = [640, 480]\nfx_px = 500.0\nfy_px = 500.0\ncx_px = 320.0\ncy_px = 240.0\n"
     (run / "run.toml").write_text((run / "run.toml").read_text() + camera + 'calibration = "../lens.json"\n')
     with pytest.raises(InputError, match=r"camera\.calibration: '\.\./lens\.json' leads out"):
@@ -196,9 +162,9 @@ def test_the_lens_is_a_file_like_the_others(tmp_path: Path) -> None:
     assert read_run(run).input_hash() != before  # what was made with another lens is made again
 
 
-def test_a_link_in_the_folder_is_followed(tmp_path: Path) -> None:
+def test_a_link_in_the_folder_is_followed(motion_run: Callable[..., Path], tmp_path: Path) -> None:
     """Whoever made the link chose its target; a recording often lies on another disk."""
-    other, run = made(tmp_path / "other"), made(tmp_path / "run")
+    other, run = motion_run(tmp_path / "other"), motion_run(tmp_path / "run")
     (run / "motion.csv").unlink()
     try:
         (run / "motion.csv").symlink_to(other / "motion.csv")
@@ -207,10 +173,10 @@ def test_a_link_in_the_folder_is_followed(tmp_path: Path) -> None:
     assert read_run(run).source_path.is_file()
 
 
-def test_names_that_are_no_paths(tmp_path: Path) -> None:
+def test_names_that_are_no_paths(motion_run: Callable[..., Path], tmp_path: Path) -> None:
     for number, name in enumerate(("a" * 5000, "a\0b", "motion.csv/x", "\n")):
         with pytest.raises(TowlineError, match="no such file") as caught:
-            read_run(made(tmp_path / f"run{number}", motion=name))
+            read_run(motion_run(tmp_path / f"run{number}", motion=name))
         assert "\n" not in str(caught.value)
 
 
@@ -248,12 +214,12 @@ def harmless(path: Path) -> str:
 
 
 @pytest.fixture(scope="module")
-def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def hostile(motion_run: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two runs whose names, notes and folders are markup, and a third that cannot be read."""
     folder = tmp_path_factory.mktemp("hall") / "<b>hall"
-    made(folder / "<i>one", 1.446, HOSTILE)
-    made(folder / "two", 1.649, IMAGE)
-    bad = made(folder / "three", 1.548, "third")
+    motion_run(folder / "<i>one", 1.446, HOSTILE, notes=IMAGE)
+    motion_run(folder / "two", 1.649, IMAGE, notes=IMAGE)
+    bad = motion_run(folder / "three", 1.548, "third", notes=IMAGE)
     (bad / "motion.csv").write_text(f"t_s,y_cg_m,beta_rad\n0,{HOSTILE},0\n")
     return folder
 

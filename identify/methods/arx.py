@@ -78,7 +78,7 @@ def continuous_coefficients(a: Array, step_s: float) -> Array:
     return np.real(np.poly(s))[1:]
 
 
-@solvable(EstimationError, "the record does not fix what was asked of it")
+@solvable(EstimationError)
 def fit_arx(
     y: Array,
     step_s: float,
@@ -226,7 +226,7 @@ def arx_derivatives(fits: Sequence[ArxFit], tows: tuple[Tow, Tow]) -> SixEstimat
     return derivatives_from_coefficients(fits[0].coefficients, fits[1].coefficients, tows, covariance)
 
 
-@solvable(EstimationError, "the record does not fix what was asked of it")
+@solvable(EstimationError)
 def arx_of_records(
     records: tuple[Record, Record], decimation: int, method: Literal["ls", "iv"] = "iv"
 ) -> tuple[tuple[ArxFit, ArxFit], SixEstimate]:

@@ -138,7 +138,7 @@ class DecayFit:
         return take @ filled, take @ self.covariance @ take.T
 
 
-@solvable(EstimationError, "the record does not fix what was asked of it")
+@solvable(EstimationError)
 def fit_decay(
     t_s: Array,
     y_m: Array,

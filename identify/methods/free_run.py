@@ -75,7 +75,7 @@ class FreeRunFit:
     notes: tuple[str, ...]
 
 
-@solvable(EstimationError, "the record does not fix what was asked of it")
+@solvable(EstimationError)
 def fit_free_run(
     runs: Sequence[FreeRecord],
     hull: Hull,

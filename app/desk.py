@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from ..geometry.motion import lens_covariance
@@ -16,7 +17,7 @@ from ..report.topview import TopView
 from ..vision.recording import Frame
 from .byhand import FILE, ByHand, begun
 from .document import Document
-from .frames import Frames
+from .frames import EXACT, Frames
 from .motion_view import Shown, read_shown
 from .places import Place, inside, place, videos_in
 from .sight import Detected, Sight, detected, sight, view_of
@@ -60,7 +61,8 @@ class Desk:
     pages: dict[int, Path] = field(default_factory=dict)
     _sight: tuple[tuple[int, str], Sight] | None = None
     _view: tuple[Sight, TopView | None] | None = None
-    _detected: tuple[tuple[int, int], Detected] | None = None
+    _detected: dict[tuple[int, int], Detected] = field(default_factory=dict)
+    _detecting: Lock = field(default_factory=Lock)
     _shown: tuple[tuple[Any, ...], Shown] | None = None
 
     # opening and saving --------------------------------------------------------------------------------------------------
@@ -95,7 +97,8 @@ class Desk:
         self.document = self.frames = self.by_hand = None
         self.index, self.video, self.video_problem = 0, "", ""
         self.selected = {"datum": -1, "marker": -1}
-        self._sight = self._detected = self._shown = self._view = None
+        self._sight = self._shown = self._view = None
+        self._detected = {}
 
     @property
     def doc(self) -> Document:
@@ -169,7 +172,7 @@ class Desk:
         if self.frames is not None:
             self.frames.close()
             self.frames = None
-        self._sight = self._detected = None
+        self._sight, self._detected = None, {}
         self._open_video()
         return True
 
@@ -198,9 +201,12 @@ class Desk:
 
     def frame(self) -> Frame:
         """The frame that is shown, as decoded."""
+        return self._frame(self.index)
+
+    def _frame(self, index: int) -> Frame:
         if self.frames is None:
             raise InputError(self.doc.folder, "", self.video_problem)
-        return self.frames.exact(self.index)
+        return self.frames.exact(index)
 
     # picking -------------------------------------------------------------------------------------------------------------
 
@@ -274,13 +280,15 @@ class Desk:
         except TowlineError:
             return None
 
-    def detect(self) -> Detected:
-        """What the detector sees in the frame that is shown."""
-        key = (self.doc.version, self.index)
-        kept = self._detected
-        if kept is None or kept[0] != key:
-            kept = self._detected = (key, detected(self.frame(), self.sight(), self.run_or_none()))
-        return kept[1]
+    def detect(self, index: int) -> Detected:
+        """What the detector sees in a frame; the last few answers are kept."""
+        with self._detecting:
+            kept, key = self._detected, (self.doc.version, index)
+            if key not in kept:
+                kept[key] = detected(self._frame(index), self.sight(), self.run_or_none())
+                while len(kept) > EXACT:
+                    del kept[next(iter(kept))]
+            return kept[key]
 
     # by hand -------------------------------------------------------------------------------------------------------------
 

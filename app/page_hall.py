@@ -331,7 +331,7 @@ class Hall:
     def soon(self, call: Callable[[], Any]) -> None:
         """Call something after this."""
         with self._client:
-            ui.timer(0.01, call, once=True)
+            ui.timer(0.0, call, once=True)
 
     async def work(self, call: Callable[..., Any], *arguments: Any) -> Any:
         """Call something that takes a moment, without holding up the page."""

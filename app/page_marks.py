@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from typing import Any
 
 from nicegui import ui
@@ -29,6 +30,7 @@ class MarksStep(Step):
         self._seen: Detected | None = None
         self._wanted = (-1, -1)
         self._looking = False
+        self._before = 0
 
     def build(self) -> None:
         desk = self.desk
@@ -197,8 +199,10 @@ class MarksStep(Step):
 
     async def _look(self) -> None:
         wanted = self._wanted
+        self._detector.text = "Detector: looking"  # what it says of another frame is not left standing
+        self._detector.classes(replace="say soft")
         try:
-            seen = await self.hall.work(self.desk.detect)
+            seen = await self.hall.work(self.desk.detect, wanted[1])
         except TowlineError as error:
             self._detector.text = str(error)
             return
@@ -214,6 +218,15 @@ class MarksStep(Step):
         self._detector.classes(replace="say good" if seen.marks_px else "say warn")
         if self.hall.viewer is not None:
             self.hall.viewer.run_method("over", json.dumps(self.moving()))
+        await self._look_ahead(wanted[1])
+
+    async def _look_ahead(self, index: int) -> None:
+        """The frame that the next step of the same length asks for."""
+        coming, self._before = 2 * index - self._before, index
+        frames = self.desk.frames
+        if coming != index and frames is not None and frames.known(coming):
+            with suppress(TowlineError):  # told when the frame is shown
+                await self.hall.work(self.desk.detect, coming)
 
     def still(self) -> dict[str, Any]:
         """Where the markers were clicked."""

@@ -18,6 +18,8 @@ from .guard import TOKEN, Guard, new_token
 HOST = "127.0.0.1"
 EXIT_TERMINATED = 143
 TRIES, TRY_S = 400, 0.05
+SWITCH_S = 5e-4
+"""A thread that computes lets the page's own have its turn this often (Python's own choice is ten times as long)."""
 WARM = ("geometry", "vision.datum_find", "vision.spots.search", "report.topview", "report.scale_grid", "stages")
 """Rooms imported while the person looks at the first page."""
 
@@ -45,6 +47,7 @@ def serve(start: Path, open_run: bool, port: int, say: Callable[[str], None], br
         ) from None
     # ended from outside as by Ctrl+C: the process of the jobs ends with this one
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(EXIT_TERMINATED))
+    sys.setswitchinterval(SWITCH_S)
     desk = Desk(start)
     if open_run:
         desk.open(start)
@@ -135,11 +138,14 @@ def _warm(desk: Desk) -> None:
     import numpy as np
 
     from ..vision.recording import Frame
+    from ..vision.spots.candidates import find_candidates
     from .snap import snapped
 
+    # what is imported at a first call
     dot = np.full((80, 80), 60, dtype=np.uint8)
     dot[38:43, 38:43] = 200
-    snapped(Frame(0, 0.0, dot, None), (40.0, 40.0), lossy=True)  # what is imported at its first call
+    snapped(Frame(0, 0.0, dot, None), (40.0, 40.0), lossy=True)
+    find_candidates(dot)
     desk.worker.warm()
 
 

@@ -65,14 +65,18 @@ export default {
   methods: {
     // the frame and what is drawn over it change together, once the picture is there; only the newest wish is kept
     show(src, moving) { this.load(src, moving ? JSON.parse(moving) : {}); },
-    over(moving) { this.moving = moving ? JSON.parse(moving) : {}; },
+    over(moving) {
+      const what = moving ? JSON.parse(moving) : {};
+      const coming = this.waiting || this.coming;  // a picture that is still on its way takes it along
+      if (coming) coming.moving = what; else this.moving = what;
+    },
     load(src, moving) {
       if (!src) { this.current = this.shown = ""; return; }
       this.waiting = { src, moving };
       if (!this.loading) this.next();
     },
     next() {
-      const job = this.waiting;
+      const job = this.coming = this.waiting;
       this.waiting = null;
       if (!job) return;
       this.loading = true;

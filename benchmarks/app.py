@@ -39,6 +39,8 @@ ARGUMENTS = [
     "--disable-sync",
 ]
 WAIT_MS = 20_000
+PAUSE_MS = 300
+"""Between two jumps of the slider: a person looks."""
 NOTED = """
 window.began = 0;
 for (const name of ["keydown", "pointerdown", "pointermove", "wheel", "change"])
@@ -127,10 +129,17 @@ def scrub(person: Person, last: int) -> None:
     for _ in range(5):
         person.timed("last frame, End", lambda: page.keyboard.press("End"), shown(last))
         person.timed("first frame, Home", lambda: page.keyboard.press("Home"), shown(0))
+    jump(person, "any frame, slider", "true")
+
+
+def jump(person: Person, name: str, also: str) -> None:
+    """The slider, here and there; ``also`` must hold when the frame is shown."""
+    page = person.page
     box = page.locator(".scrub .q-slider").bounding_box()
     for share in (0.9, 0.1, 0.5, 0.3, 0.7, 0.2, 0.95, 0.4, 0.6, 0.8):
         x, y = box["x"] + share * box["width"], box["y"] + box["height"] / 2
-        person.timed("any frame, slider", lambda x=x, y=y: page.mouse.click(x, y), other_frame(person.frame()))
+        person.timed(name, lambda x=x, y=y: page.mouse.click(x, y), f"{other_frame(person.frame())} && {also}")
+        page.wait_for_timeout(PAUSE_MS)
 
 
 def datum(person: Person, points: list[dict[str, Any]]) -> None:
@@ -188,7 +197,8 @@ def marks(person: Person) -> None:
     for _ in range(8):
         frame = person.frame() + 25
         until = f"{shown(frame)} && {spots} > 0"
-        person.timed("frame with what the detector sees", lambda: page.keyboard.press("Shift+ArrowRight"), until)
+        person.timed("next frame with the detector's view", lambda: page.keyboard.press("Shift+ArrowRight"), until)
+    jump(person, "any frame with the detector's view", f"{spots} > 0")
 
 
 def hand(person: Person) -> None:

@@ -23,7 +23,7 @@ from towline.app.byhand import FILE, ByHand, begun
 from towline.app.desk import Desk
 from towline.app.document import Document
 from towline.app.form import parsed, row_fields, tables
-from towline.app.frames import Frames
+from towline.app.frames import EXACT, Frames
 from towline.app.guard import MOST_BODY, Guard
 from towline.app.motion_view import curves, marks_at, value_at
 from towline.app.places import inside, place, places_below
@@ -254,7 +254,7 @@ def test_every_frame_is_the_decoders(run_folder: Path) -> None:
 def test_a_frame_may_be_looked_at_by_many_at_once(run_folder: Path) -> None:
     """The decoder's own conversion brings the process down when two threads do it at a time."""
     code = (
-        "import sys, threading\nfrom pathlib import Path\nfrom towline.app.frames import Frames\n"
+        "import sys, threading\nfrom pathlib import Path\nfrom towline.app.frames import EXACT, Frames\n"
         f"frames = Frames(Path({str(run_folder / 'video.mp4')!r}))\n"
         "seen = []\n"
         "def look(index):\n"
@@ -392,6 +392,26 @@ def test_the_detector_shows_what_tracking_will_take(run_folder: Path, samples: P
     nothing = detected(frame, sight({"datum": []}, (800, 600)), None)
     assert nothing.marks_px == {}
     assert "not complete" in nothing.words
+
+
+def test_a_look_ahead_is_a_look_at_that_frame(run_folder: Path) -> None:
+    """Whatever frame is on the screen; kept until run.toml changes, and a few at most."""
+    desk = Desk(run_folder)
+    desk.open(run_folder)
+    try:
+        assert desk.frames is not None
+        ahead = desk.detect(7)
+        there = detected(desk.frames.exact(7), desk.sight(), desk.run_or_none())
+        assert ahead.marks_px == there.marks_px != desk.detect(desk.index).marks_px
+        desk.go(7)
+        assert desk.detect(7) is ahead
+        desk.doc.set_all([(("marker", 0, "depth_m"), 0.4)], "deeper")
+        assert desk.detect(7) is not ahead
+        for index in range(EXACT + 1):
+            desk.detect(index)
+        assert len(desk._detected) == EXACT
+    finally:
+        desk.close()
 
 
 # by hand --------------------------------------------------------------------------------------------------------------

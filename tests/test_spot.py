@@ -10,6 +10,7 @@ import pytest
 
 from towline.vision import fit_spots, path_scatter, start_of, windows
 from towline.vision.backend import backend_for
+from towline.vision.spots.candidates import find_candidates
 from towline.vision.spots.model import (
     ELLIPSE,
     HEIGHT_2,
@@ -261,3 +262,27 @@ def test_the_axis_that_shows_a_codecs_error_speaks_for_both() -> None:
     wide = with_scatter(table, [Bow], Flat(), lossy=True)  # pyright: ignore[reportArgumentType]
     assert abs(wide["sigma_u_px"].median() / 0.06 - 1) < 0.1
     np.testing.assert_allclose(wide["sigma_v_px"], wide["sigma_u_px"])
+
+
+def test_a_candidate_has_the_centroid_and_axes_of_its_region() -> None:
+    """skimage measures the same region: its weighted centroid, its ellipse's axes; the ground is zero, so nothing blurs in."""
+    import cv2
+    from skimage.measure import label, regionprops
+
+    rng = np.random.default_rng(11)
+    for _ in range(30):
+        picture = np.zeros((120, 160))
+        v, u = np.indices(picture.shape)
+        (cu, cv), (long, short), turn = rng.uniform(50, 70, 2), rng.uniform(1.5, 3.0, 2), rng.uniform(0, np.pi)
+        along, across = (
+            (u - cu) * np.cos(turn) + (v - cv) * np.sin(turn),
+            (v - cv) * np.cos(turn) - (u - cu) * np.sin(turn),
+        )
+        luma = (200 * np.exp(-0.5 * ((along / long) ** 2 + (across / short) ** 2))).astype(np.uint8)
+        found = find_candidates(luma, expected_width_px=3.0)  # its window of 27 px holds more ground than spot
+        blurred = cv2.GaussianBlur(luma.astype(np.float32), (0, 0), 1.5)
+        region = regionprops(label(blurred > 0.5 * blurred.max()), intensity_image=blurred)[0]
+        row, column = region.centroid_weighted
+        assert len(found) == 1
+        assert found.centre_px[0] == pytest.approx((column, row), abs=1e-3)  # float32 sums of 1e2 pixels
+        assert found.stretch[0] == pytest.approx(region.axis_major_length / region.axis_minor_length, rel=1e-6)

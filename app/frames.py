@@ -304,7 +304,8 @@ class _Again:
         self._container = av.open(str(path), metadata_errors="replace")
         self._stream = self._container.streams.video[0]
         self._stream.thread_type = "AUTO"
-        self._coming: Iterator[Any] = iter(self._container.decode(self._stream))
+        self._from: int | None = None
+        self._coming = self._pictures()
         self._at: int | None = None
         self._step = 1.0
         rate, base = self._stream.average_rate, self._stream.time_base
@@ -320,10 +321,11 @@ class _Again:
         import av.error
 
         near = self._at is not None and 0 < stamp - self._at < 60 * self._step
+        self._from = stamp if exactly else None
         try:
             if not near:
                 self._container.seek(stamp, stream=self._stream, backward=True)
-                self._coming = iter(self._container.decode(self._stream))
+                self._coming = self._pictures()
             for raw in self._coming:
                 if raw.pts is None:
                     return None
@@ -336,6 +338,13 @@ class _Again:
             pass
         self._at = None
         return None
+
+    def _pictures(self) -> Iterator[Any]:
+        """Decoded from here on; what comes before the one that is wanted only where others are made from it."""
+        for packet in self._container.demux(self._stream):
+            skipped = self._from is not None and packet.pts is not None and packet.pts < self._from
+            self._stream.codec_context.skip_frame = "NONREF" if skipped else "DEFAULT"
+            yield from packet.decode()
 
     def close(self) -> None:
         """Close the container."""

@@ -38,6 +38,8 @@ STEEP = 1e60
 """A slope beyond this belongs to a motion that grows beyond bounds."""
 LARGEST_SD = 3.0
 """No effect's number changes by more prior standard deviations in a step."""
+LEAST_VARIANCE = 1e-12
+"""Of an effect's number in units of its prior; what inverting leaves below is rounding."""
 
 
 @dataclass(frozen=True)
@@ -219,10 +221,11 @@ class Inference:
         sd = np.array([p.sd for p in parameters])
         sided = np.flatnonzero([p.one_sided for p in parameters])
         mean = np.concatenate(h.numbers) - [p.none for p in parameters] + solved.shared[own]
-        # in units of the widest prior; what the data alone say is the posterior without it
-        data = np.linalg.inv(solved.covariance[own, own] / np.outer(sd, sd))
-        pull = data @ (mean / sd)
-        data = data - np.eye(len(sd))
+        # in units of the widest prior; what the data alone say is the posterior without it: a variance is above zero, at most one
+        variance, vectors = np.linalg.eigh(solved.covariance[own, own] / np.outer(sd, sd))
+        variance = np.clip(variance, LEAST_VARIANCE, 1.0)
+        pull = (vectors / variance) @ vectors.T @ (mean / sd)
+        data = (vectors * (1 / variance - 1)) @ vectors.T
         logs: list[float] = []
         for shares in product(*(e.sizes for e in h.effects)):
             share = np.repeat(shares, [len(e.parameters) for e in h.effects])

@@ -224,6 +224,25 @@ def test_an_effect_of_any_size_has_the_evidence_of_the_integral(mean: float, sid
     assert plain + inference.sized(h, solved) == pytest.approx(wanted, abs=1e-6)
 
 
+@pytest.mark.parametrize("off", [-1e-14, 1e-14])
+def test_rounding_in_a_variance_is_no_knowledge(off: float) -> None:
+    """Of two numbers the data tell the sum very well: the difference's variance may round to less than none, or above the prior."""
+    parameters = (Parameter("x", "", 2.0, one_sided=True), Parameter("y", "", 2.0))
+    inference = object.__new__(Inference)
+    inference.mode_count = 0
+    h = Hypothesis(
+        np.zeros(0), np.zeros((1, 0)), (Effect("two", "sway", parameters, "", ""),), (np.array([0.4, -0.4]),)
+    )
+    exact, rounded = (2.0**2 * np.array([[0.5, -0.5], [-0.5, 0.5]]) + shift * np.ones((2, 2)) for shift in (1e-11, off))
+    told = [
+        inference.sized(h, Solved(0.0, 0.0, 0.0, np.zeros(2), np.zeros((1, 0)), covariance))
+        for covariance in (exact, rounded)
+    ]
+    assert told[1] == pytest.approx(
+        told[0], abs=1e-3
+    )  # of a variance of 1e-11, or the least one: the prior's shape is as flat
+
+
 def test_numbers_that_are_not_told_get_nothing() -> None:
     """Sizes from 1e-9 to 1e9, and two numbers without any information: no overflow, no made-up variance."""
     rng = np.random.default_rng(6)

@@ -5,6 +5,9 @@ them over, with knots as far apart as the motion allows. An error that lasts lon
 path, but a codec's error has the same size along u and v and only lasts longer where the mark moves slowly; so the axis that
 shows more of it speaks for both. At last the distances between the marks, which a rigid body keeps, are held against what the
 sigmas let expect of them.
+
+A codec that leaves a part of the picture as it was in the frame before shows the mark where it was, not where it is. Such a
+place (``repeated``) is as old as the last picture of its own, and off by what the mark has moved since.
 """
 
 from __future__ import annotations
@@ -36,6 +39,10 @@ ODD_VARIANCE = 3.0
 STILL_PX = 0.02
 STILL_FACTOR = 2.5
 """A codec freezes a still mark's error: its sd over what the residuals give (1.9-3.9 on moving marks at crf 18-28)."""
+LEAST_OWN = 0.25
+"""Share of pictures of their own from which on these alone say how far a codec is off."""
+RATE_S = 0.3
+"""The rate of a mark is read from places so long before and after."""
 RIGID_GATE = 4.0
 """A ratio of variances counts when it stands this many of its own standard deviations above 1."""
 MOST_RIGID = 9.0
@@ -56,6 +63,9 @@ def with_scatter(table: pd.DataFrame, markers: Sequence[Marker], mapping: Mappin
         if usual is None:
             continue
         like = (stated < ODD_VARIANCE * usual).all(axis=1)
+        own = _own(table, at)
+        if (like & own).sum() >= max(LEAST_OWN * like.sum(), LEAST_KNOT_FRAMES * LEAST_SPANS):
+            like &= own
         rows = table.iloc[at[like]]
         t_s, place = rows["t_s"].to_numpy(), rows[["u_px", "v_px"]].to_numpy()
         excess = np.array([path_scatter(t_s, place[:, axis]) ** 2 for axis in (0, 1)]) - usual
@@ -65,7 +75,8 @@ def with_scatter(table: pd.DataFrame, markers: Sequence[Marker], mapping: Mappin
         elif lossy and len(place) > 1 and np.median(np.abs(np.diff(place, axis=0)), axis=0).max() < STILL_PX:
             excess = np.maximum(excess, STILL_FACTOR**2 * clearest)
         # the frames that were harder to fit than the others stay so
-        table.loc[table.index[at], ["sigma_u_px", "sigma_v_px"]] = np.sqrt(stated + excess)
+        widened = np.sqrt(stated + excess + _moved_since(table.iloc[at], own) ** 2)
+        table.loc[table.index[at], ["sigma_u_px", "sigma_v_px"]] = widened
     ratio = rigid_ratio(table, markers, mapping)
     if ratio > 1:
         table[["sigma_u_px", "sigma_v_px"]] *= np.sqrt(min(ratio, MOST_RIGID))
@@ -78,6 +89,31 @@ def _stated(table: pd.DataFrame, marker: Marker) -> tuple[Array, Array, Array | 
     stated = table.iloc[at][["sigma_u_px", "sigma_v_px"]].to_numpy() ** 2
     seen = np.isfinite(stated).all(axis=1)
     return at, stated, np.median(stated[seen], axis=0) if seen.any() else None
+
+
+def _own(table: pd.DataFrame, at: Array) -> Array:
+    """(n,) rows whose picture is not the one of the frame before; all where tracks do not say."""
+    if "repeated" not in table:
+        return np.ones(len(at), dtype=bool)
+    return ~(table["repeated"].to_numpy()[at] > 0)
+
+
+def _moved_since(rows: pd.DataFrame, own: Array) -> Array:
+    """(n, 2) px that a mark has moved, at its rate, since the last picture of its own; 0 where the picture is its own."""
+    moved = np.zeros((len(rows), 2))
+    t_s, place = rows["t_s"].to_numpy(), rows[["u_px", "v_px"]].to_numpy()
+    known = np.flatnonzero(own & np.isfinite(place).all(axis=1))
+    stale = np.flatnonzero(~own & np.isfinite(place).all(axis=1))
+    if len(known) < 2 or not len(stale):
+        return moved
+    last = known[np.maximum(np.searchsorted(known, stale) - 1, 0)]
+    early, late = (np.clip(t_s[stale] + by, t_s[known[0]], t_s[known[-1]]) for by in (-RATE_S, RATE_S))
+    for axis in (0, 1):
+        path = place[known, axis]
+        way = np.interp(late, t_s[known], path) - np.interp(early, t_s[known], path)
+        rate = np.divide(way, late - early, out=np.zeros_like(way), where=late > early)
+        moved[stale, axis] = rate * (t_s[stale] - t_s[last])
+    return moved
 
 
 def path_scatter(t_s: Array, values: Array) -> float:

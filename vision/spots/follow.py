@@ -222,6 +222,7 @@ class SpotFollower:
             found.reason[index, rows] = np.where(good, "", "no spot")
             found.place[index, rows[good]] = fit.centre_px[good]
             found.sigma[index, rows[good]] = fit.sigma_px[good]
+            found.repeated[index, rows] = stretch.repeats[index]
             found.brightness[index, rows] = np.where(good, fit.amplitude_dn, np.nan)
             width[index, rows] = fit.width_px / mark.refiner.width_px
             excess[index, rows] = refined.excess
@@ -243,7 +244,8 @@ class SpotFollower:
             if mark is not None:
                 reason[index] = "outside the picture"
         reason[:, [damaged for _, _, damaged in frames]] = "damaged frame"
-        return Found(np.full((*shape, 2), np.nan), np.full((*shape, 2), np.nan), reason, np.full(shape, np.nan), frames)
+        nowhere = np.full((*shape, 2), np.nan)
+        return Found(nowhere, nowhere.copy(), reason, np.full(shape, np.nan), np.zeros(shape, dtype=bool), frames)
 
     def _write_unseen(self, frames: list[tuple[int, float, bool]]) -> None:
         if frames:

@@ -133,7 +133,14 @@ class Rigid:
 
     def fits(self, index: int, place: Array, sigma: Array, now: Found) -> bool:
         """A mark found again stands at its distance from those that are held."""
-        trial = Found(now.place[:, -1:].copy(), now.sigma[:, -1:].copy(), now.reason[:, -1:].copy(), now.brightness, [])
+        trial = Found(
+            now.place[:, -1:].copy(),
+            now.sigma[:, -1:].copy(),
+            now.reason[:, -1:].copy(),
+            now.brightness,
+            now.repeated[:, -1:],
+            [],
+        )
         trial.place[index, 0], trial.sigma[index, 0], trial.reason[index, 0] = place, sigma, ""
         for pair in self._pairs():
             other = pair[0] if pair[1] == index else pair[1]

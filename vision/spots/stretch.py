@@ -23,6 +23,10 @@ class Mark:
         self.lost = 0
 
 
+CORE = 3
+"""The inner part of a window, by which a picture is known again: its half size over this."""
+
+
 class Stretch:
     """Windows of all markers over some frames, in arrays of fixed size."""
 
@@ -32,6 +36,8 @@ class Stretch:
         self.windows: list[list[tuple[int, NDArray[np.uint8], tuple[int, int], tuple[float, float], float]]] = [
             [] for _ in range(markers)
         ]
+        self.before: list[tuple[int, NDArray[np.uint8], tuple[int, int]] | None] = [None] * markers
+        self.repeats: list[list[bool]] = [[] for _ in range(markers)]
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -40,6 +46,7 @@ class Stretch:
         """Begin the next one."""
         self.frames = []
         self.windows = [[] for _ in range(self.markers)]
+        self.repeats = [[] for _ in range(self.markers)]
 
     def keep(self, marker: int, luma: NDArray[np.uint8], u: float, v: float, half: int, reach: float) -> None:
         """Store one marker's window about ``u, v`` for the frame added last."""
@@ -53,6 +60,11 @@ class Stretch:
             if a.stop > a.start and b.stop > b.start:
                 cut[b.start - v0 : b.stop - v0, a.start - u0 : a.stop - u0] = luma[b, a]
         self.windows[marker].append((len(self.frames) - 1, cut, (u0, v0), (u, v), reach))
+        frame, before = self.frames[-1][0], self.before[marker]
+        self.repeats[marker].append(
+            before is not None and before[0] == frame - 1 and _same(before[1:], (cut, (u0, v0)))
+        )
+        self.before[marker] = frame, cut, (u0, v0)
 
     def stack(self, marker: int, size_px: tuple[int, int]) -> tuple[NDArray[np.int64], Stack, Array] | None:
         """The stored windows of one marker: their frames, the windows, the search's reach."""
@@ -64,14 +76,32 @@ class Stretch:
         return np.array(rows), stack, np.array(reach)
 
 
+def _same(one: tuple[NDArray[np.uint8], tuple[int, int]], other: tuple[NDArray[np.uint8], tuple[int, int]]) -> bool:
+    """Two windows show the same about the second one's middle, to the pixel."""
+    (before, (u_0, v_0)), (cut, (u, v)) = one, other
+    side, half = len(cut), len(cut) // 2
+    inner = slice(half - half // CORE, half + half // CORE + 1)
+    rows, columns = (slice(inner.start + by, inner.stop + by) for by in (v - v_0, u - u_0))
+    inside = all(part.start >= 0 and part.stop <= len(before) for part in (rows, columns))
+    return inside and len(before) == side and bool(np.array_equal(cut[inner, inner], before[rows, columns]))
+
+
 @dataclass
 class Found:
-    """What a stretch gave, (markers, frames): places, sigmas, and why a place is missing ("" = measured)."""
+    """What a stretch gave, (markers, frames).
+
+    Attributes
+    ----------
+    place, sigma : of each
+    reason : why a place is missing ("" = measured)
+    repeated : the picture about the mark is the frame's before, to the pixel
+    """
 
     place: Array
     sigma: Array
     reason: NDArray[np.object_]
     brightness: Array
+    repeated: NDArray[np.bool_]
     frames: list[tuple[int, float, bool]]
 
     def both(self, i: int, j: int) -> NDArray[np.int64]:
@@ -85,6 +115,7 @@ def table_of(done: list[Found], names: list[str]) -> pd.DataFrame:
     place = np.concatenate([f.place for f in done], axis=1).swapaxes(0, 1).reshape(-1, 2)
     sigma = np.concatenate([f.sigma for f in done], axis=1).swapaxes(0, 1).reshape(-1, 2)
     reason = np.concatenate([f.reason for f in done], axis=1).T.ravel()
+    repeated = np.concatenate([f.repeated for f in done], axis=1).T.ravel()
     index = np.concatenate([[i for i, _, _ in f.frames] for f in done])
     t_s = np.concatenate([[t for _, t, _ in f.frames] for f in done])
     return pd.DataFrame(
@@ -98,5 +129,6 @@ def table_of(done: list[Found], names: list[str]) -> pd.DataFrame:
             "sigma_v_px": sigma[:, 1],
             "status": np.where(reason == "", "measured", "lost"),
             "reason": reason,
+            "repeated": (repeated & (reason == "")).astype(int),
         }
     )

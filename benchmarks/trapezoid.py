@@ -241,7 +241,7 @@ def main() -> None:
     for way, (x, y) in golden().items():
         print(f"| {way} | {GOLDEN[way][0]:g} / {GOLDEN[way][1]:g} | {x:.1f} / {y:.2f} |")
     draw(options.picture)
-    print(f"\nwrote {options.picture}")
+    print(f"\nwrote {options.picture.name}")
 
 
 if __name__ == "__main__":

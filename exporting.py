@@ -23,7 +23,7 @@ from .record.exports import (
 )
 from .record.files import sha256_of_file
 from .record.results import DerivativesFile, Measured, read_result
-from .record.run import RUN_FILE, Run, read_run
+from .record.run import RUN_FILE, Run, all_inputs, read_run
 
 if TYPE_CHECKING:
     from .progress import Progress
@@ -130,8 +130,7 @@ def state_space(source: str | Path, run_folder: str | Path | None = None) -> Sta
     fitted = file.runs.get(run.name)
     if fitted is not None and fitted.nuisance:
         notes.append("the settings are run.toml's; the fit moved " + ", ".join(sorted(fitted.nuisance)))
-    hashes = {source.name: sha256_of_file(source)}
-    hashes |= {f"{run.name}/{name}": digest for name, digest in run.input_hashes().items()}
+    hashes = {source.name: sha256_of_file(source), **all_inputs([run])}
     settings = ("speed_m_s", "line_length_m", "tow_point_m", "tow_point_offset_m", "tension_n")
     return StateSpaceFile(
         tool=__version__,

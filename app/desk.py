@@ -199,11 +199,8 @@ class Desk:
             self.index = self.frames.clamp(index)
         return self.index
 
-    def frame(self) -> Frame:
-        """The frame that is shown, as decoded."""
-        return self._frame(self.index)
-
-    def _frame(self, index: int) -> Frame:
+    def frame(self, index: int) -> Frame:
+        """A frame as decoded."""
         if self.frames is None:
             raise InputError(self.doc.folder, "", self.video_problem)
         return self.frames.exact(index)
@@ -216,7 +213,7 @@ class Desk:
 
         if not self.snapping or self.frames is None:
             return as_clicked(click_px, zoom)
-        return snapped(self.frame(), click_px, self.frames.info.codec not in LOSSLESS, zoom)
+        return snapped(self.frame(self.index), click_px, self.frames.info.codec not in LOSSLESS, zoom)
 
     def pick_datum(self, click_px: tuple[float, float], zoom: float = 1.0) -> tuple[int, Snapped]:
         """A click sets a new datum point, or moves the selected one; returns its number and where it landed."""
@@ -285,7 +282,7 @@ class Desk:
         with self._detecting:
             kept, key = self._detected, (self.doc.version, index)
             if key not in kept:
-                kept[key] = detected(self._frame(index), self.sight(), self.run_or_none())
+                kept[key] = detected(self.frame(index), self.sight(), self.run_or_none())
                 while len(kept) > EXACT:
                     del kept[next(iter(kept))]
             return kept[key]

@@ -18,8 +18,6 @@ from .guard import TOKEN, Guard, new_token
 HOST = "127.0.0.1"
 EXIT_TERMINATED = 143
 TRIES, TRY_S = 400, 0.05
-SWITCH_S = 5e-4
-"""A thread that computes lets the page's own have its turn this often (Python's own choice is ten times as long)."""
 WARM = ("geometry", "vision.datum_find", "vision.spots.search", "report.topview", "report.scale_grid", "stages")
 """Rooms imported while the person looks at the first page."""
 
@@ -47,7 +45,6 @@ def serve(start: Path, open_run: bool, port: int, say: Callable[[str], None], br
         ) from None
     # ended from outside as by Ctrl+C: the process of the jobs ends with this one
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(EXIT_TERMINATED))
-    sys.setswitchinterval(SWITCH_S)
     desk = Desk(start)
     if open_run:
         desk.open(start)

@@ -48,14 +48,14 @@ export default {
   },
   watch: {
     src(value) { this.load(value, null); },
-    overlay(value) { this.still = value ? JSON.parse(value) : {}; },
-    overlay_frame(value) { this.moving = value ? JSON.parse(value) : {}; },
+    overlay(value) { this.still = this.parsed(value); },
+    overlay_frame(value) { this.moving = this.parsed(value); },
     width() { this.$nextTick(this.fit); },
     height() { this.$nextTick(this.fit); },
   },
   mounted() {
-    this.still = this.overlay ? JSON.parse(this.overlay) : {};
-    this.moving = this.overlay_frame ? JSON.parse(this.overlay_frame) : {};
+    this.still = this.parsed(this.overlay);
+    this.moving = this.parsed(this.overlay_frame);
     this.observer = new ResizeObserver(() => this.fitted ? this.fit() : this.keepInside());
     this.observer.observe(this.$refs.root);
     this.fit();
@@ -64,12 +64,13 @@ export default {
   unmounted() { this.observer.disconnect(); },
   methods: {
     // the frame and what is drawn over it change together, once the picture is there; only the newest wish is kept
-    show(src, moving) { this.load(src, moving ? JSON.parse(moving) : {}); },
+    show(src, moving) { this.load(src, this.parsed(moving)); },
     over(moving) {
-      const what = moving ? JSON.parse(moving) : {};
+      const what = this.parsed(moving);
       const coming = this.waiting || this.coming;  // a picture that is still on its way takes it along
       if (coming) coming.moving = what; else this.moving = what;
     },
+    parsed(text) { return text ? JSON.parse(text) : {}; },
     load(src, moving) {
       if (!src) { this.current = this.shown = ""; return; }
       this.waiting = { src, moving };

@@ -47,18 +47,19 @@ def is_open(file: GapFile) -> bool:
 def sentences(file: GapFile, held: Shrink | None, rest: Leftover) -> list[str]:
     """The summary in plain words."""
     if file.verdict == "no_gap":
+        doubted = is_open(file)
         said = [f"The simulator explains these runs to within their noise (probability {file.p_no_gap:.2f})."]
-        if is_open(file):
+        if doubted:
             said = [
                 f"No gap is shown, nor excluded: that nothing is missing has a probability of {file.p_no_gap:.2f} only."
             ]
         if file.ranking:
             first = file.ranking[0]
-            may = "It may miss" if is_open(file) else "The nearest thing to a gap would be"
+            may = "It may miss" if doubted else "The nearest thing to a gap would be"
             said.append(f"{may} {_like(first.effects)} (probability {first.probability:.2f}).")
-        if is_open(file) and file.next_measurement is not None:
+        if doubted and file.next_measurement is not None:
             said.append(f"Without a tow: measure {file.next_measurement.why}")
-        if is_open(file) and file.next_run is not None:
+        if doubted and file.next_run is not None:
             said.append(f"To be surer: {file.next_run.why}.")
         return said
     if file.verdict == "unknown":

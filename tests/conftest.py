@@ -161,6 +161,17 @@ def write_runs() -> Callable[[list, Path], list[Path]]:
     return written
 
 
+@pytest.fixture(scope="session")
+def files_of() -> Callable[[Path], dict[str, bytes]]:
+    """(folder) -> every file below it, by its path; a campaign's lock is none."""
+
+    def found(folder: Path) -> dict[str, bytes]:
+        paths = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.name != ".campaign.lock"]
+        return {p.relative_to(folder).as_posix(): p.read_bytes() for p in paths}
+
+    return found
+
+
 class _Outline(HTMLParser):
     def __init__(self) -> None:
         super().__init__()

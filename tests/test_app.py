@@ -255,7 +255,7 @@ def test_every_frame_is_the_decoders(run_folder: Path) -> None:
 def test_a_frame_may_be_looked_at_by_many_at_once(run_folder: Path) -> None:
     """The decoder's own conversion brings the process down when two threads do it at a time."""
     code = (
-        "import sys, threading\nfrom pathlib import Path\nfrom towline.app.frames import EXACT, Frames\n"
+        "import sys, threading\nfrom pathlib import Path\nfrom towline.app.frames import Frames\n"
         f"frames = Frames(Path({str(run_folder / 'video.mp4')!r}))\n"
         "seen = []\n"
         "def look(index):\n"

@@ -31,6 +31,7 @@ RUNS = 3
 QUICK = Options(form="linear", noise="output")
 LIGHT = ("--form", "linear", "--noise", "output")
 KILLS = 3
+FilesOf = Callable[[Path], dict[str, bytes]]
 
 
 @pytest.fixture(scope="module")
@@ -51,17 +52,10 @@ def copied(made: Path, to: Path) -> Path:
     return Path(shutil.copytree(made, to / made.name))
 
 
-def files_of(folder: Path) -> dict[str, bytes]:
-    """Every result, by its path."""
-    found = {}
-    for path in sorted(folder.rglob("*")):
-        if path.is_file() and path.name != ".campaign.lock":
-            found[path.relative_to(folder).as_posix()] = path.read_bytes()
-    return found
-
-
 @pytest.fixture(scope="module")
-def undisturbed(made: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, bytes]]:
+def undisturbed(
+    made: Path, files_of: FilesOf, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, dict[str, bytes]]:
     folder = copied(made, tmp_path_factory.mktemp("undisturbed"))
     with workers(1) as one:
         campaign(folder, one, QUICK)
@@ -122,7 +116,7 @@ def test_what_changed_is_redone_and_no_more(made: Path, tmp_path: Path) -> None:
 
 
 def test_two_workers_write_what_one_writes(
-    made: Path, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path
+    made: Path, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path, files_of: FilesOf
 ) -> None:
     folder = copied(made, tmp_path)
     with workers(2) as two:
@@ -131,7 +125,7 @@ def test_two_workers_write_what_one_writes(
 
 
 def test_a_killed_campaign_goes_on_to_the_same_end(
-    made: Path, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path
+    made: Path, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path, files_of: FilesOf
 ) -> None:
     """kill -9 at random moments; nothing that was finished is redone, and every byte is that of a campaign left alone."""
     folder = copied(made, tmp_path)
@@ -231,7 +225,11 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
 
 
 def test_a_cluster_gives_the_same_and_a_killed_worker_costs_its_own_work(
-    made: Path, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path, cluster: tuple[str, list[subprocess.Popen]]
+    made: Path,
+    undisturbed: tuple[Path, dict[str, bytes]],
+    tmp_path: Path,
+    files_of: FilesOf,
+    cluster: tuple[str, list[subprocess.Popen]],
 ) -> None:
     address, running = cluster
     folder = copied(made, tmp_path)
@@ -258,7 +256,7 @@ def test_a_cluster_gives_the_same_and_a_killed_worker_costs_its_own_work(
 
 @pytest.mark.parametrize("damage", [RECORD, "motion_common.npy", "camera.json"])
 def test_a_damaged_result_is_made_again(
-    undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path, damage: str
+    undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path, files_of: FilesOf, damage: str
 ) -> None:
     folder = copied(undisturbed[0], tmp_path)
     (path, *_) = sorted(folder.rglob(damage))

@@ -12,6 +12,7 @@ from types import ModuleType
 import numpy as np
 
 FRAMES_S = 2.0
+FilesOf = Callable[[Path], dict[str, bytes]]
 HASH_SEEDS = ("1", "2")
 """Of Python's sets and dictionaries: an order that hangs on them shows."""
 
@@ -24,18 +25,13 @@ def towline(place: Path, hash_seed: str, *arguments: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def written(place: Path) -> dict[str, bytes]:
-    return {p.relative_to(place).as_posix(): p.read_bytes() for p in sorted(place.rglob("*")) if p.is_file()}
-
-
-def assert_same(places: list[Path], least: int) -> None:
-    one, other = (written(place) for place in places)
+def assert_same(one: dict[str, bytes], other: dict[str, bytes], least: int) -> None:
     assert list(one) == list(other)
     assert len(one) >= least
     assert [name for name in one if one[name] != other[name]] == []
 
 
-def test_a_film_and_what_is_seen_in_it(samples: Path, tmp_path: Path) -> None:
+def test_a_film_and_what_is_seen_in_it(samples: Path, files_of: FilesOf, tmp_path: Path) -> None:
     places = [tmp_path / "here", tmp_path / "and there"]
     for place, seed in zip(places, HASH_SEEDS, strict=True):
         place.mkdir()
@@ -45,11 +41,11 @@ def test_a_film_and_what_is_seen_in_it(samples: Path, tmp_path: Path) -> None:
         towline(place, seed, "render", "scenario.toml", "-o", "run")
         for command in ("track", "motion", "check"):
             towline(place, seed, command, "run")
-    assert_same(places, 8)
+    assert_same(*map(files_of, places), least=8)
 
 
 def test_derivatives_and_diagnosis(
-    cases: ModuleType, write_runs: Callable[[list, Path], list[Path]], tmp_path: Path
+    cases: ModuleType, write_runs: Callable[[list, Path], list[Path]], files_of: FilesOf, tmp_path: Path
 ) -> None:
     places = [tmp_path / "here", tmp_path / "and there"]
     for place, seed in zip(places, HASH_SEEDS, strict=True):
@@ -58,4 +54,4 @@ def test_derivatives_and_diagnosis(
         names = [str(p.relative_to(place)) for p in write_runs(runs, place / "hall")]
         towline(place, seed, "identify", *names, "-o", "derivatives")
         towline(place, seed, "diagnose", *names, "-o", "gap")
-    assert_same(places, 12)
+    assert_same(*map(files_of, places), least=12)

@@ -238,9 +238,8 @@ def test_rounding_in_a_variance_is_no_knowledge(off: float) -> None:
         inference.sized(h, Solved(0.0, 0.0, 0.0, np.zeros(2), np.zeros((1, 0)), covariance))
         for covariance in (exact, rounded)
     ]
-    assert told[1] == pytest.approx(
-        told[0], abs=1e-3
-    )  # of a variance of 1e-11, or the least one: the prior's shape is as flat
+    # of a variance of 1e-11, or the least one: the prior's shape is as flat
+    assert told[1] == pytest.approx(told[0], abs=1e-3)
 
 
 def test_numbers_that_are_not_told_get_nothing() -> None:

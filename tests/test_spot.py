@@ -5,10 +5,9 @@ from __future__ import annotations
 import importlib.util
 
 import numpy as np
-import pandas as pd
 import pytest
 
-from towline.vision import fit_spots, path_scatter, start_of, windows
+from towline.vision import fit_spots, start_of, windows
 from towline.vision.backend import backend_for
 from towline.vision.spots.candidates import find_candidates
 from towline.vision.spots.model import (
@@ -199,69 +198,6 @@ def test_a_frame_that_is_partly_covered_looks_odd_and_lacks_light() -> None:
     assert refined.odd[40]
     assert not 0.8 < refined.flux[40] < 1.25
     assert np.delete(refined.odd, 40).mean() < 0.05
-
-
-@pytest.mark.parametrize("regular", [True, False])
-def test_the_scatter_of_a_path_is_its_noise_whatever_the_frame_times(regular: bool) -> None:
-    """A swinging mark with 0.05 px of white noise at even and at uneven times; 600 frames know a standard deviation to 3 %."""
-    rng = np.random.default_rng(41)
-    t = np.arange(600) / 30
-    if not regular:
-        t = np.sort(rng.choice(np.arange(900), 600, replace=False)) / 30
-    path = 400 + 30 * np.sin(0.35 * t)
-    found = [path_scatter(t, path + rng.normal(0, 0.05, 600)) for _ in range(10)]
-    assert abs(np.mean(found) / 0.05 - 1) < 0.05
-    assert np.std(found) < 0.06 * 0.05
-    assert path_scatter(t, path) < 0.002
-    assert path_scatter(t[:10], path[:10]) == 0.0
-
-
-def test_the_scatter_of_a_path_holds_an_error_with_a_memory() -> None:
-    """A codec's error of 0.05 px that lasts 8 frames: at least 0.7 of its sd is seen beside a swing of 100 px
-    (a spline with knots a second apart takes up what is slower than that)."""
-    rng = np.random.default_rng(42)
-    t = np.arange(1800) / 30
-    path = 400 + 100 * np.sin(0.63 * t)
-    found = []
-    for _ in range(6):
-        error = np.zeros(1800)
-        for k in range(1, 1800):
-            error[k] = np.exp(-1 / 8) * error[k - 1] + rng.normal(0, 0.05 * np.sqrt(1 - np.exp(-2 / 8)))
-        found.append(path_scatter(t, path + error))
-    assert 0.7 * 0.05 < np.mean(found) < 1.05 * 0.05
-
-
-def test_the_axis_that_shows_a_codecs_error_speaks_for_both() -> None:
-    """Along v the mark hardly moves and its error is frozen; the sigma there follows u."""
-    from towline.vision.scatter import with_scatter
-
-    rng = np.random.default_rng(43)
-    t = np.arange(600) / 30
-    table = pd.DataFrame(
-        {
-            "t_s": t,
-            "marker": "bow",
-            "u_px": 400 + 50 * np.sin(0.5 * t) + rng.normal(0, 0.06, 600),
-            "v_px": 200 + 0.06 + 0.5 * np.sin(0.5 * t),
-            "sigma_u_px": 0.02,
-            "sigma_v_px": 0.02,
-        }
-    )
-
-    class Bow:
-        name, on, depth_m = "bow", "model", 0.0
-
-    class Flat:
-        def to_tank(self, pixel, depth):
-            class Places:
-                xy_m = pixel * 1e-3
-                per_px = np.tile(1e-3 * np.eye(2), (len(pixel), 1, 1))
-
-            return Places
-
-    wide = with_scatter(table, [Bow], Flat(), lossy=True)  # pyright: ignore[reportArgumentType]
-    assert abs(wide["sigma_u_px"].median() / 0.06 - 1) < 0.1
-    np.testing.assert_allclose(wide["sigma_v_px"], wide["sigma_u_px"])
 
 
 def test_a_candidate_has_the_centroid_and_axes_of_its_region() -> None:

@@ -102,8 +102,8 @@ def _moved_since(rows: pd.DataFrame, own: Array) -> Array:
     """(n, 2) px that a mark has moved, at its rate, since the last picture of its own; 0 where the picture is its own."""
     moved = np.zeros((len(rows), 2))
     t_s, place = rows["t_s"].to_numpy(), rows[["u_px", "v_px"]].to_numpy()
-    known = np.flatnonzero(own & np.isfinite(place).all(axis=1))
-    stale = np.flatnonzero(~own & np.isfinite(place).all(axis=1))
+    seen = np.isfinite(place).all(axis=1)
+    known, stale = np.flatnonzero(own & seen), np.flatnonzero(~own & seen)
     if len(known) < 2 or not len(stale):
         return moved
     last = known[np.maximum(np.searchsorted(known, stale) - 1, 0)]

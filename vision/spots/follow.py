@@ -91,7 +91,7 @@ class SpotFollower:
                 continue
             seen = mark.live.look(frame.luma, frame.t_s)
             if seen is not None:
-                self.stretch.keep(index, frame.luma, seen[0], seen[1], mark.refiner.half_px, seen[2])
+                self.stretch.keep(index, frame.luma, *seen, mark.refiner.half_px)
 
     def _length(self) -> int:
         """Frames of a stretch: few while the marks are new or one of them is lost, so that the end is known soon."""
@@ -132,7 +132,7 @@ class SpotFollower:
         self.on_probation = True
         for index, (mark, place) in begun.items():
             self.marks[index] = mark
-            self.stretch.keep(index, frame.luma, float(place[0]), float(place[1]), mark.refiner.half_px, 0.0)
+            self.stretch.keep(index, frame.luma, float(place[0]), float(place[1]), mark.refiner.half_px)
 
     def _begin(self, frame: Frame, index: int, place: Array, width: float) -> tuple[Mark, Array] | None:
         """A new mark where a spot stands; None where it is none."""
@@ -149,7 +149,7 @@ class SpotFollower:
     def _one(self, frame: Frame, place: Array, refiner: Refiner) -> Stack:
         alone = Stretch(1)
         alone.frames.append((frame.index, frame.t_s, False))
-        alone.keep(0, frame.luma, float(place[0]), float(place[1]), refiner.half_px, 0.0)
+        alone.keep(0, frame.luma, float(place[0]), float(place[1]), refiner.half_px)
         kept = alone.stack(0, self.size_px)
         assert kept is not None
         return kept[1]
@@ -216,13 +216,13 @@ class SpotFollower:
             kept = None if mark is None else stretch.stack(index, self.size_px)
             if mark is None or kept is None:
                 continue
-            rows, stack, _ = kept
+            rows, stack, repeated = kept
             fit = (refined := mark.refiner.refine(stack)).fit
             good = fit.good
             found.reason[index, rows] = np.where(good, "", "no spot")
             found.place[index, rows[good]] = fit.centre_px[good]
             found.sigma[index, rows[good]] = fit.sigma_px[good]
-            found.repeated[index, rows] = stretch.repeats[index]
+            found.repeated[index, rows] = repeated
             found.brightness[index, rows] = np.where(good, fit.amplitude_dn, np.nan)
             width[index, rows] = fit.width_px / mark.refiner.width_px
             excess[index, rows] = refined.excess

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,14 +134,8 @@ class Rigid:
 
     def fits(self, index: int, place: Array, sigma: Array, now: Found) -> bool:
         """A mark found again stands at its distance from those that are held."""
-        trial = Found(
-            now.place[:, -1:].copy(),
-            now.sigma[:, -1:].copy(),
-            now.reason[:, -1:].copy(),
-            now.brightness,
-            now.repeated[:, -1:],
-            [],
-        )
+        place_all, sigma_all, reason_all = (part[:, -1:].copy() for part in (now.place, now.sigma, now.reason))
+        trial = replace(now, place=place_all, sigma=sigma_all, reason=reason_all)
         trial.place[index, 0], trial.sigma[index, 0], trial.reason[index, 0] = place, sigma, ""
         for pair in self._pairs():
             other = pair[0] if pair[1] == index else pair[1]

@@ -95,8 +95,8 @@ class LiveMark:
             u, v = self.filter.u, self.filter.v
         return u, v, min(SEARCH_PX + 3.0 * math.sqrt(spread), SEARCH_LIMIT_PX)
 
-    def look(self, luma: NDArray[np.uint8], t_s: float) -> tuple[float, float, float] | None:
-        """The strongest spot near the prediction, nearer ones preferred: u, v and the search's reach.
+    def look(self, luma: NDArray[np.uint8], t_s: float) -> tuple[float, float] | None:
+        """The strongest spot near the prediction, nearer ones preferred: u, v.
 
         None where the prediction lies outside the picture. The filter takes the place up unless the spot is much weaker than
         the mark.
@@ -139,7 +139,7 @@ class LiveMark:
             self.unseen = 0
         else:
             self.unseen += 1
-        return seen_u, seen_v, reach
+        return seen_u, seen_v
 
 
 def _vertex(three: Array) -> float:

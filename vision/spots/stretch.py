@@ -12,6 +12,11 @@ from .candidates import Array
 from .live import LiveMark
 from .refine import Refiner, Stack
 
+CORE = 3
+"""The inner part of a window, by which a picture is known again: its half size over this."""
+Window = tuple[NDArray[np.uint8], tuple[int, int]]
+"""Pixels, and the corner (u, v) where they were cut."""
+
 
 class Mark:
     """One marker while it is followed."""
@@ -23,21 +28,16 @@ class Mark:
         self.lost = 0
 
 
-CORE = 3
-"""The inner part of a window, by which a picture is known again: its half size over this."""
-
-
 class Stretch:
     """Windows of all markers over some frames, in arrays of fixed size."""
 
     def __init__(self, markers: int) -> None:
         self.markers = markers
         self.frames: list[tuple[int, float, bool]] = []
-        self.windows: list[list[tuple[int, NDArray[np.uint8], tuple[int, int], tuple[float, float], float]]] = [
+        self.windows: list[list[tuple[int, NDArray[np.uint8], tuple[int, int], tuple[float, float], bool]]] = [
             [] for _ in range(markers)
         ]
-        self.before: list[tuple[int, NDArray[np.uint8], tuple[int, int]] | None] = [None] * markers
-        self.repeats: list[list[bool]] = [[] for _ in range(markers)]
+        self.last: list[tuple[int, Window] | None] = [None] * markers
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -46,9 +46,8 @@ class Stretch:
         """Begin the next one."""
         self.frames = []
         self.windows = [[] for _ in range(self.markers)]
-        self.repeats = [[] for _ in range(self.markers)]
 
-    def keep(self, marker: int, luma: NDArray[np.uint8], u: float, v: float, half: int, reach: float) -> None:
+    def keep(self, marker: int, luma: NDArray[np.uint8], u: float, v: float, half: int) -> None:
         """Store one marker's window about ``u, v`` for the frame added last."""
         height, width = luma.shape
         u0, v0, side = round(u) - half, round(v) - half, 2 * half + 1
@@ -59,31 +58,29 @@ class Stretch:
             a, b = slice(max(u0, 0), min(u0 + side, width)), slice(max(v0, 0), min(v0 + side, height))
             if a.stop > a.start and b.stop > b.start:
                 cut[b.start - v0 : b.stop - v0, a.start - u0 : a.stop - u0] = luma[b, a]
-        self.windows[marker].append((len(self.frames) - 1, cut, (u0, v0), (u, v), reach))
-        frame, before = self.frames[-1][0], self.before[marker]
-        self.repeats[marker].append(
-            before is not None and before[0] == frame - 1 and _same(before[1:], (cut, (u0, v0)))
-        )
-        self.before[marker] = frame, cut, (u0, v0)
+        frame, last, window = self.frames[-1][0], self.last[marker], (cut, (u0, v0))
+        repeated = last is not None and last[0] == frame - 1 and _same(last[1], window)
+        self.windows[marker].append((len(self.frames) - 1, *window, (u, v), repeated))
+        self.last[marker] = frame, window
 
-    def stack(self, marker: int, size_px: tuple[int, int]) -> tuple[NDArray[np.int64], Stack, Array] | None:
-        """The stored windows of one marker: their frames, the windows, the search's reach."""
+    def stack(self, marker: int, size_px: tuple[int, int]) -> tuple[NDArray[np.int64], Stack, NDArray[np.bool_]] | None:
+        """The stored windows of one marker: their frames, the windows, which show what the frame before does, to the pixel."""
         kept = self.windows[marker]
         if not kept:
             return None
-        rows, cuts, corners, starts, reach = zip(*kept, strict=True)
+        rows, cuts, corners, starts, repeated = zip(*kept, strict=True)
         stack = Stack(np.stack(cuts), np.array(corners), np.array(starts), size_px)
-        return np.array(rows), stack, np.array(reach)
+        return np.array(rows), stack, np.array(repeated)
 
 
-def _same(one: tuple[NDArray[np.uint8], tuple[int, int]], other: tuple[NDArray[np.uint8], tuple[int, int]]) -> bool:
+def _same(one: Window, other: Window) -> bool:
     """Two windows show the same about the second one's middle, to the pixel."""
     (before, (u_0, v_0)), (cut, (u, v)) = one, other
-    side, half = len(cut), len(cut) // 2
-    inner = slice(half - half // CORE, half + half // CORE + 1)
-    rows, columns = (slice(inner.start + by, inner.stop + by) for by in (v - v_0, u - u_0))
-    inside = all(part.start >= 0 and part.stop <= len(before) for part in (rows, columns))
-    return inside and len(before) == side and bool(np.array_equal(cut[inner, inner], before[rows, columns]))
+    du, dv, half = u - u_0, v - v_0, len(cut) // 2
+    low, high = half - half // CORE, half + half // CORE + 1
+    if before.shape != cut.shape or max(abs(du), abs(dv)) > low:
+        return False
+    return bool(np.array_equal(cut[low:high, low:high], before[low + dv : high + dv, low + du : high + du]))
 
 
 @dataclass

@@ -114,7 +114,7 @@ def identified(
     used: list[Moved] = []
     for m in batch.runs:
         try:
-            data.append(run_data(m.run, m.motion, m.common, priors, static_motion(m.run)))
+            data.append(run_data(m.run, m.motion, m.common, priors, static_motion(m.run), m.lag))
             used.append(m)
         except TowlineError as error:
             failed[m.run.name] = str(error)

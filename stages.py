@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from .report import RunPage
     from .vision import ClipInfo, Frame, Tracking
 
-TRACKS, MARKS, MOTION, COMMON, CAMERA = "tracks.csv", "marks.csv", "motion.csv", "motion_common.npy", "camera.json"
+TRACKS, MARKS, MOTION, CAMERA = "tracks.csv", "marks.csv", "motion.csv", "camera.json"
+COMMON, LAG = "motion_common.npy", "motion_lag.npy"
 DATUM, STATIC = "datum.csv", "static.csv"
 TABLES = (".csv", ".parquet")
 OVERLAY, SHEET = "overlay.mp4", "worst.png"
@@ -44,6 +45,10 @@ LOSSLESS = frozenset({
 })
 # fmt: on
 """Codecs, by ffmpeg's names, that keep every pixel; others may be set to, but their files do not say so."""
+INTRA = frozenset(
+    {"mjpeg", "mjpegb", "ljpeg", "jpegls", "jpeg2000", "prores", "dnxhd", "dvvideo", "cfhd", "webp", "gif"}
+)
+"""Codecs with loss that make no picture from another."""
 AMBIGUOUS = (
     "when the marks were first found, another assignment of spots to markers fitted nearly as well: check which is which, and "
     "if need be say where each marker is in the first frame (marker.seen_at_px)"
@@ -79,7 +84,8 @@ class Moved:
     Attributes
     ----------
     motion : motion table
-    common : (k, n, 3) common modes of (y_cg, beta, alpha); None where the motion came from outside
+    common, lag : (k, n, 3), (l, n, 3), modes of (y_cg, beta, alpha) as in ``geometry.Motion``; None where the motion came from
+        outside
     camera : camera file; None where the motion came from outside
     tracks : None where the motion came from outside
     """
@@ -89,6 +95,7 @@ class Moved:
     common: np.ndarray | None
     camera: CameraFile | None
     tracks: pd.DataFrame | None
+    lag: np.ndarray | None = None
 
 
 # tracks ------------------------------------------------------------------------------------------------------------
@@ -182,7 +189,8 @@ def _follow_marks(run: Run, backend: Any, progress: Progress | None) -> Tracking
 
         tell(0, 0)
         lossy = info.codec not in LOSSLESS
-        found = track(run, frames, datum.mapping, throttled(tell), backend, lossy)
+        linked = lossy and info.codec not in INTRA
+        found = track(run, frames, datum.mapping, throttled(tell), backend, lossy, linked)
         total = found.frames
         tell(found.frames, int((found.table["status"] == "lost").sum()))
     return found
@@ -355,11 +363,12 @@ def _drawn_before(path: Path, found: Tracked) -> bool:
 def _kept(run: Run, paths: dict[str, Path], tracks: pd.DataFrame) -> Moved | None:
     """The motion as it stands; None where a file of it is damaged, so that it is made anew."""
     try:
-        common = np.load(paths[COMMON], allow_pickle=False)
+        common, lag = (np.load(paths[name], allow_pickle=False) for name in (COMMON, LAG))
         motion, camera = read_motion(paths[MOTION]), read_result(paths[CAMERA], CameraFile)
     except (OSError, ValueError, EOFError, TowlineError):
         return None
-    return Moved(run, motion, common, camera, tracks) if common.shape[1:] == (len(motion), 3) else None
+    whole = common.shape[1:] == lag.shape[1:] == (len(motion), 3)
+    return Moved(run, motion, common, camera, tracks, lag) if whole else None
 
 
 def moved(run: Run, method: str = "exact", progress: Progress | None = None, fresh: bool = False) -> Moved:
@@ -370,7 +379,7 @@ def moved(run: Run, method: str = "exact", progress: Progress | None = None, fre
     # as they stand in the file: the motion is the same whether they were tracked now or before
     tracks = read_tracks(run.out / TRACKS) if found.anew else found.table
     stamp = run.input_hash("motion", code_hash(), method)
-    paths = {name: run.out / name for name in (MARKS, MOTION, COMMON, CAMERA)}
+    paths = {name: run.out / name for name in (MARKS, MOTION, COMMON, LAG, CAMERA)}
     if not fresh and input_hash_of(paths[MOTION]) == stamp and all(p.is_file() for p in paths.values()):
         kept = _kept(run, paths, tracks)
         if kept is not None:
@@ -385,10 +394,11 @@ def moved(run: Run, method: str = "exact", progress: Progress | None = None, fre
     result = motion_from_tracks(run, tracks, datum_of(run), method, __version__, run.input_hashes(), datum_tracks)
     write_table(paths[MARKS], result.marks, stamp)
     write_result(paths[CAMERA], result.camera)
-    with replacing(paths[COMMON]) as temporary:
-        np.save(temporary, result.common)
+    for name, modes in ((COMMON, result.common), (LAG, result.lag)):
+        with replacing(paths[name]) as temporary:
+            np.save(temporary, modes)
     write_table(paths[MOTION], result.motion, stamp)  # last: its stamp vouches for the others
-    return Moved(run, read_motion(paths[MOTION]), result.common, result.camera, tracks)
+    return Moved(run, read_motion(paths[MOTION]), result.common, result.camera, tracks, result.lag)
 
 
 def _in_span(run: Run, motion: pd.DataFrame) -> pd.DataFrame:

@@ -164,11 +164,16 @@ def filmed(
         here = folder / run["name"]
         # drawn for runs that stand already, too: the next one's errors are the same
         pull, place = (float(z) for z in rng.normal(size=2))
-        if not (here / "run.toml").is_file():
+        if not _told(here / "run.toml"):
             render_scenario(_scenario(run), folder, here, progress)
             _believed(here / "run.toml", common, marks, pull, place)
         made.append(here)
     return made
+
+
+def _told(path: Path) -> bool:
+    """The run stands, and its run.toml says what was measured: one that was stopped before is made again."""
+    return path.is_file() and "[priors]" in path.read_text(encoding="utf-8")
 
 
 def _believed(path: Path, common: dict[str, float], marks: list[Any], pull: float, place: float) -> None:

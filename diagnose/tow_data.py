@@ -207,8 +207,10 @@ def _from_pixels(marks: Marks) -> _Series:
     spread = np.einsum("nca,nab,ncb->nc", by_pose, found.rigid.covariance, by_pose)
     both = found.covariance_m2[:, 0] + found.covariance_m2[:, 1]
     spread[:, 3] = np.einsum("ni,nij,nj->n", along, both, along)
-    modes = np.einsum("nca,kna->knc", by_pose, found.pose_modes)
-    modes[..., 3] = np.einsum("ni,kni->kn", along, found.modes_m[:, :, 0] - found.modes_m[:, :, 1])
+    # lags of the codec are left to the slow errors of _covariances
+    modes = np.einsum("nca,kna->knc", by_pose, found.pose_modes[found.lags :])
+    apart_m = found.modes_m[found.lags :, :, 0] - found.modes_m[found.lags :, :, 1]
+    modes[..., 3] = np.einsum("ni,kni->kn", along, apart_m)
     sigma = float(np.nanmedian(found.sigma_px[np.isfinite(found.pixel_px)]))
     return _Series(found.t_s, values, spread, modes, _shutter(found, along, run), sigma)
 

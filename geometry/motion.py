@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from ..record.errors import GeometryError, InputError
 from ..record.results import CameraFile, DatumResidual, Measured
@@ -14,6 +15,7 @@ from ..record.run import RUN_FILE, Run
 from ..record.schema import Marker
 from .camera import Array
 from .datum import DatumFit, fit_datum
+from .lag import lag_modes
 from .mapping import Mapping
 from .rigid import RigidFit, fit_rigid
 from .shake import camera_shake, turned_back
@@ -22,6 +24,8 @@ from .trapezoid import TrapezoidMapping, trapezoid_from_datum
 METHODS = ("exact", "trapezoid", "trapezoid_corners")
 DEFAULT_SIGMA_PX = 0.1
 """Assumed for tracks without a sigma (a good centroid after H.264)."""
+LAG_COLUMN = "sigma_lag_px"
+"""Of the tracks: how far a codec that makes a picture from the one before may hold a mark back (standard deviation)."""
 _DEPTH_STEP_M = 1e-4
 
 
@@ -35,12 +39,14 @@ class Motion:
     motion : formats.md's motion.csv; sigma_* is the part that varies from frame to frame, common_* the part common to
         the run (camera, heights); cov_y_cg_beta_m_rad is the frame part's covariance
     common : (k, n, 3), change of y_cg_m, beta_rad, alpha_rad with each independent unit-variance common mode
+    lag : (l, n, 3), the same of the modes in which the codec holds marks back (``lag``); not smooth in the place
     camera : the datum's result
     """
 
     marks: pd.DataFrame
     motion: pd.DataFrame
     common: Array
+    lag: Array
     camera: CameraFile
 
 
@@ -121,8 +127,8 @@ def motion_from_tracks(
     slope[:, 0, 1] = slope[:, 1, 2] = 1.0
     slope[:, 2] = alpha_slope
     frame_part = slope @ rigid.covariance @ slope.transpose(0, 2, 1)
-    common = np.einsum("nca,kna->knc", slope, pose_modes)
-    common_sd = np.sqrt((common**2).sum(axis=0))
+    modal = np.einsum("nca,kna->knc", slope, pose_modes)
+    common_sd = np.sqrt((modal[found.lags :] ** 2).sum(axis=0))
     sd = np.sqrt(np.maximum(np.einsum("ncc->nc", frame_part), 0.0))
     measured = np.asarray(np.isfinite(rigid.pose).all(axis=1))
     table = pd.DataFrame(
@@ -158,15 +164,13 @@ def motion_from_tracks(
             )
             for i, p in enumerate(run.file.datum)
         ],
-        uncertainty_mm=_uncertainty_mm(modes, place),
+        uncertainty_mm=_uncertainty_mm(modes[found.lags :], place),
         invariants=invariants(run, found),
         notes=notes,
     )
+    modal = np.where(measured[None, :, None], modal, 0.0)
     return Motion(
-        _marks(tracks, frames, place, covariance, markers),
-        table,
-        np.where(measured[None, :, None], common, 0.0),
-        camera,
+        _marks(tracks, frames, place, covariance, markers), table, modal[found.lags :], modal[: found.lags], camera
     )
 
 
@@ -182,6 +186,7 @@ class Poses:
     place_m, covariance_m2, modes_m : (n, m, 2), (n, m, 2, 2), (k, n, m, 2), in tank axes as filmed
     rigid : poses; in the carriage's axes where the camera is fixed to the tank
     pose_modes : (k, n, 3)
+    lags : so many of the modes, the first ones, are lags of the codec
     notes : assumptions, for the user
     """
 
@@ -195,6 +200,7 @@ class Poses:
     modes_m: Array
     rigid: RigidFit
     pose_modes: Array
+    lags: int
     notes: tuple[str, ...]
 
 
@@ -222,14 +228,15 @@ def poses_from_tracks(
     """
     everyone = run.file.marker
     notes: list[str] = []
-    pixel, sigma, frames, times = _by_frame(run, tracks, everyone)
+    pixel, sigma, repeated, frames, times = _by_frame(run, tracks, everyone)
     if not np.isfinite(sigma[np.isfinite(pixel).all(axis=2)]).all():
         notes.append(f"tracks without a sigma: {DEFAULT_SIGMA_PX} px assumed")
     sigma = np.where(np.isfinite(sigma) & (sigma > 0), sigma, DEFAULT_SIGMA_PX)
+    lags = lag_modes(frames, times, pixel, _lag_sigma(tracks, everyone), repeated)
     if any(p.track for p in run.file.datum) and fit is not None:
         pixel, sigma, note = _steadied(datum_tracks, run, fit, frames, pixel, sigma)
         notes.append(note)
-    place, covariance, modes = _places(run, mapping, everyone, pixel, sigma)
+    place, covariance, modes = _places(run, mapping, everyone, pixel, sigma, lags)
     on_model = np.array([m.on == "model" for m in everyone])
     markers = tuple(m for m in everyone if m.on == "model")
     body = np.array([m.body_m for m in markers])
@@ -258,6 +265,7 @@ def poses_from_tracks(
         own,
         rigid,
         pose_modes,
+        len(lags),
         tuple(notes),
     )
 
@@ -306,8 +314,10 @@ def _steadied(
     return pixel, np.sqrt(sigma**2 + variance), text
 
 
-def _by_frame(run: Run, tracks: pd.DataFrame, markers: Sequence[Marker]) -> tuple[Array, Array, Array, Array]:
-    """Tracks as arrays ``(n, m, 2)`` of pixels and sigmas by frame; NaN where not measured."""
+def _by_frame(
+    run: Run, tracks: pd.DataFrame, markers: Sequence[Marker]
+) -> tuple[Array, Array, NDArray[np.bool_], Array, Array]:
+    """Tracks by frame: pixels and sigmas ``(n, m, 2)``, NaN where not measured; which are repeated ``(n, m)``; numbers; times."""
     span = run.file.source.span_s
     if span is not None:
         tracks = tracks[(tracks["t_s"] >= span[0]) & (tracks["t_s"] <= span[1])]
@@ -327,31 +337,44 @@ def _by_frame(run: Run, tracks: pd.DataFrame, markers: Sequence[Marker]) -> tupl
     measured = (known["status"] == "measured").to_numpy()
     pixel[row[measured], column[measured]] = known[["u_px", "v_px"]].to_numpy()[measured]
     sigma[row[measured], column[measured]] = known[["sigma_u_px", "sigma_v_px"]].to_numpy()[measured]
-    return pixel, sigma, frames, times
+    repeated = np.zeros(pixel.shape[:2], dtype=bool)
+    if "repeated" in known:
+        repeated[row[measured], column[measured]] = known["repeated"].to_numpy()[measured] > 0
+    return pixel, sigma, repeated, frames, times
+
+
+def _lag_sigma(tracks: pd.DataFrame, markers: Sequence[Marker]) -> Array:
+    """(m,) px, how far a codec may hold each mark back; 0 where the tracks do not say."""
+    if LAG_COLUMN not in tracks:
+        return np.zeros(len(markers))
+    stated = tracks[LAG_COLUMN].groupby(tracks["marker"]).median()
+    return np.nan_to_num(stated.reindex([m.name for m in markers]).to_numpy(dtype=float))
 
 
 def _places(
-    run: Run, mapping: Mapping, markers: Sequence[Marker], pixel: Array, sigma: Array
+    run: Run, mapping: Mapping, markers: Sequence[Marker], pixel: Array, sigma: Array, lags: Array
 ) -> tuple[Array, Array, Array]:
-    """Places (n, m, 2), their frame covariance (n, m, 2, 2) and common modes (k, n, m, 2)."""
+    """Places (n, m, 2), their frame covariance (n, m, 2, 2) and common modes (k, n, m, 2), those of the lags (px) first."""
     n = len(pixel)
     depth_sd = run.file.priors.marker_depth_sd_m
     place = np.full((n, len(markers), 2), np.nan)
     covariance = np.full((n, len(markers), 2, 2), np.nan)
     shared: list[Array] = []
     own: list[Array] = []
+    lagging = np.zeros_like(lags)
     for index, marker in enumerate(markers):
         found = mapping.to_tank(pixel[:, index], marker.depth_m)
         place[:, index] = found.xy_m
         spread = found.per_px * sigma[:, index][:, None, :]
         covariance[:, index] = spread @ spread.transpose(0, 2, 1)
         shared.append(found.modes_m)
+        lagging[:, :, index] = np.einsum("nij,knj->kni", found.per_px, lags[:, :, index])
         if depth_sd:
             lower = mapping.to_tank(pixel[:, index], marker.depth_m + _DEPTH_STEP_M).xy_m
             mode = np.zeros((1, n, len(markers), 2))
             mode[0, :, index] = (lower - found.xy_m) / _DEPTH_STEP_M * depth_sd
             own.append(mode)
-    return place, covariance, np.concatenate([np.stack(shared, axis=2), *own])
+    return place, covariance, np.concatenate([lagging, np.stack(shared, axis=2), *own])
 
 
 def _body_modes(run: Run, rigid: RigidFit, body: Array) -> Array:

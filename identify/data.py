@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -35,6 +35,8 @@ class RunData:
     covariance : (n, 2, 2), frame part, of (y m, beta rad)
     common : (k, n, 2), change of (y, beta) with each unit-variance common mode
     common_key : runs with the same key share their modes (same camera, datum, markers)
+    lag, lag_key : (l, n, 2), the same of the codec's modes, which go with the way and the speed and not with the place
+        (``geometry.lag``); shared by runs of one camera wherever it stood
     tow : Tow; tension_n is the mean of a history
     tension : (times, values) of a history on the run's clock, or None
     speed : the same of the carriage speed
@@ -56,6 +58,14 @@ class RunData:
     priors: Priors
     assumed_sigma: bool
     still: Still | None = None
+    lag: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
+    lag_key: str = ""
+
+    @property
+    def shared(self) -> tuple[tuple[str, Array], ...]:
+        """Keys and modes (k, n, 2) of unit variance that are shared with runs of the same keys."""
+        sets = (self.common_key, self.common), (self.lag_key, self.lag)
+        return tuple((key, modes) for key, modes in sets if len(modes))
 
 
 def run_data(
@@ -64,6 +74,7 @@ def run_data(
     common: Array | None,
     priors: Priors | None = None,
     still: pd.DataFrame | None = None,
+    lag: Array | None = None,
 ) -> RunData:
     """Prepare a run of kind "tow" or "forced".
 
@@ -73,6 +84,7 @@ def run_data(
     common : (k, n, 3) of ``geometry.Motion``, rows as ``motion``; None = none known
     priors : instead of the run's own
     still : motion of the static record ([noise] static), or None
+    lag : (l, n, 3), like ``common``
 
     Raises
     ------
@@ -117,7 +129,7 @@ def run_data(
     if tow.speed_m_s <= 0:
         raise InputError(where, "tow.speed_m_s", f"{tow.speed_m_s:g} m/s; a tow needs a speed above 0")
     covariance, assumed = _covariance(rows)
-    modes = np.zeros((0, len(rows), 2)) if common is None else common[:, measured, :2]
+    modes, lags = (np.zeros((0, len(rows), 2)) if m is None else m[:, measured, :2] for m in (common, lag))
     return RunData(
         name=run.name,
         t_s=times,
@@ -132,6 +144,8 @@ def run_data(
         priors=run.file.priors if priors is None else priors,
         assumed_sigma=assumed,
         still=None if still is None else _still(still),
+        lag=lags,
+        lag_key=sha256_of_texts("lag", repr(run.file.camera), *(m.name for m in run.file.marker)),
     )
 
 

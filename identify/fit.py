@@ -24,6 +24,7 @@ from .joint.begin import knows_full_only, rough_optimum
 from .joint.parameters import RUN_PARAMETERS
 from .joint.problem import OWN, Answer, Problem
 from .joint.solve import Optimum, minimise
+from .joint.thin import without_modes
 from .noise import Whitener, autocorrelation, stated
 from .still import Colour, colours, reweighted
 
@@ -120,9 +121,9 @@ def fit_runs(
     theta, steps = rough_optimum(runs, speed, form, progress, start, extra, hold)
     weights = [stated(d.covariance, d.t_s) for d in runs]
     paths = None
-    if any(len(d.common) for d in runs):
+    if any(d.shared for d in runs):
         # the common modes must be known along a smooth path before they may move
-        plain = Problem([replace(d, common=d.common[:0]) for d in runs], form, speed, hold, extra)
+        plain = Problem([without_modes(d) for d in runs], form, speed, hold, extra)
         optimum = minimise(plain, theta, weights, progress, damping=NEAR)
         theta, steps = optimum.theta, steps + optimum.steps
         paths = [a.response.T for a in optimum.answers]
@@ -169,7 +170,8 @@ def modes_along(data: RunData, path: Array) -> RunData:
     """The run with its common modes taken along the fitted ``path (n, 2)`` instead of the noisy measurement.
 
     A mode is a smooth function of where the model stands: a cubic in (y, beta). Taken at the measured places it would
-    hold their noise, and the fit would move it to shrink the residuals (a 0.1 % scale by several of its sds).
+    hold their noise, and the fit would move it to shrink the residuals (a 0.1 % scale by several of its sds). What is no
+    function of the place stays: where one of three marks is hidden the modes jump. Lags go by the time and stay whole.
     """
     if not len(data.common):
         return data
@@ -177,7 +179,7 @@ def modes_along(data: RunData, path: Array) -> RunData:
     seen = _cubic((np.column_stack([data.y_m, data.beta_rad]) - centre) / spread)
     here = _cubic((path - centre) / spread)
     flat = data.common.transpose(1, 0, 2).reshape(len(path), -1)
-    values = here @ np.linalg.lstsq(seen, flat, rcond=1e-9)[0]
+    values = flat + (here - seen) @ np.linalg.lstsq(seen, flat, rcond=1e-9)[0]
     return replace(data, common=values.reshape(len(path), len(data.common), 2).transpose(1, 0, 2))
 
 

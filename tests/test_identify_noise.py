@@ -130,6 +130,22 @@ def test_the_noise_is_chosen_by_what_the_residuals_show(campaigns: ModuleType) -
         fit_with_noise(forced, noise="brown")
 
 
+def test_a_force_that_explains_nothing_is_not_chosen(campaigns: ModuleType) -> None:
+    """Colour of a twentieth of a second: nearly white in block means, so that a filter without any force costs least numbers."""
+    t = campaigns.times(64.0, 40.0)
+    rng = np.random.default_rng(7)
+    runs = []
+    for x in campaigns.POINTS_M:
+        slow = lfilter([1], [1, -0.7], rng.normal(size=(2, len(t))), axis=1) * np.sqrt(1 - 0.7**2)
+        made = campaigns.still_run(x, t, "modal")
+        runs.append(
+            replace(made, y_m=made.y_m + 1e-3 * slow[0], beta_rad=made.beta_rad + campaigns.SIGMA_BETA_RAD * slow[1])
+        )
+    fit = fit_with_noise(runs, "linear")
+    assert fit.method == "output_error"
+    assert "explains none of it" in fit.notes[0]
+
+
 def test_common_camera_errors_stay_in_the_innovations_form(campaigns: ModuleType) -> None:
     """A 2 % scale of y with its mode is found under a coloured force as well."""
     t = campaigns.times(16.0)

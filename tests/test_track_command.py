@@ -177,24 +177,40 @@ def test_a_run_toml_edited_while_it_is_tracked_does_not_vouch_for_the_tracks(
     assert stages.tracked(read_run(copy)).anew
 
 
-@pytest.mark.parametrize(("codec", "lossy"), [("h264", True), ("hevc", True), ("ffv1", False), ("rawvideo", False)])
-def test_the_tracker_is_told_whether_the_codec_keeps_every_pixel(
-    copy: Path, monkeypatch: pytest.MonkeyPatch, codec: str, lossy: bool
+@pytest.mark.parametrize(
+    ("codec", "lossy", "linked"),
+    [
+        ("h264", True, True),
+        ("hevc", True, True),
+        ("mjpeg", True, False),
+        ("ffv1", False, False),
+        ("rawvideo", False, False),
+    ],
+)
+def test_the_tracker_is_told_what_the_codec_does(
+    copy: Path, monkeypatch: pytest.MonkeyPatch, codec: str, lossy: bool, linked: bool
 ) -> None:
+    """Whether it keeps every pixel, and whether its pictures are made from others; the tracks then say how far a mark may lag."""
     from dataclasses import replace
 
     from towline.vision import clip_info, track
 
-    told: list[bool] = []
+    told: list[tuple[bool, bool]] = []
 
-    def spy(run, frames, mapping, progress, backend, lossy):
-        told.append(lossy)
-        return track(run, frames, mapping, progress, backend, lossy)
+    def spy(run, frames, mapping, progress, backend, lossy, linked):
+        told.append((lossy, linked))
+        return track(run, frames, mapping, progress, backend, lossy, linked)
 
     monkeypatch.setattr("towline.vision.track", spy)
     monkeypatch.setattr("towline.vision.clip_info", lambda path: replace(clip_info(path), codec=codec))
-    stages.tracked(read_run(copy), fresh=True)
-    assert told == [lossy]
+    table = stages.tracked(read_run(copy), fresh=True).table
+    assert told == [(lossy, linked)]
+    assert ("sigma_lag_px" in table) == linked
+    if linked:
+        ratio = table["sigma_lag_px"] / table[["sigma_u_px", "sigma_v_px"]].mean(axis=1).groupby(
+            table["marker"]
+        ).transform("median")
+        assert ratio.between(0.5, 1.5).all()
 
 
 # what is said -----------------------------------------------------------------------------------------------------------

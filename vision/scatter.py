@@ -7,7 +7,8 @@ shows more of it speaks for both. At last the distances between the marks, which
 sigmas let expect of them.
 
 A codec that leaves a part of the picture as it was in the frame before shows the mark where it was, not where it is. Such a
-place (``repeated``) is as old as the last picture of its own, and off by what the mark has moved since.
+place (``repeated``) is as old as the last picture of its own, and off by what the mark has moved since. In the other pictures of
+such a codec a mark may lag as well (``geometry.lag``), about as far as its places scatter.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from ..geometry.lag import mark_rate
 from ..geometry.mapping import Mapping
+from ..geometry.motion import LAG_COLUMN
 from ..record.schema import Marker
 from .spots.candidates import MAD_TO_SD, Array
 
@@ -41,21 +44,24 @@ STILL_FACTOR = 2.5
 """A codec freezes a still mark's error: its sd over what the residuals give (1.9-3.9 on moving marks at crf 18-28)."""
 LEAST_OWN = 0.25
 """Share of pictures of their own from which on these alone say how far a codec is off."""
-RATE_S = 0.3
-"""The rate of a mark is read from places so long before and after."""
 RIGID_GATE = 4.0
 """A ratio of variances counts when it stands this many of its own standard deviations above 1."""
 MOST_RIGID = 9.0
 
 
-def with_scatter(table: pd.DataFrame, markers: Sequence[Marker], mapping: Mapping, lossy: bool = False) -> pd.DataFrame:
+def with_scatter(
+    table: pd.DataFrame, markers: Sequence[Marker], mapping: Mapping, lossy: bool = False, linked: bool = False
+) -> pd.DataFrame:
     """Widen every sigma of ``table`` to what paths and rigid distances show.
 
     Parameters
     ----------
     lossy : the recording was compressed with loss; a mark that stands still cannot show its error then
+    linked : its pictures are made from others: the table then says how far each mark may lag (LAG_COLUMN)
     """
     table = table.copy()
+    if linked:
+        table[LAG_COLUMN] = np.nan
     spread = {m.name: _stated(table, m) for m in markers}
     clearest = min((usual.max() for _, _, usual in spread.values() if usual is not None), default=0.0)
     for marker in markers:
@@ -77,9 +83,12 @@ def with_scatter(table: pd.DataFrame, markers: Sequence[Marker], mapping: Mappin
         # the frames that were harder to fit than the others stay so
         widened = np.sqrt(stated + excess + _moved_since(table.iloc[at], own) ** 2)
         table.loc[table.index[at], ["sigma_u_px", "sigma_v_px"]] = widened
+        if linked:
+            table.loc[table.index[at], LAG_COLUMN] = np.sqrt((usual + excess).mean())
     ratio = rigid_ratio(table, markers, mapping)
     if ratio > 1:
-        table[["sigma_u_px", "sigma_v_px"]] *= np.sqrt(min(ratio, MOST_RIGID))
+        widened = ["sigma_u_px", "sigma_v_px", *([LAG_COLUMN] if linked else [])]
+        table[widened] *= np.sqrt(min(ratio, MOST_RIGID))
     return table
 
 
@@ -107,11 +116,8 @@ def _moved_since(rows: pd.DataFrame, own: Array) -> Array:
     if len(known) < 2 or not len(stale):
         return moved
     last = known[np.maximum(np.searchsorted(known, stale) - 1, 0)]
-    early, late = (np.clip(t_s[stale] + by, t_s[known[0]], t_s[known[-1]]) for by in (-RATE_S, RATE_S))
     for axis in (0, 1):
-        path = place[known, axis]
-        way = np.interp(late, t_s[known], path) - np.interp(early, t_s[known], path)
-        rate = np.divide(way, late - early, out=np.zeros_like(way), where=late > early)
+        rate = mark_rate(t_s[known], place[known, axis], t_s[stale])
         moved[stale, axis] = rate * (t_s[stale] - t_s[last])
     return moved
 

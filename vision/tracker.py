@@ -62,6 +62,7 @@ def track(
     progress: Callable[[int, int], None] | None = None,
     backend: Backend = NUMPY,
     lossy: bool = True,
+    linked: bool = False,
 ) -> Tracking:
     """Track the markers of ``run`` through ``frames``.
 
@@ -71,6 +72,7 @@ def track(
     progress : called with frames done and losses so far
     backend : where the fits run
     lossy : the recording was compressed with loss
+    linked : and its pictures are made from others
 
     Raises
     ------
@@ -90,7 +92,7 @@ def track(
     if not count:
         raise TrackingError(f"{run.source_path}: no frame lies within source.span_s")
     table = _merged([f.finish() for f in followers], [m.name for m in run.file.marker])
-    table = with_scatter(table, run.file.marker, mapping, lossy)
+    table = with_scatter(table, run.file.marker, mapping, lossy, linked)
     return _tracking(table, run, count, any(f.ambiguous for f in followers), fixed.finish())
 
 

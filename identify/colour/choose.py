@@ -72,12 +72,17 @@ def fit_with_noise(
     force_bic = found.deviance + NOISE * np.log(samples)
     measured_bic = measurement_bic(along, form, fit)
     gap = measured_bic - force_bic
-    if noise == "auto" and gap < (0.0 if any(known) else CLEARLY):
+    # an autoregression for every channel of every run costs much: a force must also be seen against plain white noise
+    unseen = not any(known) and white_bic(found) - force_bic < CLEARLY
+    if noise == "auto" and (unseen or gap < (0.0 if any(known) else CLEARLY)):
         if any(known):
             fit = fit_runs([replace(d, still=None) for d in runs], form, speed_m_s, progress)
-        words = (
-            f"the residuals are {what}, and colour of the measurement explains it {'better than' if gap < 0 else 'as well as'} "
-            f"a force on the hull (BIC {gap:+.0f} for the force): output error, whitened by an autoregression"
+        against = "explains it as well as" if gap >= 0 else "explains it better than"
+        words = f"the residuals are {what}, and " + (
+            "a force on the hull explains none of it: output error, whitened by an autoregression"
+            if unseen
+            else f"colour of the measurement {against} a force on the hull (BIC {gap:+.0f} for the force): output error, "
+            "whitened by an autoregression"
         )
         return replace(fit, notes=(words,))
     d = found.disturbance
@@ -118,6 +123,18 @@ def measurement_bic(runs: list[RunData], form: str, fit: Fit) -> float:
         orders += sum(len(a) for a in weight.regression) + 2
         samples += 2 * len(data.t_s)
     return total + orders * float(np.log(samples))
+
+
+def white_bic(found: LikelihoodFit) -> float:
+    """BIC of the same paths without the force: block means that scatter as white noise, in each channel so much in all runs."""
+    few = found.problem.runs
+    white = np.concatenate(
+        [stated(d.covariance, d.t_s).along(a.residual) for d, a in zip(few, found.answers, strict=True)], axis=1
+    )
+    count = white.shape[1]
+    spread = count * float(np.log((white**2).mean(axis=1)).sum()) + 2 * count
+    total = spread + sum(float(np.log(np.linalg.det(d.covariance)).sum()) for d in few)
+    return total + 2 * float(np.log(2 * count))
 
 
 def as_fit(runs: list[RunData], fit: Fit, found: LikelihoodFit, notes: tuple[str, ...]) -> Fit:

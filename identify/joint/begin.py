@@ -115,4 +115,5 @@ def _first_part(data: RunData, share: float) -> RunData:
         beta_rad=data.beta_rad[:last],
         covariance=data.covariance[:last],
         common=data.common[:, :last],
+        lag=data.lag[:, :last],
     )

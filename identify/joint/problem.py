@@ -81,17 +81,16 @@ class Problem:
     ) -> None:
         self.runs, self.form, self.speed = runs, form, speed_m_s
         self.hold, self.extra = hold, extra
-        self.keys = list(dict.fromkeys(d.common_key for d in runs if len(d.common)))
-        self.mode_count = {key: next(len(d.common) for d in runs if d.common_key == key) for key in self.keys}
+        self.mode_count = {key: len(modes) for d in runs for key, modes in d.shared}
         self.own_end = 6 + len(OWN) * len(runs)
         self.common_sd = _common_sds(runs)
         self.common_at = {name: self.own_end + i for i, name in enumerate(self.common_sd)}
         offset = self.own_end + len(self.common_sd)
         self.size = offset + sum(self.mode_count.values())
         self.mode_at: dict[str, slice] = {}
-        for key in self.keys:
-            self.mode_at[key] = slice(offset, offset + self.mode_count[key])
-            offset += self.mode_count[key]
+        for key, count in self.mode_count.items():
+            self.mode_at[key] = slice(offset, offset + count)
+            offset += count
         self.pull = self._pull()
         k2 = next((p for d in runs if (p := d.priors.derivatives.k2_m2) is not None), None)
         self.gyration = None if k2 is None else (k2.value, k2.std)
@@ -188,10 +187,10 @@ class Problem:
                 ones[channel] = 1.0
                 parts.append(ones)
         total = response + theta[own + 4 : own + 6, None]
-        if len(data.common):
-            at = self.mode_at[data.common_key]
+        for key, shared in data.shared:
+            at = self.mode_at[key]
             columns += range(at.start, at.stop)
-            modes = data.common.transpose(2, 0, 1)
+            modes = shared.transpose(2, 0, 1)
             parts.append(modes)
             total = total + np.einsum("cmn,m->cn", modes, theta[at])
         slope = np.concatenate(parts, axis=1) if len(parts) > 1 else parts[0]

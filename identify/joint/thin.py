@@ -33,7 +33,7 @@ def thinned(data: RunData, block_s: float | None = None, keep_first: bool = Fals
     usual = float(np.median(np.diff(times)))
     size = int(min(length, times[-1] / FEWEST) / usual + 1e-6)
     if size < 2:
-        return data if keep_modes else replace(data, common=data.common[:0])
+        return data if keep_modes else without_modes(data)
     # whole numbers of samples, so that even records stay even
     cell = (np.rint(times / usual).astype(int) - int(keep_first)) // size
     first = np.flatnonzero(np.concatenate([[True], np.diff(cell) > 0]))
@@ -48,7 +48,13 @@ def thinned(data: RunData, block_s: float | None = None, keep_first: bool = Fals
         y_m=mean(data.y_m),
         beta_rad=mean(data.beta_rad),
         covariance=mean(data.covariance) / counts[:, None, None],
-        common=np.stack([mean(m) for m in data.common])
-        if keep_modes and len(data.common)
-        else np.zeros((0, len(first), 2)),
+        **{
+            name: np.stack([mean(m) for m in modes]) if keep_modes and len(modes) else np.zeros((0, len(first), 2))
+            for name, modes in (("common", data.common), ("lag", data.lag))
+        },
     )
+
+
+def without_modes(data: RunData) -> RunData:
+    """The run as if camera and codec had no error of their own."""
+    return replace(data, common=data.common[:0], lag=data.lag[:0])

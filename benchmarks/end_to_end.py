@@ -120,7 +120,8 @@ def table(answers: list[dict[str, Any]]) -> str:
         value, std = np.array([a["film"]["derivatives"][name] for a in whole]).T
         share, z = (value - truth) / np.abs(truth), (value - truth) / std
         held = int((np.abs(z) < COVERED).sum())
-        low, high = (float(beta_distribution.ppf(q, held + (q > 0.5), len(z) - held + (q < 0.5))) for q in (LOW, HIGH))
+        low = float(beta_distribution.ppf(LOW, held, len(z) - held + 1)) if held else 0.0
+        high = float(beta_distribution.ppf(HIGH, held + 1, len(z) - held)) if held < len(z) else 1.0
         bias = share.mean() / (share.std(ddof=1) / np.sqrt(len(share))) if len(share) > 1 else float("nan")
         lines.append(
             f"{name:16}{100 * np.median(np.abs(share)):13.2f} %{100 * np.median(std / np.abs(truth)):10.2f} %"

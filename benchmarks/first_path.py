@@ -16,7 +16,7 @@ from towline.analysis import Batch, identified, steadied
 from towline.diagnose import motion_error
 from towline.geometry import motion_from_tracks, run_datum
 from towline.record import read_run, read_tracks
-from towline.stages import Moved, truth_motion
+from towline.stages import INTRA, LOSSLESS, Moved, truth_motion
 from towline.vision import clip_info, read_frames, track
 
 SAMPLES = Path(__file__).resolve().parent.parent / "sample_videos"
@@ -65,7 +65,9 @@ def _row(folder: Path) -> Moved:
     frames = sum(1 for _ in read_frames(run.source_path))
     decode = frames / (time.process_time() - began)
     began = time.process_time()
-    found = track(run, read_frames(run.source_path), datum.mapping)
+    lossy = info.codec not in LOSSLESS
+    linked = lossy and info.codec not in INTRA
+    found = track(run, read_frames(run.source_path), datum.mapping, lossy=lossy, linked=linked)
     follow = frames / (time.process_time() - began)
     truth = read_tracks(folder / "truth" / "tracks.csv")
     both = found.table.merge(truth, on=["frame", "marker"], suffixes=("", "_true"))
@@ -80,7 +82,7 @@ def _row(folder: Path) -> Moved:
         f"{run.name:22} {np.sqrt((gap**2).mean()):7.3f} {score.std():6.2f} {1e3 * error.y_cg_m:8.2f} {error.beta_deg:8.4f} "
         f"{error.alpha_deg:8.4f} {follow:8.0f} {decode:8.0f} {follow / decode:6.2f}"
     )
-    return Moved(run, made.motion, made.common, made.camera, found.table)
+    return Moved(run, made.motion, made.common, made.camera, found.table, made.lag)
 
 
 if __name__ == "__main__":

@@ -253,6 +253,31 @@ def test_a_dark_and_a_bright_mark_and_the_colour_that_tells_two_apart(tmp_path: 
     np.testing.assert_allclose(both.centre_px[list(chosen.chosen)], [(290, 150), (110, 150)], atol=1.0)
 
 
+def test_a_light_that_looks_white_may_be_a_coloured_one_and_another_colour_may_not() -> None:
+    """Compressed, or overexposed, a small red light is white: two of those are still believed, two green ones are not."""
+    from towline.vision.spots.identity import ACCEPT_COST, TINTS, WASHED_OUT_COST, _tint_cost
+
+    names = ("red", "green", "blue", "yellow", "white")
+    seen = np.array([TINTS[name] for name in names], dtype=float)
+    seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+    half = seen[0] + 0.5 * np.array([1.0, 1.0, 0.0])
+    unknown = np.full(3, np.nan)
+    cost = dict(
+        zip(
+            (*names, "pale red", "unknown"),
+            _tint_cost(np.array([*seen, half / np.linalg.norm(half), unknown]), np.array(TINTS["red"], dtype=float)),
+            strict=True,
+        )
+    )
+    assert cost["red"] == cost["unknown"] == 0.0
+    assert 1.0 < cost["white"] <= WASHED_OUT_COST
+    assert 0.0 < cost["pale red"] < cost["white"]
+    assert 2 * cost["white"] < ACCEPT_COST
+    for other in ("green", "blue"):
+        assert 2 * cost[other] > ACCEPT_COST
+    np.testing.assert_allclose(_tint_cost(seen, np.array(TINTS["white"], dtype=float))[4], 0.0, atol=1e-12)
+
+
 def test_datum_points_are_found_again_after_a_knock(tmp_path: Path) -> None:
     """Four crosses on the tank's rim, a knock of 14 and -9 px: they stand where the picture shows them, to a tenth of a pixel."""
     knock = (14.3, -9.6)

@@ -32,6 +32,10 @@ NEAR_PX = 4.0
 TINTS = {"blue": (1, 0, 0), "green": (0, 1, 0), "red": (0, 0, 1), "yellow": (0, 1, 1), "white": (1, 1, 1)}
 """(blue, green, red) of the colours that run.toml names."""
 TINT_SD_RAD = 0.25
+WASHED_OUT_COST = 4.0
+"""A coloured light that looks white: two standard deviations. A small light's colour is lost in a full pixel, in chroma of half
+the resolution, in a codec that has no bits for it; another colour is not."""
+WASHED_STEPS = 9
 
 
 @dataclass(frozen=True)
@@ -135,12 +139,19 @@ def _own_cost(candidates: Candidates, marker: Marker, near_px: Array | None, nea
     cost = CONTRAST_WEIGHT * np.log(brightest / candidates.contrast_dn) ** 2
     cost += STRETCH_WEIGHT * np.maximum(candidates.stretch - 1.3, 0.0) ** 2
     if marker.colour in TINTS:
-        wanted = np.array(TINTS[marker.colour])
-        cosine = np.clip(candidates.tint @ (wanted / np.linalg.norm(wanted)), -1.0, 1.0)
-        cost += np.nan_to_num((np.arccos(cosine) / TINT_SD_RAD) ** 2)
+        cost += _tint_cost(candidates.tint, np.array(TINTS[marker.colour], dtype=float))
     if near_px is not None:
         cost += ((candidates.centre_px - near_px) ** 2).sum(axis=1) / near_sd_px**2
     return np.where(kind, cost, np.inf)
+
+
+def _tint_cost(tint: Array, wanted: Array) -> Array:
+    """(n,) cost of colours ``tint (n, 3)`` for a mark of colour ``wanted (3,)``, more or less washed out; 0 where unknown."""
+    share = np.linspace(0.0, 1.0, WASHED_STEPS)[:, None]
+    looks = (1 - share) * wanted + share * wanted.max()
+    cosine = np.clip(tint @ (looks / np.linalg.norm(looks, axis=1, keepdims=True)).T, -1.0, 1.0)
+    cost = (np.arccos(cosine) / TINT_SD_RAD) ** 2 + WASHED_OUT_COST * (share**2).T
+    return np.nan_to_num(cost).min(axis=1)
 
 
 def _pair_costs(place: Array, own: Array, body: Array, first: int, other: int, run: Run) -> tuple[Array, Array]:

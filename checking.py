@@ -17,7 +17,8 @@ from .geometry.checks.check import Check, check_geometry, tolerance_names
 from .geometry.checks.refine import refined
 from .geometry.checks.words import found_fault
 from .geometry.mapping import ProjectiveMapping
-from .geometry.motion import Poses, invariants, motion_from_tracks, poses_from_tracks
+from .geometry.motion import invariants, motion_from_tracks
+from .geometry.poses import Poses, poses_from_tracks
 from .identify import fit_runs, run_data
 from .progress import Progress as StageProgress
 from .record.check_file import CheckFile, FoundFault, MapOfUncertainty, PointCheck

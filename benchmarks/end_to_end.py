@@ -14,6 +14,7 @@ import argparse
 import json
 import os
 import shutil
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ from towline.simulate.model import DERIVATIVE_UNITS
 LEVELS = ("film", "true pixels", "true motion", "true motion and settings")
 TRUE_SIGMA_PX, TRUE_SIGMA_M, TRUE_SIGMA_RAD = 0.02, 2e-5, 1e-5
 """Stated beside true pixels and motions, which have none: a fit needs weights."""
+CODECS = (("lossless", 0, 0), ("crf 17-19", 17, 19), ("crf 20-22", 20, 22), ("crf 23-25", 23, 25))
 COVERED, LOW, HIGH = 1.96, 0.025, 0.975
 
 
@@ -136,6 +138,21 @@ def table(answers: list[dict[str, Any]]) -> str:
             share = [a[level]["derivatives"][name][0] / a["truth"][name] - 1 for a in able]
             cells.append(f"{100 * float(np.sqrt(np.mean(np.square(share)))):13.2f} %")
         lines.append(f"{level:28}" + "".join(f"{c:>15}" for c in cells))
+    lines += [
+        "",
+        f"{'by codec':12}{'campaigns':>10}{'median |error| of the six':>28}{'median std':>12}   95 % intervals hold",
+    ]
+    for name, low, high in CODECS:
+        here = [a for a in whole if low <= _crf(a["codec"]) <= high]
+        if not here:
+            continue
+        share = np.array([[v / a["truth"][n] - 1 for n, (v, _) in a["film"]["derivatives"].items()] for a in here])
+        std = np.array([[s / abs(a["truth"][n]) for n, (_, s) in a["film"]["derivatives"].items()] for a in here])
+        held = int((np.abs(share) < COVERED * std).sum())
+        lines.append(
+            f"{name:12}{len(here):10d}{100 * np.median(np.abs(share)):26.2f} %{100 * np.median(std):10.2f} %   "
+            f"{held}/{share.size} = {100 * held / share.size:.0f} %"
+        )
     minutes = np.array([a["film_s"] / 60 for a in whole])
     track, fit = (np.array([a["film"][k] for a in whole]) for k in ("track_s", "fit_s"))
     lines += [
@@ -147,6 +164,10 @@ def table(answers: list[dict[str, Any]]) -> str:
     lines += ["worst:"] + [f"  campaign {a['seed']}, {a['codec']}: {_worst(a):.1f} standard deviations" for a in worst]
     lines += [f"  campaign {a['seed']}: {a['film']['error']}" for a in answers if "error" in a["film"]]
     return "\n".join(lines) + "\n"
+
+
+def _crf(codec: str) -> int:
+    return int(codec.removeprefix("h264")) if codec.startswith("h264") else 0
 
 
 def _worst(a: dict[str, Any]) -> float:
@@ -166,7 +187,7 @@ def main() -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     jobs = [(str(given.out), seed, given.seconds) for seed in range(given.campaigns)]
     for done, seed in enumerate(in_parallel(one, jobs, given.workers), 1):
-        print(f"campaign {seed}: {done} of {len(jobs)}", flush=True)
+        print(f"campaign {seed}: {done} of {len(jobs)}", file=sys.stderr, flush=True)
     answers = [json.loads((given.out / f"{seed:03d}.json").read_text()) for seed in range(given.campaigns)]
     text = table(answers)
     write_text(given.out / "end_to_end.txt", text)

@@ -18,7 +18,7 @@ from scipy.stats import beta as beta_distribution
 
 from towline.geometry import fit_datum, motion_from_tracks, run_datum
 from towline.geometry.checks.check import check_geometry
-from towline.geometry.motion import poses_from_tracks
+from towline.geometry.poses import poses_from_tracks
 
 NAMES = ("y_CG", "beta", "alpha")
 FRAMES, CHECK_FRAMES = 60, 300

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from ..geometry import DatumFit
-from ..geometry.motion import poses_from_tracks
+from ..geometry.poses import poses_from_tracks
 from ..identify.data import RunData, run_data
 from ..identify.still import scatter
 from ..record.run import Run

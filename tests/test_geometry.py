@@ -466,7 +466,7 @@ def test_hand_written_derivatives_against_the_differentiable_chain() -> None:
     """
     pytest.importorskip("kornia")
     from towline.geometry.chain import Chain, chain_motion
-    from towline.geometry.motion import poses_from_tracks
+    from towline.geometry.poses import poses_from_tracks
 
     seen = camera()
     run = run_of(seen, picks(seen, TOP), Path())

@@ -11,7 +11,7 @@ import pytest
 
 from towline.geometry import motion_from_tracks, run_datum
 from towline.geometry.lag import PLAY_SHARE, SEAM_SHARE, SEAM_SPEEDS_PX, SPEEDS_PX, lag_modes
-from towline.geometry.motion import LAG_COLUMN
+from towline.geometry.poses import LAG_COLUMN
 from towline.identify import fit_runs
 from towline.record import read_run, read_tracks
 

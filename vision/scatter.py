@@ -20,7 +20,7 @@ import pandas as pd
 
 from ..geometry.lag import mark_rate
 from ..geometry.mapping import Mapping
-from ..geometry.motion import LAG_COLUMN
+from ..geometry.poses import LAG_COLUMN
 from ..record.schema import Marker
 from .spots.candidates import MAD_TO_SD, Array
 

@@ -146,6 +146,15 @@ def test_a_force_that_explains_nothing_is_not_chosen(campaigns: ModuleType) -> N
     assert "explains none of it" in fit.notes[0]
 
 
+def test_a_filter_without_any_noise_has_no_likelihood(campaigns: ModuleType) -> None:
+    """Exact motions lead there: said in words, and a step that leads there is not taken."""
+    runs = [campaigns.still_run(x, campaigns.times(8.0, 40.0), "modal") for x in campaigns.POINTS_M[::3]]
+    fit = fit_runs(runs, "linear")
+    nothing = np.array([-400.0, -400.0, 0.0, -400.0, -400.0])
+    with pytest.raises(EstimationError, match="no likelihood"):
+        maximise(runs, "linear", 1.28, fit.theta, noise=nothing)
+
+
 def test_common_camera_errors_stay_in_the_innovations_form(campaigns: ModuleType) -> None:
     """A 2 % scale of y with its mode is found under a coloured force as well."""
     t = campaigns.times(16.0)

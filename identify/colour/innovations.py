@@ -202,11 +202,11 @@ def _run(data: RunData, answer: Answer, part: Slow | None, six: Array, noise: Ar
     """One run's share, over the columns of its answer, the six, and the noise parameters."""
     with np.errstate(all="ignore"):
         found = innovations(data, six, noise, speed_m_s, answer.residual, answer.slope, part)
+        sign, log_determinant = np.linalg.slogdet(found.spread)
+        if not (sign > 0).all():  # a step that leaves no noise at all
+            return _Run(found, np.inf, np.zeros(0), np.zeros((0, 0)))
         inverse = np.linalg.inv(found.spread)
         weighed = np.einsum("nij,nj->ni", inverse, found.error)
-        sign, log_determinant = np.linalg.slogdet(found.spread)
-        if (sign <= 0).any():
-            return _Run(found, np.inf, np.zeros(0), np.zeros((0, 0)))
         deviance = float((found.error * weighed).sum() + log_determinant.sum())
         slopes = np.zeros((len(data.t_s), len(answer.columns) + MOVING, 2))
         slopes[:] = found.d_error

@@ -18,7 +18,7 @@ from .geometry.checks.refine import refined
 from .geometry.checks.words import found_fault
 from .geometry.mapping import ProjectiveMapping
 from .geometry.motion import invariants, motion_from_tracks
-from .geometry.poses import Poses, poses_from_tracks
+from .geometry.poses import Poses, poses_from_tracks, without_lags
 from .identify import fit_runs, run_data
 from .progress import Progress as StageProgress
 from .record.check_file import CheckFile, FoundFault, MapOfUncertainty, PointCheck
@@ -110,7 +110,9 @@ def checked(
     say = progress or (lambda _: None)
     say("checking the camera")
     datum = datum_of(runs[0])
-    poses = [poses_from_tracks(run, table, datum.mapping) for run, table in zip(runs, tracks, strict=True)]
+    poses = [
+        poses_from_tracks(run, without_lags(table), datum.mapping) for run, table in zip(runs, tracks, strict=True)
+    ]
     try:
         check = check_geometry(runs, tracks, datum)
     except np.linalg.LinAlgError as error:

@@ -188,12 +188,16 @@ def _follow_marks(run: Run, backend: Any, progress: Progress | None) -> Tracking
                 progress(f"{run.name}: tracking, {lost} lost", done, total)
 
         tell(0, 0)
-        lossy = info.codec not in LOSSLESS
-        linked = lossy and info.codec not in INTRA
-        found = track(run, frames, datum.mapping, throttled(tell), backend, lossy, linked)
+        found = track(run, frames, datum.mapping, throttled(tell), backend, *losses(info.codec))
         total = found.frames
         tell(found.frames, int((found.table["status"] == "lost").sum()))
     return found
+
+
+def losses(codec: str) -> tuple[bool, bool]:
+    """Whether a codec, by ffmpeg's name, compresses with loss, and whether it then makes pictures from others."""
+    lossy = codec not in LOSSLESS
+    return lossy, lossy and codec not in INTRA
 
 
 def _frames(run: Run) -> Iterator[Frame]:

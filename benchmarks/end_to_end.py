@@ -23,9 +23,9 @@ import numpy as np
 import pandas as pd
 import tomlkit
 from end_to_end_cases import PRIORS, campaign, filmed
-from scipy.stats import beta as beta_distribution
 
 from towline.analysis import identified, moved_batch
+from towline.blind.scores import interval
 from towline.processes import THREADS, in_parallel
 from towline.record.errors import TowlineError
 from towline.record.files import write_text
@@ -35,7 +35,7 @@ LEVELS = ("film", "true pixels", "true motion", "true motion and settings")
 TRUE_SIGMA_PX, TRUE_SIGMA_M, TRUE_SIGMA_RAD = 0.02, 2e-5, 1e-5
 """Stated beside true pixels and motions, which have none: a fit needs weights."""
 CODECS = (("lossless", 0, 0), ("crf 17-19", 17, 19), ("crf 20-22", 20, 22), ("crf 23-25", 23, 25))
-COVERED, LOW, HIGH = 1.96, 0.025, 0.975
+COVERED = 1.96
 
 
 def analysed(folders: list[Path]) -> dict[str, Any]:
@@ -122,8 +122,7 @@ def table(answers: list[dict[str, Any]]) -> str:
         value, std = np.array([a["film"]["derivatives"][name] for a in whole]).T
         share, z = (value - truth) / np.abs(truth), (value - truth) / std
         held = int((np.abs(z) < COVERED).sum())
-        low = float(beta_distribution.ppf(LOW, held, len(z) - held + 1)) if held else 0.0
-        high = float(beta_distribution.ppf(HIGH, held + 1, len(z) - held)) if held < len(z) else 1.0
+        low, high = interval(held, len(z))
         bias = share.mean() / (share.std(ddof=1) / np.sqrt(len(share))) if len(share) > 1 else float("nan")
         lines.append(
             f"{name:16}{100 * np.median(np.abs(share)):13.2f} %{100 * np.median(std / np.abs(truth)):10.2f} %"
@@ -138,9 +137,24 @@ def table(answers: list[dict[str, Any]]) -> str:
             share = [a[level]["derivatives"][name][0] / a["truth"][name] - 1 for a in able]
             cells.append(f"{100 * float(np.sqrt(np.mean(np.square(share)))):13.2f} %")
         lines.append(f"{level:28}" + "".join(f"{c:>15}" for c in cells))
+    lines += ["", *_by_codec(whole)]
+    minutes = np.array([a["film_s"] / 60 for a in whole])
+    track, fit = (np.array([a["film"][k] for a in whole]) for k in ("track_s", "fit_s"))
     lines += [
         "",
-        f"{'by codec':12}{'campaigns':>10}{'median |error| of the six':>28}{'median std':>12}   95 % intervals hold",
+        f"a minute of film: {np.median(track / minutes):.1f} s to track, {np.median(fit / minutes):.1f} s to fit "
+        "(medians, one thread a campaign)",
+    ]
+    worst = sorted(whole, key=_worst, reverse=True)[:3]
+    lines += ["worst:"] + [f"  campaign {a['seed']}, {a['codec']}: {_worst(a):.1f} standard deviations" for a in worst]
+    lines += [f"  campaign {a['seed']}: {a['film']['error']}" for a in answers if "error" in a["film"]]
+    return "\n".join(lines) + "\n"
+
+
+def _by_codec(whole: list[dict[str, Any]]) -> list[str]:
+    """What the film's compression costs."""
+    lines = [
+        f"{'by codec':12}{'campaigns':>10}{'median |error| of the six':>28}{'median std':>12}   95 % intervals hold"
     ]
     for name, low, high in CODECS:
         here = [a for a in whole if low <= _crf(a["codec"]) <= high]
@@ -153,17 +167,7 @@ def table(answers: list[dict[str, Any]]) -> str:
             f"{name:12}{len(here):10d}{100 * np.median(np.abs(share)):26.2f} %{100 * np.median(std):10.2f} %   "
             f"{held}/{share.size} = {100 * held / share.size:.0f} %"
         )
-    minutes = np.array([a["film_s"] / 60 for a in whole])
-    track, fit = (np.array([a["film"][k] for a in whole]) for k in ("track_s", "fit_s"))
-    lines += [
-        "",
-        f"a minute of film: {np.median(track / minutes):.1f} s to track, {np.median(fit / minutes):.1f} s to fit "
-        "(medians, one thread a campaign)",
-    ]
-    worst = sorted(whole, key=_worst, reverse=True)[:3]
-    lines += ["worst:"] + [f"  campaign {a['seed']}, {a['codec']}: {_worst(a):.1f} standard deviations" for a in worst]
-    lines += [f"  campaign {a['seed']}: {a['film']['error']}" for a in answers if "error" in a["film"]]
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def _crf(codec: str) -> int:

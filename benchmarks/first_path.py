@@ -16,7 +16,7 @@ from towline.analysis import Batch, identified, steadied
 from towline.diagnose import motion_error
 from towline.geometry import motion_from_tracks, run_datum
 from towline.record import read_run, read_tracks
-from towline.stages import INTRA, LOSSLESS, Moved, truth_motion
+from towline.stages import Moved, losses, truth_motion
 from towline.vision import clip_info, read_frames, track
 
 SAMPLES = Path(__file__).resolve().parent.parent / "sample_videos"
@@ -65,8 +65,7 @@ def _row(folder: Path) -> Moved:
     frames = sum(1 for _ in read_frames(run.source_path))
     decode = frames / (time.process_time() - began)
     began = time.process_time()
-    lossy = info.codec not in LOSSLESS
-    linked = lossy and info.codec not in INTRA
+    lossy, linked = losses(info.codec)
     found = track(run, read_frames(run.source_path), datum.mapping, lossy=lossy, linked=linked)
     follow = frames / (time.process_time() - began)
     truth = read_tracks(folder / "truth" / "tracks.csv")

@@ -27,6 +27,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from threading import Thread
 
+from towline.blind.scores import interval
 from towline.processes import THREADS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -207,16 +208,12 @@ def judged(mutant: Mutant, place: Path, lines: dict[str, list[str]], times: dict
 
 def table(found: list[dict]) -> str:
     """Shares by room, and the survivors."""
-    from scipy.stats import beta
-
     rows = []
     for room in (*ROOMS, ""):
         of = [one for one in found if one["file"].startswith(room)]
         k, n = sum(one["killed"] for one in of), len(of)
         if n:
-            low, high = (
-                float(beta.ppf(q, k + (q > 0.5), n - k + (q < 0.5))) if 0 < k < n else k / n for q in (0.025, 0.975)
-            )
+            low, high = interval(k, n)
             rows.append(f"{room or 'all':10} {k}/{n} = {100 * k / n:.0f} % killed ({100 * low:.0f}-{100 * high:.0f})")
     rows += ["", "survivors"]
     for one in sorted((o for o in found if not o["killed"]), key=lambda o: (o["file"], o["line"])):

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from ..geometry import DatumFit
-from ..geometry.poses import poses_from_tracks
+from ..geometry.poses import poses_from_tracks, without_lags
 from ..identify.data import RunData, run_data
 from ..identify.still import scatter
 from ..record.run import Run
@@ -122,6 +122,7 @@ def tow_run(
     data = run_data(run, motion, common)
     marks = None
     if tracks is not None and fit is not None:
+        tracks = without_lags(tracks)  # left to the slow errors of _covariances
         few = _few(tracks, step_s)
         there = _from_pixels(Marks(run, few, fit, few))
         marks = Marks(run, tracks, fit, few, (there.t_s, there.values))
@@ -129,7 +130,9 @@ def tow_run(
     start = float(series.t_s[0])
     centre, spread, values, count = _blocks(series.t_s - start, series.values, step_s)
     variance = _mean(series.t_s - start, series.variance, step_s)[: len(centre)] / np.maximum(count, 1)[:, None]
-    still = _from_pixels(replace(marks, tracks=static)) if marks is not None and static is not None else None
+    still = (
+        _from_pixels(replace(marks, tracks=without_lags(static))) if marks is not None and static is not None else None
+    )
     water = run.file.water
     width = water.tank_width_m if water is not None else None
     modes = series.modes
@@ -207,9 +210,8 @@ def _from_pixels(marks: Marks) -> _Series:
     spread = np.einsum("nca,nab,ncb->nc", by_pose, found.rigid.covariance, by_pose)
     both = found.covariance_m2[:, 0] + found.covariance_m2[:, 1]
     spread[:, 3] = np.einsum("ni,nij,nj->n", along, both, along)
-    # lags of the codec are left to the slow errors of _covariances
-    modes = np.einsum("nca,kna->knc", by_pose, found.pose_modes[found.lags :])
-    apart_m = found.modes_m[found.lags :, :, 0] - found.modes_m[found.lags :, :, 1]
+    modes = np.einsum("nca,kna->knc", by_pose, found.pose_modes)
+    apart_m = found.modes_m[:, :, 0] - found.modes_m[:, :, 1]
     modes[..., 3] = np.einsum("ni,kni->kn", along, apart_m)
     sigma = float(np.nanmedian(found.sigma_px[np.isfinite(found.pixel_px)]))
     return _Series(found.t_s, values, spread, modes, _shutter(found, along, run), sigma)

@@ -122,6 +122,11 @@ def poses_from_tracks(
     )
 
 
+def without_lags(tracks: pd.DataFrame) -> pd.DataFrame:
+    """The tracks as if their codec held no mark back: for work that has no use for the lag's modes."""
+    return tracks.drop(columns=LAG_COLUMN, errors="ignore")
+
+
 def _from_carriage(
     run: Run, posts: Sequence[Marker], rigid: RigidFit, pose_modes: Array, place: Array, covariance: Array, modes: Array
 ) -> tuple[RigidFit, Array]:
@@ -239,4 +244,4 @@ def _body_modes(run: Run, rigid: RigidFit, body: Array) -> Array:
     return modes * run.file.priors.marker_place_sd_m
 
 
-__all__ = ["LAG_COLUMN", "Poses", "poses_from_tracks"]
+__all__ = ["LAG_COLUMN", "Poses", "poses_from_tracks", "without_lags"]

@@ -19,7 +19,7 @@ from ..camera import Array, Lens
 from ..datum import DatumFit
 from ..datum_model import PLAIN
 from ..mapping import ProjectiveMapping
-from ..motion import poses_from_tracks
+from ..poses import poses_from_tracks, without_lags
 from ..rigid import fit_rigid
 from .bundle import CAMERA, Bundle, Film, Rig, Solution
 from .faults import Scored, refit, screen
@@ -127,7 +127,7 @@ def bundle_of(runs: Sequence[Run], tracks: Sequence[pd.DataFrame], fit: DatumFit
     markers = [m for m in first.marker if m.on == "model"]
     films, poses = [], []
     for run, table in zip(runs, tracks, strict=True):
-        frames = poses_from_tracks(run, table, fit.mapping)
+        frames = poses_from_tracks(run, without_lags(table), fit.mapping)
         thin = slice(None, None, max(1, -(-len(frames.t_s) * len(runs) // MOST_FRAMES)))
         films.append(_film(run, frames.t_s[thin], frames.pixel_px[thin], frames.sigma_px[thin]))
         # as filmed: where marks on the post move through the picture, the pose itself is told from them

@@ -42,16 +42,17 @@ def thinned(data: RunData, block_s: float | None = None, keep_first: bool = Fals
     def mean(values: Array) -> Array:
         return np.add.reduceat(values, first, axis=0) / counts.reshape(-1, *[1] * (values.ndim - 1))
 
+    def means(modes: Array) -> Array:
+        return np.stack([mean(m) for m in modes]) if keep_modes and len(modes) else np.zeros((0, len(first), 2))
+
     return replace(
         data,
         t_s=mean(data.t_s),
         y_m=mean(data.y_m),
         beta_rad=mean(data.beta_rad),
         covariance=mean(data.covariance) / counts[:, None, None],
-        **{
-            name: np.stack([mean(m) for m in modes]) if keep_modes and len(modes) else np.zeros((0, len(first), 2))
-            for name, modes in (("common", data.common), ("lag", data.lag))
-        },
+        common=means(data.common),
+        lag=means(data.lag),
     )
 
 

@@ -87,7 +87,7 @@ def pytest(place: Path, arguments: list[str], timeout_s: float | None = None) ->
         return 124
 
 
-def reached(out: Path) -> tuple[dict[str, list[str]], dict[str, float]]:
+def reached(out: Path, workers: int) -> tuple[dict[str, list[str]], dict[str, float]]:
     """``file:line`` -> tests that reach it; test -> seconds."""
     kept = out / "reached.json"
     if not kept.is_file():
@@ -100,6 +100,7 @@ def reached(out: Path) -> tuple[dict[str, list[str]], dict[str, float]]:
             place,
             [
                 "tests",
+                f"--numprocesses={workers}",
                 *sources,
                 "--cov-context=test",
                 f"--cov-config={settings}",
@@ -109,14 +110,14 @@ def reached(out: Path) -> tuple[dict[str, list[str]], dict[str, float]]:
         )
         times: dict[str, float] = {}
         for case in ElementTree.parse(report).iter("testcase"):
+            # both tell a test's file from tests/, where pytest.ini stands
             file = case.attrib["classname"].replace(".", "/") + ".py"
-            times[f"{file}::{case.attrib['name']}"] = float(case.attrib["time"])
+            times[f"tests/{file}::{case.attrib['name']}"] = float(case.attrib["time"])
         lines: dict[str, list[str]] = defaultdict(list)
         for file, test, numbits in sqlite3.connect(place / "cov").execute(
             "select path, context, numbits from line_bits join file on file.id = file_id join context on context.id = context_id"
         ):
-            name = test.partition("|")[0]
-            name = name if name.startswith("tests/") else f"tests/{name}"
+            name = f"tests/{test.partition('|')[0]}"
             if name in times:
                 for byte, bits in enumerate(numbits):
                     for bit in range(8):
@@ -233,7 +234,7 @@ def main() -> None:
     given = parser.parse_args()
     out = given.out.resolve()
     out.mkdir(parents=True, exist_ok=True)
-    lines, times = reached(out)
+    lines, times = reached(out, given.workers)
     plan = out / "plan.json"
     if not plan.is_file():
         plan.write_text(json.dumps([asdict(m) for m in drawn(given.count, given.seed)], indent=1))

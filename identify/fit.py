@@ -3,7 +3,7 @@
 Shared: the six derivatives. Per run: start (4), datum biases y_b and beta_b, and T_i, X_T,i where priors let them move.
 Shared by all runs where priors let them move: errors of T, L and U. Shared among runs of one camera: its common modes, each
 with a unit prior. Weights: each channel's residual scatter and
-colour (an autoregression), re-estimated until they stand; the covariance is then widened by what autocorrelation is left.
+colour (an autoregression), re-estimated until they stand; the covariance is then widened by what slower noise is left.
 
 Order of work: weak form, linear form on block means, then the wanted form on every sample.
 """
@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 from ..record.errors import EstimationError, solvable
 from ..simulate.model import Array
 from .colour.disturbance import Disturbance
+from .colour.leftover import Whitened, leftover
 from .data import RunData
 from .joint.begin import knows_full_only, rough_optimum
 from .joint.parameters import RUN_PARAMETERS
 from .joint.problem import OWN, Answer, Problem
 from .joint.solve import Optimum, minimise
 from .joint.thin import without_modes
-from .noise import Whitener, autocorrelation, stated
+from .noise import Whitener, stated
 from .still import Colour, colours, reweighted
 
 FORMS = ("linear", "full")
@@ -34,9 +35,6 @@ SETTLED = 0.01
 """Reweighting ends when no scatter changes by more than this share."""
 NEAR = 1e-7
 """Damping where the fit starts near its optimum."""
-LAG_SHARE = 0.1
-LAG_S = 3.0
-"""Left-over autocorrelation is looked for up to this lag: longer ones cannot be told from the fit's own freedom."""
 
 
 @dataclass(frozen=True)
@@ -192,7 +190,7 @@ def _chi2_per_dof(answers: list[Answer], weights: list[Whitener], size: int) -> 
     return total / max(sum(a.residual.size for a in answers) - size, 1)
 
 
-def _coloured_meat(slope: Array, correlations: tuple[Array, Array]) -> Array:
+def _known_meat(slope: Array, correlations: tuple[Array, Array]) -> Array:
     """The information's variance beyond white noise: sum of rho_k (J_t' J_t+k + transposed); slope (2, k, n)."""
     matrix = np.zeros((slope.shape[1], slope.shape[1]))
     for rows, rho in zip(slope, correlations, strict=True):
@@ -228,18 +226,18 @@ def _report(
     theta = optimum.theta
     information, _, _ = problem.prior(theta)
     more, plain = np.zeros_like(information), information.copy()
-    innovations = []
-    for data, w, answer, colour in zip(problem.runs, weights, optimum.answers, known, strict=True):
+    white = []
+    for data, w, answer in zip(problem.runs, weights, optimum.answers, strict=True):
         e, j = w.along(answer.residual), w.along(answer.slope)
-        innovations.append(e.T)
+        white.append(Whitened(e, j, answer.columns, float(np.median(np.diff(data.t_s)))))
         place = np.ix_(answer.columns, answer.columns)
         information[place] += j[0] @ j[0].T + j[1] @ j[1].T
-        step = float(np.median(np.diff(data.t_s)))
-        lags = int(max(1, min(LAG_SHARE * e.shape[1], LAG_S / step)))
         plain[place] += information_as_white(w, answer)
-        left = autocorrelation(e[0], lags), autocorrelation(e[1], lags)
-        more[place] += _coloured_meat(j, left if colour is None else colour.left)
     inverse = inverse_information(information, problem.free)
+    slow = leftover([run for run, colour in zip(white, known, strict=True) if colour is None], inverse)
+    for run, colour in zip(white, known, strict=True):
+        meat = slow.meat(run) if colour is None else _known_meat(run.slope, colour.left)
+        more[np.ix_(run.columns, run.columns)] += meat
     covariance = inverse @ (information + more) @ inverse
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     count = len(problem.runs)
@@ -256,7 +254,7 @@ def _report(
         response=[a.response.T for a in optimum.answers],
         residual=[a.residual.T for a in optimum.answers],
         scale=np.array([w.scale for w in weights]),
-        innovation=innovations,
+        innovation=[run.error.T for run in white],
         orders=np.array([[len(a) for a in w.regression] for w in weights]),
         chi2_per_dof=chi2_first,
         steps=steps,

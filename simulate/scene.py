@@ -73,7 +73,8 @@ def stage_of(file: ScenarioFile) -> Stage:
         water_m=film.water_depth_m,
         string_x_m=strings,
         girder_x_m=max(strings[1], file.tow.post_m[0]) + 0.08,
-        deck_m=min(float(np.mean(depths)), film.water_depth_m - _MIN_FREEBOARD_M),
+        # the lowest mark stands on the deck, the others on masts: no light shines up through the deck and what lies on it
+        deck_m=min(max(depths), film.water_depth_m - _MIN_FREEBOARD_M),
     )
 
 

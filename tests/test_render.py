@@ -17,6 +17,7 @@ from towline.record.toml import check_tables
 from towline.simulate import render, simulate_scenario
 from towline.simulate.picture_light import LIGHT_BGR, add_light
 from towline.simulate.render import camera_of, film_frames, render_scenario, true_tracks
+from towline.simulate.scene import stage_of
 
 NO_NOISE = {"read_noise_dn": 0.0, "electrons_per_dn": 1e9, "ripple": 0.0}
 
@@ -139,6 +140,29 @@ def test_led_on_its_own_deck_is_found_to_a_hundredth():
         u, v = float(row.u_px), float(row.v_px)  # pyright: ignore[reportArgumentType]
         fit = gaussian_fit(frame[..., 1].astype(float), u, v, radius=6)
         assert np.abs(np.array(fit) - [u, v]).max() < 0.01
+
+
+@pytest.mark.parametrize("bow_lower_m", [-0.06, 0.0, 0.06])
+def test_no_mark_shines_up_through_the_deck(bow_lower_m: float):
+    """The lowest mark stands on the deck, and the bar under the foremost one lies at its height, so that it pulls to no side.
+
+    The bar's stepped edges leave 0.01 px a frame, 0.004 px in the mean of six; three of these are allowed. A bar 3 cm above the
+    light (as when the deck lay at the marks' mean height) pulls it by 0.054 px along the rows at this heading.
+    """
+    depths = 0.10 + max(bow_lower_m, 0), 0.10 + max(-bow_lower_m, 0)
+    marks = [{**mark, "depth_m": depth} for mark, depth in zip(centred_marks(), depths, strict=True)]
+    start = {"y_cg_m": 0.2, "beta_rad": 0.15}
+    file = scenario(
+        film={**NO_NOISE, "hull_beam_m": 1.2, "camera": camera_table(340.0 * 1.4)}, marker=marks, start=start
+    )
+    assert stage_of(file).deck_m == max(depths)
+    motion, frames = filmed(file)
+    bow = true_tracks(file, motion, camera_of(file)).query("marker == 'bow'")
+    off = []
+    for row, frame in zip(bow.itertuples(), frames, strict=True):
+        u, v = float(row.u_px), float(row.v_px)  # pyright: ignore[reportArgumentType]
+        off.append(np.array(gaussian_fit(frame[..., 1].astype(float), u, v, radius=6)) - [u, v])
+    assert np.abs(np.mean(off, axis=0)).max() < 0.012
 
 
 def camera_table(focal_px: float) -> dict[str, Any]:

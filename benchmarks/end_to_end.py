@@ -131,12 +131,15 @@ def table(answers: list[dict[str, Any]]) -> str:
         )
     lines += ["", f"{'rms error in %, with':28}" + "".join(f"{name[:13]:>15}" for name in DERIVATIVE_UNITS)]
     for level in LEVELS:
-        able = [a for a in whole if "derivatives" in a[level]]
+        able = [a for a in whole if "derivatives" in a.get(level, {})]
+        if not able:
+            continue
         cells = []
         for name in DERIVATIVE_UNITS:
             share = [a[level]["derivatives"][name][0] / a["truth"][name] - 1 for a in able]
             cells.append(f"{100 * float(np.sqrt(np.mean(np.square(share)))):13.2f} %")
-        lines.append(f"{level:28}" + "".join(f"{c:>15}" for c in cells))
+        label = level if len(able) == len(whole) else f"{level}, {len(able)} of them"
+        lines.append(f"{label:28}" + "".join(f"{c:>15}" for c in cells))
     lines += ["", *_by_codec(whole)]
     minutes = np.array([a["film_s"] / 60 for a in whole])
     track, fit = (np.array([a["film"][k] for a in whole]) for k in ("track_s", "fit_s"))

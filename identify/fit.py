@@ -225,8 +225,7 @@ def _report(
     """Put the optimum into a Fit."""
     theta = optimum.theta
     information, _, _ = problem.prior(theta)
-    more, plain = np.zeros_like(information), information.copy()
-    white = []
+    plain, white = information.copy(), []
     for data, w, answer in zip(problem.runs, weights, optimum.answers, strict=True):
         e, j = w.along(answer.residual), w.along(answer.slope)
         white.append(Whitened(e, j, answer.columns, float(np.median(np.diff(data.t_s)))))
@@ -235,6 +234,7 @@ def _report(
         plain[place] += information_as_white(w, answer)
     inverse = inverse_information(information, problem.free)
     slow = leftover([run for run, colour in zip(white, known, strict=True) if colour is None], inverse)
+    more = np.zeros_like(information)
     for run, colour in zip(white, known, strict=True):
         meat = slow.meat(run) if colour is None else _known_meat(run.slope, colour.left)
         more[np.ix_(run.columns, run.columns)] += meat

@@ -16,9 +16,10 @@ T_S = STEP_S * np.arange(COUNT)
 
 
 def swing() -> np.ndarray:
-    """Slopes (6, n) as a tow's: its swing and how that grows and decays, a bias, a drift."""
+    """Slopes (2, 6, n) as a tow's: its swing and how that grows and decays, a drift, a bias; of each another in each channel."""
     wave = 2 * np.pi * 0.05 * T_S
-    return np.array([np.cos(wave), np.sin(wave), T_S * np.cos(wave) / 20, T_S * np.sin(wave) / 20, T_S / 20, T_S**0])
+    rows = np.array([np.cos(wave), np.sin(wave), T_S * np.cos(wave) / 20, T_S * np.sin(wave) / 20, T_S / 20, T_S**0])
+    return np.stack([rows, rows[::-1]])
 
 
 def coloured(rng: np.random.Generator, size: float, corner_hz: float) -> np.ndarray:
@@ -32,7 +33,7 @@ def regression(
     rng: np.random.Generator, size: float, runs: int = 4
 ) -> tuple[np.ndarray, Leftover, np.ndarray, np.ndarray]:
     """Parameters (6,) whose truth is 0, what is left over, and their covariance with it and without."""
-    slope = np.stack([swing(), swing()[::-1]])
+    slope = swing()
     noise = [np.stack([coloured(rng, size, 0.3) for _ in range(2)]) for _ in range(runs)]
     inverse = np.linalg.inv(runs * (slope[0] @ slope[0].T + slope[1] @ slope[1].T))
     theta = inverse @ sum(slope[0] @ e[0] + slope[1] @ e[1] for e in noise)
@@ -44,7 +45,7 @@ def regression(
 
 def test_the_meat_is_the_slopes_with_the_excess_covariance() -> None:
     """J' C J with C's entries the Lorentzian's own: pi a f0 dt exp(-2 pi f0 |lag|)."""
-    slope = np.stack([swing(), swing()[::-1]])
+    slope = swing()
     run = Whitened(np.zeros((2, COUNT)), slope, np.arange(6), STEP_S)
     for index, corner in enumerate(CORNERS_HZ):
         size = np.zeros(len(CORNERS_HZ))

@@ -155,7 +155,7 @@ def table(answers: list[dict[str, Any]]) -> str:
 def _by_codec(whole: list[dict[str, Any]]) -> list[str]:
     """What the film's compression costs."""
     lines = [
-        f"{'by codec':12}{'campaigns':>10}{'median |error| of the six':>28}{'median std':>12}   95 % intervals hold"
+        f"{'by codec':12}{'campaigns':>10}{'median |error| of the six':>28}{'median std':>12}{'rms of z':>10}   95 % intervals hold"
     ]
     for name, low, high in CODECS:
         here = [a for a in whole if low <= _crf(a["codec"]) <= high]
@@ -165,8 +165,8 @@ def _by_codec(whole: list[dict[str, Any]]) -> list[str]:
         std = np.array([[s / abs(a["truth"][n]) for n, (_, s) in a["film"]["derivatives"].items()] for a in here])
         held = int((np.abs(share) < COVERED * std).sum())
         lines.append(
-            f"{name:12}{len(here):10d}{100 * np.median(np.abs(share)):26.2f} %{100 * np.median(std):10.2f} %   "
-            f"{held}/{share.size} = {100 * held / share.size:.0f} %"
+            f"{name:12}{len(here):10d}{100 * np.median(np.abs(share)):26.2f} %{100 * np.median(std):10.2f} %"
+            f"{np.sqrt(np.mean(np.square(share / std))):10.2f}   {held}/{share.size} = {100 * held / share.size:.0f} %"
         )
     return lines
 

@@ -70,21 +70,34 @@ def copied(to: Path) -> Path:
     return to
 
 
-def pytest(place: Path, arguments: list[str], timeout_s: float | None = None) -> int:
-    """Exit status of the tests in a copy; 124: they did not end."""
+def pytest(place: Path, arguments: list[str], timeout_s: float | None = None) -> tuple[int, list[str]]:
+    """Exit status of the tests in a copy (124: they did not end), and those that failed."""
     one = dict.fromkeys(THREADS, "1")
     environment = {**os.environ, **one, "PYTHONPATH": str(place), "PYTHONDONTWRITEBYTECODE": "1"}
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
+    report = place / "report.xml"
+    report.unlink(missing_ok=True)
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", f"--junitxml={report}", *arguments]
     process = subprocess.Popen(
         command, cwd=place / "towline", env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         start_new_session=True,
     )  # fmt: skip
     try:
-        return process.wait(timeout_s)
+        code = process.wait(timeout_s)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, 9)
         process.wait()
-        return 124
+        return 124, []
+    if not report.is_file():
+        return code, []
+    return code, [
+        name for name, case in cases(report) if case.find("failure") is not None or case.find("error") is not None
+    ]
+
+
+def cases(report: Path) -> Iterator[tuple[str, ElementTree.Element]]:
+    """Every test of a report, by its name on the command line; files are told from tests/, where pytest.ini stands."""
+    for case in ElementTree.parse(report).iter("testcase"):
+        yield f"tests/{case.attrib['classname'].replace('.', '/')}.py::{case.attrib['name']}", case
 
 
 def reached(out: Path, workers: int) -> tuple[dict[str, list[str]], dict[str, float]]:
@@ -95,7 +108,6 @@ def reached(out: Path, workers: int) -> tuple[dict[str, list[str]], dict[str, fl
         sources = [f"--cov={place / 'towline' / room}" for room in ROOMS]
         settings = place / "coverage.toml"
         settings.write_text(f'[tool.coverage.run]\ndata_file = "{place / "cov"}"\n')
-        report = place / "times.xml"
         pytest(
             place,
             [
@@ -105,14 +117,10 @@ def reached(out: Path, workers: int) -> tuple[dict[str, list[str]], dict[str, fl
                 "--cov-context=test",
                 f"--cov-config={settings}",
                 "--cov-report=",
-                f"--junitxml={report}",
             ],
         )
-        times: dict[str, float] = {}
-        for case in ElementTree.parse(report).iter("testcase"):
-            # both tell a test's file from tests/, where pytest.ini stands
-            file = case.attrib["classname"].replace(".", "/") + ".py"
-            times[f"tests/{file}::{case.attrib['name']}"] = float(case.attrib["time"])
+        # a test that failed or was skipped says nothing about a mutant
+        times = {name: float(case.attrib["time"]) for name, case in cases(place / "report.xml") if not len(case)}
         lines: dict[str, list[str]] = defaultdict(list)
         for file, test, numbits in sqlite3.connect(place / "cov").execute(
             "select path, context, numbits from line_bits join file on file.id = file_id join context on context.id = context_id"
@@ -194,13 +202,14 @@ def judged(mutant: Mutant, place: Path, lines: dict[str, list[str]], times: dict
     whole = path.read_text()
     path.write_text(mutate_code(whole, get_operator(mutant.operator)(), mutant.occurrence) or whole)
     try:
-        code = pytest(place, ["-x", *chosen], 3 * spent + SLACK_S)
+        code, failed = pytest(place, ["-x", *chosen], 3 * spent + SLACK_S)
     finally:
         path.write_text(whole)
     return {
         **asdict(mutant),
         "killed": code != 0,
         "code": code,
+        "by": failed,
         "tests": len(chosen),
         "of": len(set(tests)),
         "direct": direct,

@@ -155,6 +155,24 @@ def test_a_filter_without_any_noise_has_no_likelihood(campaigns: ModuleType) -> 
         maximise(runs, "linear", 1.28, fit.theta, noise=nothing)
 
 
+def test_a_spread_that_is_negative_in_both_channels_has_no_likelihood(
+    campaigns: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its determinant is positive as a variance's is, and -2 log L without bound below: a search would run to it."""
+    import towline.identify.colour.innovations as room
+
+    rng = np.random.default_rng(4)
+    runs = [
+        campaigns.noisy(campaigns.still_run(x, campaigns.times(8.0, 40.0), "modal"), rng)
+        for x in campaigns.POINTS_M[::3]
+    ]
+    fit = fit_runs(runs, "linear")
+    whole = room.innovations
+    monkeypatch.setattr(room, "innovations", lambda *given: replace(found := whole(*given), spread=-found.spread))
+    with pytest.raises(EstimationError, match="no likelihood"):
+        maximise(runs, "linear", fit.speed_m_s, fit.theta)
+
+
 def test_common_camera_errors_stay_in_the_innovations_form(campaigns: ModuleType) -> None:
     """A 2 % scale of y with its mode is found under a coloured force as well."""
     t = campaigns.times(16.0)

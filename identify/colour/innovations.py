@@ -203,7 +203,7 @@ def _run(data: RunData, answer: Answer, part: Slow | None, six: Array, noise: Ar
     with np.errstate(all="ignore"):
         found = innovations(data, six, noise, speed_m_s, answer.residual, answer.slope, part)
         sign, log_determinant = np.linalg.slogdet(found.spread)
-        if not (sign > 0).all():  # a step that leaves no noise at all
+        if not ((sign > 0) & (found.spread[:, 0, 0] > 0)).all():  # a step that leaves no noise at all
             return _Run(found, np.inf, np.zeros(0), np.zeros((0, 0)))
         inverse = np.linalg.inv(found.spread)
         weighed = np.einsum("nij,nj->ni", inverse, found.error)

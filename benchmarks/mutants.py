@@ -6,7 +6,8 @@
 Mutations are cosmic-ray's (operators, comparisons, numbers, loops, decorators, booleans), drawn evenly over all that could be made,
 but for annotations, which nothing evaluates. A coverage run says which tests reach which line, and how long each takes; a mutant
 meets them, the shortest first, until one fails or they have taken --most-s. A line that no test of this process reaches (it runs
-in a worker) meets the shortest tests of its room. Started again, it goes on; OUT/mutants.txt is the table, with every survivor.
+in a worker) meets the shortest tests of its room. Tests that killed are run without a mutation in the end. Started again, it goes
+on; OUT/mutants.txt is the table, with every survivor.
 """
 
 from __future__ import annotations
@@ -209,16 +210,39 @@ def judged(mutant: Mutant, place: Path, lines: dict[str, list[str]], times: dict
         **asdict(mutant),
         "killed": code != 0,
         "code": code,
-        "by": failed,
+        "by": [name for name in failed if name in times],
         "tests": len(chosen),
         "of": len(set(tests)),
         "direct": direct,
     }
 
 
-def table(found: list[dict]) -> str:
-    """Shares by room, and the survivors."""
-    rows = []
+def unsure(found: list[dict], out: Path) -> list[str]:
+    """Tests that killed, and fail in the project as it stands too when they run in the order of the table: their word is void."""
+    names = sorted({name for one in found for name in one["by"]})
+    if not names:
+        return []
+    place = copied(out / "as-it-stands")
+    try:
+        code, failed = pytest(place, names)
+    finally:
+        shutil.rmtree(place)
+    if code not in (0, 1):
+        raise SystemExit(f"the tests that killed could not be run without a mutation: pytest ended with {code}")
+    return failed
+
+
+def table(found: list[dict], void: list[str]) -> str:
+    """Shares by room, how they died, and the survivors."""
+    how = {"a test failed": 0, "no test could start": 0, "did not end": 0}
+    for one in found:
+        if one["killed"]:
+            how["a test failed" if one["by"] else "did not end" if one["code"] == 124 else "no test could start"] += 1
+    rows = [
+        "killed because: " + ", ".join(f"{what} {count}" for what, count in how.items()),
+        f"tests that killed and fail without a mutation too: {', '.join(void) or 'none'}",
+        "",
+    ]
     for room in (*ROOMS, ""):
         of = [one for one in found if one["file"].startswith(room)]
         k, n = sum(one["killed"] for one in of), len(of)
@@ -266,7 +290,8 @@ def main() -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    text = table([json.loads((out / f"{k:04d}.json").read_text()) for k, _ in todo])
+    found = [json.loads((out / f"{k:04d}.json").read_text()) for k, _ in todo]
+    text = table(found, unsure(found, out))
     (out / "mutants.txt").write_text(text)
     print(text)
 

@@ -230,6 +230,7 @@ def steady_file(
         chi2_per_dof=fit.chi2_per_dof,
         pairs=fit.pairs,
         y_v=fit.y_v,
+        n_v=fit.n_v,
         y_delta_delta=fit.y_delta_delta,
         n_delta_delta=fit.n_delta_delta,
         x_v_true_m=x_v_true_m,

@@ -40,7 +40,9 @@ class SteadyState:
     name : of the run
     tow_point_m, tow_point_sd_m : X_T
     speed_m_s : U
-    tension_n, tension_sd_rel : T and its relative scatter; None where T was not measured
+    tension_n, tension_sd_rel, tension_common_sd_rel : T, its relative scatter, and its relative error common to all tows; None
+        where T was not measured
+    speed_sd_rel : error of U common to all tows, relative
     alpha_rad, beta_rad : means over the window
     covariance : (2, 2), of the two means, frame part (long-run variance)
     common : (k, 2), change of (alpha, beta) with each unit-variance common mode; common_key: whose modes
@@ -58,6 +60,8 @@ class SteadyState:
     speed_m_s: float = 1.0
     tension_n: float | None = None
     tension_sd_rel: float = 0.0
+    tension_common_sd_rel: float = 0.0
+    speed_sd_rel: float = 0.0
     span_s: tuple[float, float] = (0.0, 0.0)
     settled: bool = True
 
@@ -79,7 +83,7 @@ class SteadyFit:
     interval_m : 95 % interval of x_v_m
     chi2_per_dof : of the line, None for two tows
     pairs : X_v of every two tows (4.9)
-    y_v, y_delta_delta, n_delta_delta : with X_delta and T known, else None
+    y_v, n_v, y_delta_delta, n_delta_delta : with X_delta and T known, else None
     notes : for the user
     """
 
@@ -89,6 +93,7 @@ class SteadyFit:
     chi2_per_dof: float | None
     pairs: dict[str, Measured]
     y_v: Measured | None
+    n_v: Measured | None
     y_delta_delta: Measured | None
     n_delta_delta: Measured | None
     notes: tuple[str, ...]
@@ -157,6 +162,8 @@ def steady_state(run: Run, motion: pd.DataFrame, common: Array | None) -> Steady
         speed_m_s=tow.speed_m_s,
         tension_n=tension,
         tension_sd_rel=priors.tension_sd_rel,
+        tension_common_sd_rel=priors.tension_common_sd_rel,
+        speed_sd_rel=priors.speed_sd_rel,
         span_s=(float(times[first]), float(times[-1])),
         settled=settled,
     )
@@ -248,7 +255,7 @@ def fit_steady(tows: list[SteadyState], x_delta_m: float | None = None) -> Stead
         )
     # start: least squares of F X_T - X_v F = k
     x_v, k = np.linalg.lstsq(np.column_stack([force, np.ones_like(force)]), force * x_t, rcond=None)[0]
-    inverse, total = np.eye(2), covariance
+    inverse, gain, total = np.eye(2), np.zeros((2, len(tows))), covariance
     for _ in range(30):
         gap_x = x_t - x_v
         slope = np.column_stack([k / gap_x**2, 1 / gap_x])
@@ -256,18 +263,19 @@ def fit_steady(tows: list[SteadyState], x_delta_m: float | None = None) -> Stead
         total = covariance + spread + np.diag((1e-9 * force) ** 2)
         weight = np.linalg.inv(total)
         inverse = np.linalg.inv(slope.T @ weight @ slope)
-        step = inverse @ slope.T @ weight @ (force - k / gap_x)
+        gain = inverse @ slope.T @ weight
+        step = gain @ (force - k / gap_x)
         x_v, k = x_v + step[0], k + step[1]
         if np.abs(step).max() < 1e-14:
             break
     rest = force - k / (x_t - x_v)
     degrees = len(tows) - 2
-    per_dof = None
+    per_dof, widened = None, 1.0
     if degrees:
         square = float(rest @ np.linalg.inv(total) @ rest)
         per_dof = square / degrees
         if chdtrc(degrees, square) < 0.01:
-            inverse = inverse * per_dof
+            widened = per_dof
             notes.append(
                 f"the tows do not lie on one line to within their errors (chi-square {square:.1f} of {degrees}): "
                 f"the interval is widened {np.sqrt(per_dof):.1f} times; speed, rudder or tension changed between them, "
@@ -278,20 +286,37 @@ def fit_steady(tows: list[SteadyState], x_delta_m: float | None = None) -> Stead
     for tow in tows:
         if not tow.settled:
             notes.append(f"run {tow.name!r} still drifts at its end; a longer tow would settle it")
-    sd = np.sqrt(np.diag(inverse))
+    common = max(t.tension_common_sd_rel for t in tows) if all(measured) else 0.0
+    sd = np.sqrt(np.diag(inverse) * widened)
     half = float(ndtri(0.975) * sd[0])
-    hull = _hull_from_steady(tows, force, x_v, k, inverse, x_delta_m)
+    y_v, n_v, y_delta, n_delta = _hull_from_steady(tows, force, (x_v, k), gain, widened, x_delta_m)
     return SteadyFit(
         x_v_m=Measured(value=float(x_v), std=float(sd[0])),
-        slope=Measured(value=float(k), std=float(sd[1])),
+        slope=Measured(value=float(k), std=float(np.hypot(sd[1], k * common))),
         interval_m=(float(x_v) - half, float(x_v) + half),
         chi2_per_dof=per_dof,
         pairs=_pairs(tows, x_t, force, covariance),
-        y_v=hull[0],
-        y_delta_delta=hull[1],
-        n_delta_delta=hull[2],
+        y_v=y_v,
+        n_v=n_v,
+        y_delta_delta=y_delta,
+        n_delta_delta=n_delta,
         notes=tuple(notes),
     )
+
+
+def input_covariance(tows: list[SteadyState]) -> Array:
+    """(4n, 4n), of (alpha, beta, ln T, X_T) of each tow; common camera modes run across tows, T's and U's common errors do not."""
+    n = len(tows)
+    covariance = np.zeros((4 * n, 4 * n))
+    for i, a in enumerate(tows):
+        at = slice(4 * i, 4 * i + 2)
+        covariance[at, at] += a.covariance
+        covariance[4 * i + 2, 4 * i + 2] = a.tension_sd_rel**2 if a.tension_n is not None else 0.0
+        covariance[4 * i + 3, 4 * i + 3] = a.tow_point_sd_m**2
+        for j, b in enumerate(tows):
+            if len(a.common) and len(a.common) == len(b.common) and (i == j or a.common_key == b.common_key):
+                covariance[at, 4 * j : 4 * j + 2] += a.common.T @ b.common
+    return covariance
 
 
 def _force_covariance(tows: list[SteadyState], force: Array) -> Array:
@@ -325,29 +350,62 @@ def _pairs(tows: list[SteadyState], x_t: Array, force: Array, covariance: Array)
 
 
 def _hull_from_steady(
-    tows: list[SteadyState], force: Array, x_v: float, k: float, inverse: Array, x_delta_m: float | None
-):
-    """Y_v = F (X_T - X_delta)/(v (X_v - X_delta)) and Y_delta delta = F (X_v - X_T)/(X_v - X_delta) (4.10, 5.6-5.8)."""
+    tows: list[SteadyState],
+    force: Array,
+    line: tuple[float, float],
+    gain: Array,
+    widened: float,
+    x_delta_m: float | None,
+) -> tuple[Measured | None, Measured | None, Measured | None, Measured | None]:
+    """Y_v = F (X_T - X_delta)/(v (X_v - X_delta)), N_v = X_v Y_v, Y_delta delta = F (X_v - X_T)/(X_v - X_delta) and
+    N_delta delta = X_delta Y_delta delta (4.10, 5.6-5.8).
+
+    Errors of every tow's angles, T and X_T are carried through both, with what they do to the line (``gain``, (2, n): change of
+    X_v and k with each F); T's and U's common errors scale them.
+    """
     if x_delta_m is None or any(t.tension_n is None for t in tows):
-        return None, None, None
-    values, weights = [], []
-    for tow, f in zip(tows, force, strict=True):
+        return None, None, None, None
+    n, (x_v, k) = len(tows), line
+    arm = x_v - x_delta_m
+    by_force = np.zeros((n, 4 * n))  # of F, by the inputs of input_covariance
+    by_gap = np.zeros((n, 4 * n))  # of F - k/(X_T - X_v)
+    for i, tow in enumerate(tows):
+        by_force[i, 4 * i : 4 * i + 2] = tow.force()[1]
+        by_force[i, 4 * i + 2] = force[i]
+        by_gap[i, 4 * i + 3] = k / (tow.tow_point_m - x_v) ** 2
+    by_gap += by_force
+    x_v_by, k_by = gain @ by_gap
+    inputs = widened * input_covariance(tows)
+    tension = max(t.tension_common_sd_rel for t in tows)
+    both = float(np.hypot(tension, max(t.speed_sd_rel for t in tows)))
+
+    def measured(value: float, by: Array, shared: float) -> Measured:
+        return Measured(value=float(value), std=float(np.hypot(np.sqrt(by @ inputs @ by), value * shared)))
+
+    y_delta, y_delta_by = -k / arm, (k / arm * x_v_by - k_by) / arm  # F (X_v - X_T) = -k
+    rudder = (
+        measured(y_delta, y_delta_by, tension),
+        measured(x_delta_m * y_delta, x_delta_m * y_delta_by, tension),
+    )
+    values, slopes, weights = [], [], []
+    for i, tow in enumerate(tows):
         v = -tow.speed_m_s * np.sin(tow.beta_rad)
         if v == 0.0:
             continue
-        values.append(f * (tow.tow_point_m - x_delta_m) / (v * (x_v - x_delta_m)))
+        lever = tow.tow_point_m - x_delta_m
+        by = by_force[i] * lever
+        by[4 * i + 3] += force[i]
+        by[4 * i + 1] -= force[i] * lever / np.tan(tow.beta_rad)
+        values.append(force[i] * lever / (v * arm))
+        slopes.append(by / (v * arm) - values[-1] / arm * x_v_by)
         share = np.sqrt(tow.covariance[1, 1]) / abs(np.tan(tow.beta_rad))
         weights.append(1 / max(share, 1e-6) ** 2)
-    arm = x_v - x_delta_m
-    y_delta = -k / arm  # F (X_v - X_T) = -k
-    slope = np.array([k / arm**2, -1 / arm])
-    sd = float(np.sqrt(slope @ inverse @ slope))
     if not values:
-        return None, Measured(value=y_delta, std=sd), Measured(value=x_delta_m * y_delta, std=abs(x_delta_m) * sd)
-    mean = float(np.average(values, weights=weights))
-    scatter = float(np.std(values, ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
-    y_v = Measured(value=mean, std=float(np.hypot(scatter, abs(mean / arm) * np.sqrt(inverse[0, 0]))))
-    return y_v, Measured(value=y_delta, std=sd), Measured(value=x_delta_m * y_delta, std=abs(x_delta_m) * sd)
+        return None, None, *rudder
+    y_v = float(np.average(values, weights=weights))
+    y_v_by = np.average(slopes, axis=0, weights=weights)
+    damping = measured(y_v, y_v_by, both), measured(x_v * y_v, x_v * y_v_by + y_v * x_v_by, both)
+    return *damping, *rudder
 
 
 def steady_tow_result(tow: SteadyState) -> SteadyTow:

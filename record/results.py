@@ -109,6 +109,7 @@ class SteadyFile(ResultFile):
     chi2_per_dof: float | None = Field(description="of the line; null for two tows")
     pairs: dict[str, Measured] = Field(description="X_v of every two tows (4.9), by their names")
     y_v: Measured | None = Field(description="Y_v, N s/m, with X_delta known and T measured (5.6)")
+    n_v: Measured | None = Field(default=None, description="N_v = X_v Y_v, N s, where Y_v is given")
     y_delta_delta: Measured | None = Field(description="Y_delta delta, N (5.7)")
     n_delta_delta: Measured | None = Field(description="N_delta delta, N m")
     x_v_true_m: float | None = Field(default=None, description="where the runs carry their truth (rendered runs)")

@@ -178,7 +178,7 @@ def tension_measured(result: SteadyFile) -> bool:
 
 
 def steady_rows(result: SteadyFile) -> list[Row]:
-    """The lines of the steady table: X_v, slope, then Y_v, Y_delta delta, N_delta delta where known, then the pairs."""
+    """The lines of the steady table: X_v, slope, then Y_v, N_v, Y_delta delta, N_delta delta where known, then the pairs."""
     slope_unit = "N m" if tension_measured(result) else "m"
     rows = [
         quantity_row("x_v_m", "X_v", result.x_v_m, "m", result.x_v_true_m),
@@ -186,6 +186,7 @@ def steady_rows(result: SteadyFile) -> list[Row]:
     ]
     for key, symbol, unit in (
         ("y_v", "Y_v", "N s/m"),
+        ("n_v", "N_v", "N s"),
         ("y_delta_delta", "Y_delta delta", "N"),
         ("n_delta_delta", "N_delta delta", "N m"),
     ):

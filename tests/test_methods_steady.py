@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import fsolve
 
 from towline.identify.methods.steady_hull import damping_from_known_point, fit_steady_hull
-from towline.identify.steady import SteadyState
+from towline.identify.steady import SteadyState, fit_steady
 from towline.record import EstimationError
 from towline.simulate import Hull, Tow
 from towline.simulate.model import full_rates
@@ -90,6 +90,41 @@ def test_intervals_are_true_over_many_seeds() -> None:
     assert (np.abs(np.std(z, axis=0) - 1) < 4 / np.sqrt(800) + 0.05).all(), np.std(z, axis=0)
     assert (np.abs(np.mean(z, axis=0)) < 4 / np.sqrt(400) + 0.1).all(), np.mean(z, axis=0)
     assert abs(inside / 400 - 0.95) < 4 * np.sqrt(0.05 * 0.95 / 400)
+
+
+@pytest.mark.parametrize("points_m", [POINTS_M[::4], POINTS_M[::2], POINTS_M])
+def test_intervals_with_a_known_rudder_point_are_true_over_many_seeds(points_m: tuple[float, ...]) -> None:
+    """400 campaigns of two, three, five tows: errors of each tow's own and, of heading, T and U, common to all; bars as above."""
+    rng = np.random.default_rng(3)
+    mode = np.array([[0.0, SD / 2]])
+    common = {"common": mode, "common_key": "c", "tension_common_sd_rel": 0.004, "speed_sd_rel": 0.003}
+    clean = [replace(tow_state(x), tension_sd_rel=0.005, tow_point_sd_m=0.0005, **common) for x in points_m]
+    z = []
+    for _ in range(400):
+        heading, tension, speed = mode[0, 1] * rng.normal(), 1 + 0.004 * rng.normal(), 1 + 0.003 * rng.normal()
+        tows = [
+            replace(
+                t,
+                alpha_rad=t.alpha_rad + rng.normal(0, SD),
+                beta_rad=t.beta_rad + rng.normal(0, SD) + heading,
+                tension_n=3.96 * tension * (1 + rng.normal(0, 0.005)),
+                speed_m_s=1.28 * speed,
+                tow_point_m=t.tow_point_m + rng.normal(0, 0.0005),
+            )
+            for t in clean
+        ]
+        line, free = fit_steady(tows, -1.2), fit_steady_hull(tows)
+        y_v, n_v = damping_from_known_point(tows, -1.2)
+        assert line.y_delta_delta is not None
+        assert line.n_delta_delta is not None
+        pairs = [
+            (line.x_v_m, 48.51 / 52.87), (y_v, -52.87), (n_v, -48.51),
+            (line.y_delta_delta, -2.0 * DELTA), (line.n_delta_delta, 2.4 * DELTA),
+            (free.y_v, -52.87), (free.n_v, -48.51), (free.y_delta_delta, -2.0 * DELTA), (free.n_delta_delta, 2.4 * DELTA),
+        ]  # fmt: skip
+        z.append([(found.value - truth) / found.std for found, truth in pairs])
+    assert (np.abs(np.std(z, axis=0) - 1) < 4 / np.sqrt(800) + 0.05).all(), np.std(z, axis=0)
+    assert (np.abs(np.mean(z, axis=0)) < 4 / np.sqrt(400) + 0.1).all(), np.mean(z, axis=0)
 
 
 def test_refusals_and_notes() -> None:

@@ -18,7 +18,7 @@ from scipy.special import chdtrc, ndtri
 from ...record.errors import EstimationError
 from ...record.results import Measured
 from ...simulate.model import Array
-from ..steady import SteadyState, fit_steady
+from ..steady import SteadyState, fit_steady, input_covariance
 from .common import propagate
 
 ROUNDS = 8
@@ -97,7 +97,7 @@ def fit_steady_hull(
     force = np.array([t.force()[0] for t in tows])
     x_t = np.array([t.tow_point_m for t in tows])
     rows, target = _equations(v, force, x_t)
-    inputs = _input_covariance(tows)
+    inputs = input_covariance(tows)
     theta = np.linalg.lstsq(rows, target, rcond=None)[0]
     inverse, weight = np.eye(4), np.eye(len(target))
     for _ in range(ROUNDS):
@@ -123,11 +123,16 @@ def fit_steady_hull(
             )
     else:
         notes.append("two tows fix the four numbers without a check; a third tow point would test them")
-    unit, in_r = 1.0, not all(known)
+    in_r = not all(known)
+    # errors that all tows share: of T in all four, of U in the two that are over v
+    for error, moved in (
+        (max(t.tension_common_sd_rel for t in tows) * (not in_r), theta),
+        (max(t.speed_sd_rel for t in tows), theta * [1.0, 0.0, 1.0, 0.0]),
+    ):
+        inverse = inverse + np.outer(moved, moved) * error**2
     if in_r and resistance_n is not None:
-        unit = resistance_n
         relative = resistance_sd_n / resistance_n
-        theta, inverse = theta * unit, inverse * unit**2
+        theta, inverse = theta * resistance_n, inverse * resistance_n**2
         inverse = inverse + np.outer(theta, theta) * relative**2
         in_r = False
     elif in_r:
@@ -141,21 +146,6 @@ def _equations(v: Array, force: Array, x_t: Array) -> tuple[Array, Array]:
     zero, one = np.zeros_like(v), np.ones_like(v)
     rows = np.concatenate([np.column_stack([v, one, zero, zero]), np.column_stack([zero, zero, v, one])])
     return rows, np.concatenate([force, force * x_t])
-
-
-def _input_covariance(tows: list[SteadyState]) -> Array:
-    """(4n, 4n), of (alpha, beta, ln T, X_T) of each tow; common camera modes run across tows."""
-    n = len(tows)
-    covariance = np.zeros((4 * n, 4 * n))
-    for i, a in enumerate(tows):
-        at = slice(4 * i, 4 * i + 2)
-        covariance[at, at] += a.covariance
-        covariance[4 * i + 2, 4 * i + 2] = a.tension_sd_rel**2 if a.tension_n is not None else 0.0
-        covariance[4 * i + 3, 4 * i + 3] = a.tow_point_sd_m**2
-        for j, b in enumerate(tows):
-            if len(a.common) and len(a.common) == len(b.common) and (i == j or a.common_key == b.common_key):
-                covariance[at, 4 * j : 4 * j + 2] += a.common.T @ b.common
-    return covariance
 
 
 def _misclosure_slope(tows: list[SteadyState], theta: Array) -> Array:
@@ -232,8 +222,6 @@ def damping_from_known_point(tows: Sequence[SteadyState], x_delta_m: float) -> t
     EstimationError : no tension
     """
     fit = fit_steady(list(tows), x_delta_m)
-    if fit.y_v is None:
+    if fit.y_v is None or fit.n_v is None:
         raise EstimationError("Y_v by (4.10) needs a measured tension")
-    y_v, x_v = fit.y_v, fit.x_v_m
-    n_v = y_v.value * x_v.value
-    return y_v, Measured(value=n_v, std=float(abs(n_v) * np.hypot(y_v.std / y_v.value, x_v.std / x_v.value)))
+    return fit.y_v, fit.n_v

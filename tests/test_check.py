@@ -10,12 +10,13 @@ from types import ModuleType
 import numpy as np
 import pytest
 import tomlkit
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from towline.cli import main
 from towline.geometry import motion_from_tracks, run_datum
 from towline.geometry.checks.bundle import Extra
-from towline.geometry.checks.check import Check, bundle_of, check_geometry, tolerances
+from towline.geometry.checks.check import Check, _long_run, bundle_of, check_geometry, tolerances
 from towline.geometry.checks.refine import refined
 from towline.record import GeometryError, read_tracks
 from towline.record.tables import write_table
@@ -62,6 +63,19 @@ def test_nothing_planted_nothing_named(cameras: ModuleType) -> None:
         scene = cameras.random_scene(np.random.default_rng(seed), FRAMES)
         check = checked(cameras.film(scene, np.random.default_rng([seed, 7])))
         assert not check.named, check.named[0].fault
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])
+def test_sums_of_a_coloured_series_vary_as_its_long_run_variance_says(memory: float) -> None:
+    """1 + 2 (a + a^2 + ...) down to where a^k is a twentieth, of an autoregression of variance 1; 40 draws of 4000 samples, whose
+    splines take a per cent or two. A mean over 40 draws is known to 2 %."""
+    rng, t = np.random.default_rng(5), np.arange(4000) / 400
+    found = []
+    for _ in range(40):
+        series = lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.normal(size=4400))[400:]
+        found.append(_long_run(t, series))
+    powers = memory ** np.arange(1, 50)
+    assert np.mean(found) == pytest.approx(1 + 2 * powers[powers > 0.05].sum(), rel=0.08)
 
 
 def test_coloured_noise_is_no_fault(cameras: ModuleType) -> None:

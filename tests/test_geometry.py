@@ -194,7 +194,7 @@ def test_errors_of_the_points_own_places_widen_the_camera() -> None:
 def test_marks_on_the_post_give_the_carriage() -> None:
     """The camera is fixed to the tank, the carriage drives by at 0.1 m/s: the model's motion against it comes out."""
     seen = camera()
-    run = run_of(seen, picks(seen, TOP), Path())
+    run = run_of(seen, picks(seen, TOP), Path(), post_m=[0.05, 0.12])
     post = Marker(name="post", body_m=(-0.3, 0.2), depth_m=0.0, on="post")
     file = run.file.model_copy(update={"marker": (*run.file.marker, post)})
     moving = Run(run.folder, file)
@@ -203,7 +203,9 @@ def test_marks_on_the_post_give_the_carriage() -> None:
     gone = np.column_stack([0.1 * t - 0.1, np.zeros((60, 2))])
     rng = np.random.default_rng(3)
     hull = tracks_of(seen, run, pose + gone, 0.0, rng)
-    mark = tracks_of(seen, Run(run.folder, file.model_copy(update={"marker": (post,)})), gone, 0.0, rng)
+    mark = tracks_of(
+        seen, Run(run.folder, file.model_copy(update={"marker": (post,)})), gone + np.array([0.05, 0.12, 0.0]), 0.0, rng
+    )
     made = motion_from_tracks(moving, pd.concat([hull, mark]), run_datum(moving, None)).motion
     np.testing.assert_allclose(made[["x_cg_m", "y_cg_m", "beta_rad"]], pose, atol=1e-6)
     still = motion_from_tracks(run, hull, run_datum(run, None)).motion

@@ -121,6 +121,11 @@ def test_four_tow_points_are_determined_and_left_alone(campaigns: ModuleType) ->
     share = transient_share(fit, runs[0], 0)
     assert share is not None
     assert share > 0.1
+    # the full form's own numbers begin with alpha instead of y: the same state, the same share
+    y, beta, tow = fit.own[0, 0], fit.own[0, 1], runs[0].tow
+    own = fit.own.copy()
+    own[0, 0] = np.arcsin((y + tow.tow_point_m * np.sin(beta)) / tow.line_length_m)
+    assert transient_share(replace(fit, form="full", own=own), runs[0], 0) == pytest.approx(share, rel=1e-9)
 
 
 def test_combinations_of_a_known_covariance() -> None:

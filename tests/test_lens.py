@@ -17,6 +17,7 @@ from towline.cli import main
 from towline.geometry.camera import Lens
 from towline.geometry.lens import Board, BoardView, Calibration, calibrate, coverage, find_board, other_size, uncovered
 from towline.geometry.lens.advice import advice
+from towline.geometry.lens.calibrate import start
 from towline.geometry.lens.choose import apart, still_views
 from towline.geometry.lens.model import Corners, Poses, residuals, slopes
 from towline.geometry.lens.scatter import view_scatter
@@ -268,6 +269,21 @@ def test_too_little_says_what_is_missing() -> None:
         Board(5, 7, 0.03, "DICT_6X6_250", 0.03)
     with pytest.raises(GeometryError, match="no dictionary 'DICT_NONE'"):
         find_board(np.zeros((50, 50), np.uint8), Board(5, 7, 0.03, "DICT_NONE", 0.02))
+
+
+def test_the_start_holds_what_the_fit_will_hold() -> None:
+    """One focal length where the fit has one, two where it has two; a term that the fit leaves out is nothing."""
+    generator = np.random.default_rng(12)
+    views = seen(generator, lens=replace(TRUE, fy_px=TRUE.fx_px * 1.02))
+    tied, free = np.eye(9), np.eye(9)
+    tied[1] = tied[0]
+    for held in (tied, free):
+        held[8] = 0.0
+    one, _ = start(views, SIZE, tied)
+    two, _ = start(views, SIZE, free)
+    assert one[1] == pytest.approx(one[0], rel=1e-9)
+    assert two[1] / two[0] == pytest.approx(1.02, abs=0.002)
+    assert one[8] == two[8] == 0.0
 
 
 def test_what_is_held_stays_and_has_no_deviation() -> None:

@@ -8,6 +8,7 @@ import pytest
 from towline.identify.methods.common import balance
 from towline.identify.methods.forced import (
     Swing,
+    _solve,
     forced_response,
     frequency_dependence,
     modal_derivatives,
@@ -154,6 +155,14 @@ def test_one_tow_point_is_refused() -> None:
         modal_derivatives([forced_response(HULL, tow(1.5), 0.6)] * 2)
     with pytest.raises(EstimationError, match="tell the six"):
         modal_derivatives([forced_response(HULL, tow(x), 0.6) for x in (1.5, 1.5 + 1e-9)])
+
+
+@pytest.mark.parametrize("missing", range(6))
+def test_equations_that_leave_one_direction_open_are_refused(missing: int) -> None:
+    rows = np.random.default_rng(missing).normal(size=(12, 6))
+    rows[:, missing] = rows[:, (missing + 1) % 6] * 2 + 1e-13 * rows[:, missing]
+    with pytest.raises(EstimationError, match="tell the six"):
+        _solve([(rows, np.ones(12))], [np.eye(12)])
 
 
 def test_frequency_dependent_derivatives_are_followed() -> None:

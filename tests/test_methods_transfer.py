@@ -110,6 +110,18 @@ def test_exact_responses_give_the_derivatives_back() -> None:
     np.testing.assert_allclose(fit_frequency_response(noisy, SIX * 1.1).six, SIX, rtol=1e-5)
     with pytest.raises(EstimationError, match="holds four numbers"):
         fit_frequency_response([exact_response(1.649, omega[:1])])
+    # responses that differ by more than their stated errors: the covariance is that of errors as large as the misfit
+    rng = np.random.default_rng(8)
+    off = [
+        replace(r, y=r.y * (1 + 0.02 * rng.normal(size=len(r.y))), sd_y=0.02 * abs(r.y), sd_beta=0.02 * abs(r.beta))
+        for r in (exact_response(x, omega) for x in (1.446, 1.751))
+    ]
+    fair = fit_frequency_response(off, SIX)
+    boast = fit_frequency_response([replace(r, sd_y=r.sd_y / 50, sd_beta=r.sd_beta / 50) for r in off], SIX)
+    np.testing.assert_allclose(boast.six, fair.six, rtol=1e-5)
+    chi2, degrees = (float(word) for word in fair.notes[0].removeprefix("chi-square ").split(" of "))
+    assert "differ from the linear model" in boast.notes[1]
+    np.testing.assert_allclose(boast.covariance, fair.covariance * chi2 / degrees, rtol=0.02)
 
 
 def test_a_measured_response_has_true_errors() -> None:

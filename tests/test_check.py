@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from towline.cli import main
 from towline.geometry import motion_from_tracks, run_datum
-from towline.geometry.checks.bundle import Extra
+from towline.geometry.camera import Lens
+from towline.geometry.checks.bundle import Extra, _Seen
 from towline.geometry.checks.check import Check, _long_run, bundle_of, check_geometry, tolerances
 from towline.geometry.checks.refine import refined
 from towline.record import GeometryError, read_tracks
@@ -111,6 +112,25 @@ def test_stated_intervals_hold_over_random_cameras(cameras: ModuleType) -> None:
     common_std, frame_std = np.std(scores, axis=0), np.concatenate(frame).std(axis=0)
     assert (np.abs(common_std - 1) < 4 / np.sqrt(2 * draws)).all(), common_std
     assert (np.abs(frame_std - 1) < 4 / np.sqrt(2 * draws * 24)).all(), frame_std
+
+
+def test_slopes_of_a_camera_with_skewed_axes_against_differences() -> None:
+    lens, turned = (
+        Lens(900.0, 920.0, 630.0, 350.0, (-0.1, 0.02, 0.001, -0.002, 0.0)),
+        Rotation.from_rotvec([1.9, 0.1, -0.2]),
+    )
+    place = np.array([[0.3, -0.2, 0.1], [-0.4, 0.5, 0.0]])
+
+    def pixel(skew: float, moved: np.ndarray) -> np.ndarray:
+        return _Seen(lens, skew, turned.as_matrix(), np.array([0.1, -0.2, 5.0])).project(moved)[0]
+
+    _, by_camera, by_place = _Seen(lens, 25.0, turned.as_matrix(), np.array([0.1, -0.2, 5.0])).project(place)
+    for axis in range(3):
+        step = 1e-6 * np.eye(3)[axis]
+        difference = (pixel(25.0, place + step) - pixel(25.0, place - step)) / 2e-6
+        np.testing.assert_allclose(by_place[:, :, axis], difference, rtol=1e-6, atol=1e-5)
+    difference = pixel(25.5, place) - pixel(24.5, place)
+    np.testing.assert_allclose(by_camera[:, :, 9], difference, rtol=1e-6, atol=1e-9)
 
 
 def test_slopes_of_the_bundle_against_differences(cameras: ModuleType) -> None:

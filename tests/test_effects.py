@@ -14,7 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from towline.diagnose.effects import LIBRARY, Effect, Seen, Situation, camera
 from towline.diagnose.hypothesis import Path as Motion
+from towline.diagnose.next_run import _differs
 from towline.diagnose.simulated import effects_of, with_effects
+from towline.diagnose.tow_data import _shutter
 from towline.diagnose.tow_model import _with_lags
 from towline.diagnose.unknown import BETA_RAD, Y_M, _forms
 from towline.record.scenario import ScenarioFile
@@ -309,3 +311,51 @@ def test_the_simulator_takes_couplings_lines_and_offsets() -> None:
     assert longer.tow_point_offset_m == 0.005
     same = {f.name for f in fields(Tow)} - {"line_length_m", "tow_point_offset_m"}
     assert all(getattr(longer, name) == getattr(tow, name) for name in same)
+
+
+def test_a_next_run_is_told_by_what_differs_from_those_made() -> None:
+    tows = [SimpleNamespace(data=SimpleNamespace(tow=Tow(1.28, 0.91, x, 3.96))) for x in (1.45, 1.6, 1.75)]
+    runs: Any = tows
+    assert _differs(runs, (1.6, 0.91, 1.28, 0.2, 0.0)) == "released at y 0.20 m"
+    assert _differs(runs, (1.9, 0.91, 1.28, 0.2, 0.0)) == "a tow point at 1.90 m, released at y 0.20 m"
+    assert _differs(runs, (1.4, 1.4, 1.28, -0.1, np.radians(5))) == (
+        "a line of 1.40 m, a tow point at 1.40 m, released at y -0.10 m and 5 degrees heading"
+    )
+    assert _differs(runs, (1.75, 0.91, 0.9, 0.2, 0.0)) == "0.90 m/s, released at y 0.20 m"
+
+
+def test_a_rolling_shutter_sees_a_lower_mark_later() -> None:
+    """x, y, heading and marker distance by the rates of x, y, heading, against marks that are moved on by their rows' lateness."""
+    body, height = np.array([[1.0, 0.1], [-0.8, -0.2]]), 400.0
+    pose, rows = np.array([2.0, 0.3, 0.2]), np.array([300.0, 150.0])
+
+    def places(pose: np.ndarray) -> np.ndarray:
+        turn = Rotation.from_rotvec([0, 0, pose[2]]).as_matrix()[:2, :2]
+        return body @ turn.T + pose[:2]
+
+    def rigid(place: np.ndarray) -> np.ndarray:
+        """Heading of the line through both, and the mean place: what equal weights give to first order."""
+        line, own = place[0] - place[1], body[0] - body[1]
+        heading = np.arctan2(line[1], line[0]) - np.arctan2(own[1], own[0])
+        middle = places(np.array([0.0, 0.0, heading])).mean(axis=0)
+        return np.array([*(place.mean(axis=0) - middle), heading, np.hypot(*line)])
+
+    def slope(function: Any, at: np.ndarray, step: float) -> np.ndarray:
+        return np.stack([(function(at + e) - function(at - e)) / (2 * step) for e in step * np.eye(len(at))], axis=-1)
+
+    gain = slope(lambda flat: rigid(flat.reshape(2, 2)), places(pose).ravel(), 1e-6)
+    line = places(pose)[0] - places(pose)[1]
+    found = SimpleNamespace(
+        place_m=places(pose)[None],
+        pixel_px=np.stack([np.full(2, 50.0), rows], axis=1)[None],
+        markers=[SimpleNamespace(body_m=tuple(b)) for b in body],
+        rigid=SimpleNamespace(pose=pose[None], gain=gain[:3].reshape(3, 2, 2)[None]),
+    )
+    run: Any = SimpleNamespace(file=SimpleNamespace(camera=SimpleNamespace(image_size_px=(640, int(height)))))
+    answer = _shutter(found, (line / np.hypot(*line))[None], run)[0]
+    late = rows / height - 0.5
+
+    def shown(rate: np.ndarray) -> np.ndarray:
+        return rigid(np.stack([places(pose + rate * late[i])[i] for i in range(2)]))
+
+    np.testing.assert_allclose(answer, slope(shown, np.zeros(3), 1e-5), atol=1e-6)

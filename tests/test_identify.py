@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from towline.identify import RunData, fit_runs, fit_steady, phase_analysis, run_data, two_tow_x_v
+from towline.identify.methods.common import LONGEST_S, check_series
 from towline.identify.noise import autoregression, ljung_box_p, measured, stated
 from towline.identify.response import full_response, linear_response
 from towline.identify.start import weak_form_start
@@ -87,6 +88,43 @@ def test_responses_against_the_simulator() -> None:
         # full: Runge-Kutta at 0.05 s and Hermite interpolation, about 1e-8 of the amplitude
         np.testing.assert_allclose(answer[0][:, 0], run.y_m, atol=1e-12 if form == "linear" else 2e-8)
         np.testing.assert_allclose(answer[0][:, 1], run.beta_rad, atol=1e-12 if form == "linear" else 2e-8)
+
+
+def test_a_tow_point_beside_the_centre_line_is_followed() -> None:
+    """The line pulls the bow aside: the motion is the simulator's to rounding, its slopes those of differences."""
+    times, tow = (
+        np.sort(np.random.default_rng(4).uniform(0, 40, 300)),
+        Tow(1.28, 0.91, 1.649, 3.96, tow_point_offset_m=0.03),
+    )
+    motion = simulate_linear(HULL, tow, Start(y_cg_m=0.1), times)
+    clean = data(1.649, 0.1, times=times)
+    run = replace(clean, tow=replace(clean.tow, tow_point_offset_m=0.03))
+    values = np.array([*SIX, 0.1, 0.0, 0.0, 0.0, 3.96, 1.649, 0.91, 1.28])
+    path, slope = linear_response(run, values, 1.28)
+    np.testing.assert_allclose(path[:, 0], motion["y_cg_m"], atol=1e-11)
+    np.testing.assert_allclose(path[:, 1], motion["beta_rad"], atol=1e-11)
+    assert np.abs(path[:, 1] - linear_response(clean, values, 1.28)[0][:, 1]).max() > 1e-3
+    for index in (0, 1, 2, 5, 10, 11, 12, 13):
+        e = 1e-5 * values[index] * np.eye(14)[index]
+        difference = (linear_response(run, values + e, 1.28)[0] - linear_response(run, values - e, 1.28)[0]) / (
+            2 * e.sum()
+        )
+        np.testing.assert_allclose(slope[:, :, index], difference, atol=1e-6 * np.abs(difference).max())
+
+
+def test_noise_alone_gives_a_start_that_a_hull_can_have() -> None:
+    """Masses positive, damping negative, whatever the record: the fit begins from there."""
+    for seed in range(20):
+        rng = np.random.default_rng([41, seed])
+        runs = [data(x, 0.0, noise=5 * rng.normal(size=(400, 2))) for x in POINTS_M]
+        mass, inertia, y_v, _, _, n_r = weak_form_start(runs, 1.28)
+        assert min(mass, inertia) > 0 > max(y_v, n_r)
+
+
+def test_a_record_of_hours_is_refused() -> None:
+    with pytest.raises(EstimationError, match="at most"):
+        check_series(np.array([0.0, 1.0, LONGEST_S + 1.5]))
+    check_series(np.array([0.0, 1.0, LONGEST_S]))
 
 
 @pytest.mark.parametrize("form", ["linear", "full"])

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import fsolve
 
 from towline.identify.methods.steady_hull import damping_from_known_point, fit_steady_hull
-from towline.identify.steady import SteadyState, fit_steady
+from towline.identify.steady import SteadyState, fit_steady, input_covariance
 from towline.record import EstimationError
 from towline.simulate import Hull, Tow
 from towline.simulate.model import full_rates
@@ -125,6 +125,26 @@ def test_intervals_with_a_known_rudder_point_are_true_over_many_seeds(points_m: 
         z.append([(found.value - truth) / found.std for found, truth in pairs])
     assert (np.abs(np.std(z, axis=0) - 1) < 4 / np.sqrt(800) + 0.05).all(), np.std(z, axis=0)
     assert (np.abs(np.mean(z, axis=0)) < 4 / np.sqrt(400) + 0.1).all(), np.mean(z, axis=0)
+
+
+def test_inputs_of_several_tows_share_what_one_camera_shares() -> None:
+    mode = np.array([[1e-3, 2e-3], [0.0, 3e-3]])
+    one, two = (
+        replace(tow_state(x), tension_sd_rel=s, tow_point_sd_m=m) for x, s, m in ((1.45, 0.01, 2e-3), (1.6, 0.02, 3e-3))
+    )
+    seen = [replace(t, common=mode, common_key="c") for t in (one, two)]
+    own = [np.diag([SD**2, SD**2, s**2, m**2]) for s, m in ((0.01, 2e-3), (0.02, 3e-3))]
+    shared = np.zeros((4, 4))
+    shared[:2, :2] = mode.T @ mode
+    np.testing.assert_allclose(
+        input_covariance(seen), np.block([[own[0] + shared, shared], [shared, own[1] + shared]]), rtol=1e-14
+    )
+    apart = [seen[0], replace(seen[1], common_key="d", tension_n=None)]
+    own[1][2, 2] = 0.0  # no tension was measured: its error is none
+    nothing = np.zeros((4, 4))
+    np.testing.assert_allclose(
+        input_covariance(apart), np.block([[own[0] + shared, nothing], [nothing, own[1] + shared]]), rtol=1e-14
+    )
 
 
 def test_refusals_and_notes() -> None:

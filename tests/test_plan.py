@@ -316,6 +316,7 @@ def test_slack_line_against_the_simulator() -> None:
     assert "is slack" in sentence
     assert 3.96 in _numbers(sentence)
     assert _numbers(sentence)[1] == pytest.approx(3.96 * 1.01**2, abs=5e-3)
+    assert "(-2 % is left, 0 % is wanted)" in sentence
 
 
 def test_angles_and_reach() -> None:

@@ -15,9 +15,11 @@ from scipy.stats import binom
 
 from towline.cli import main
 from towline.identify import RunData, fit_runs, fit_with_noise
+from towline.identify.colour.bootstrap import _drawn
+from towline.identify.colour.bootstrap import pushed as pushed_by
 from towline.identify.colour.kalman import innovations
 from towline.identify.noise import Whitener, from_correlation
-from towline.identify.still import Slow, Still, block_colour, colour_of
+from towline.identify.still import Slow, Still, _regression, block_colour, colour_of, colours
 from towline.record import DerivativesFile, Priors, read_result
 from towline.record.tables import write_table
 
@@ -199,3 +201,35 @@ def test_the_command_reads_the_static_record(cases: ModuleType, tmp_path: Path) 
     assert main(["identify", *folders, "--form", "linear", "--noise", "output", "-o", str(tmp_path / "out")]) == 3
     result = read_result(tmp_path / "out" / "derivatives.json", DerivativesFile)
     assert "static.csv" in result.failed[names[0]]
+
+
+@pytest.mark.parametrize(("memory", "count", "records"), [(0.9, 200, 4), (0.8, 100, 6)])
+def test_what_the_means_of_short_records_took_is_put_back(memory: float, count: int, records: int) -> None:
+    """Centring n samples of an autoregression lowers its coefficients by about (1 + 3 a)/n; a third of that is granted."""
+    rng, found = np.random.default_rng(31), []
+    for _ in range(200):
+        drawn = rng.normal(size=(records, count + SPENT))
+        series = list(np.asarray(lfilter([1], [1, -memory], drawn, axis=1))[:, SPENT:])
+        found.append(_regression([one - one.mean() for one in series], 8)[0].sum())
+    assert abs(np.mean(found) - memory) < 2 * (1 + 3 * memory) / count / 3
+
+
+def test_records_drawn_from_a_fit_scatter_as_the_static_record_and_the_force_do(campaigns: ModuleType) -> None:
+    """A bootstrap's draws about the fitted motion: the variance of the force's motion and of the record held still."""
+    t, rng = campaigns.times(8.0), np.random.default_rng(32)
+    pushed = [campaigns.pushed_run(x, rng, t, 0.05, 0.05, priors=Priors()) for x in campaigns.POINTS_M[::3]]
+    runs = filmed(campaigns, pushed, rng, 8.0, 2.0, 120.0)
+    fit = fit_with_noise(runs, "linear")
+    assert fit.disturbance is not None
+    colour = colours(runs)[0]
+    gone, forced = [], []
+    for _ in range(40):
+        drawn = _drawn(fit, runs[0], 0, colour, rng)
+        gone.append(np.column_stack([drawn.y_m, drawn.beta_rad]) - fit.response[0])
+        forced.append(pushed_by(fit, runs[0], rng))
+    still = runs[0].still
+    assert still is not None
+    whole = np.var(gone, axis=(0, 1))
+    parts = np.var(forced, axis=(0, 1)) + still.values.var(axis=0)
+    # noise and force last seconds of 60: 40 records hold some hundreds of memories, their variance a tenth of itself
+    np.testing.assert_allclose(whole, parts, rtol=0.3)

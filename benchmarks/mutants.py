@@ -5,9 +5,9 @@
 
 Mutations are cosmic-ray's (operators, comparisons, numbers, loops, decorators, booleans), drawn evenly over all that could be made,
 but for annotations, which nothing evaluates. A coverage run says which tests reach which line, and how long each takes; a mutant
-meets them, the shortest first, until one fails or they have taken --most-s. A line that no test of this process reaches (it runs
-in a worker) meets the shortest tests of its room. Tests that killed are run without a mutation in the end. Started again, it goes
-on; OUT/mutants.txt is the table, with every survivor.
+meets them, the shortest first, until one fails or they have taken --most-s. A line that no test reaches in its own process (a
+module's constant, work in a worker) meets the shortest tests of its file, or of its room. Tests that killed are run without a
+mutation in the end. Started again, it goes on; OUT/mutants.txt is the table, with every survivor.
 """
 
 from __future__ import annotations
@@ -191,8 +191,9 @@ def judged(mutant: Mutant, place: Path, lines: dict[str, list[str]], times: dict
     tests = lines.get(f"{mutant.file}:{mutant.line}", [])
     direct = bool(tests)
     if not direct:
-        room = mutant.file.partition("/")[0]
-        tests = sorted({t for key, names in lines.items() if key.startswith(f"{room}/") for t in names})
+        near = [f"{mutant.file}:", f"{mutant.file.partition('/')[0]}/"]
+        every = [{t for key, names in lines.items() if key.startswith(start) for t in names} for start in near]
+        tests = sorted(every[0] or every[1])
     chosen, spent = [], 0.0
     for test in sorted(set(tests), key=lambda t: times[t]):
         if chosen and spent + times[test] > most_s:
@@ -251,7 +252,7 @@ def table(found: list[dict], void: list[str]) -> str:
             rows.append(f"{room or 'all':10} {k}/{n} = {100 * k / n:.0f} % killed ({100 * low:.0f}-{100 * high:.0f})")
     rows += ["", "survivors"]
     for one in sorted((o for o in found if not o["killed"]), key=lambda o: (o["file"], o["line"])):
-        reach = f"{one['tests']} of {one['of']} tests" + ("" if one["direct"] else " of the room")
+        reach = f"{one['tests']} of {one['of']} tests" + ("" if one["direct"] else " near it")
         rows += [f"{one['file']}:{one['line']} ({reach})", f"  - {one['before']}", f"  + {one['after']}"]
     return "\n".join(rows) + "\n"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -67,6 +68,21 @@ def test_sensitivities_against_central_differences(form: str) -> None:
     def respond(v: np.ndarray):
         return full_response([run], v[None], 1.28)[0] if form == "full" else linear_response(run, v, 1.28)
 
+    _check_slopes(respond, values)
+
+
+def test_sensitivities_under_a_tension_and_a_speed_that_vary() -> None:
+    """The full form along measured histories: T and U of the parameters scale them."""
+    times = np.sort(np.random.default_rng(1).uniform(0, 30, 200))
+    t = np.arange(0, 31, 0.1)
+    histories = {"tension": (t, 3.96 * (1 + 0.1 * np.sin(t))), "speed": (t, 1.28 * (1 + 0.03 * np.sin(0.7 * t)))}
+    values = np.array([*SIX, 0.25, 0.02, 0.01, -0.004, 3.96, 1.548, 0.91, 1.28])
+    for given in ({"tension"}, {"speed"}, {"tension", "speed"}):
+        run = data(1.548, 0.2, times=times, **{name: histories[name] for name in given})
+        _check_slopes(lambda v, run=run: full_response([run], v[None], 1.28)[0], values)
+
+
+def _check_slopes(respond: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], values: np.ndarray) -> None:
     _, slope = respond(values)
     for index in range(14):
         step = 1e-4 * max(abs(values[index]), 0.1)

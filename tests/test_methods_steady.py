@@ -99,6 +99,7 @@ def test_intervals_with_a_known_rudder_point_are_true_over_many_seeds(points_m: 
     mode = np.array([[0.0, SD / 2]])
     common = {"common": mode, "common_key": "c", "tension_common_sd_rel": 0.004, "speed_sd_rel": 0.003}
     clean = [replace(tow_state(x), tension_sd_rel=0.005, tow_point_sd_m=0.0005, **common) for x in points_m]
+    k = clean[0].force()[0] * (points_m[0] - 48.51 / 52.87)
     z = []
     for _ in range(400):
         heading, tension, speed = mode[0, 1] * rng.normal(), 1 + 0.004 * rng.normal(), 1 + 0.003 * rng.normal()
@@ -118,7 +119,7 @@ def test_intervals_with_a_known_rudder_point_are_true_over_many_seeds(points_m: 
         assert line.y_delta_delta is not None
         assert line.n_delta_delta is not None
         pairs = [
-            (line.x_v_m, 48.51 / 52.87), (y_v, -52.87), (n_v, -48.51),
+            (line.x_v_m, 48.51 / 52.87), (line.slope, k), (y_v, -52.87), (n_v, -48.51),
             (line.y_delta_delta, -2.0 * DELTA), (line.n_delta_delta, 2.4 * DELTA),
             (free.y_v, -52.87), (free.n_v, -48.51), (free.y_delta_delta, -2.0 * DELTA), (free.n_delta_delta, 2.4 * DELTA),
         ]  # fmt: skip

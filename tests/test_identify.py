@@ -451,6 +451,79 @@ def test_the_steady_part_of_a_decaying_tow_is_found_and_its_mean_is_true(tmp_pat
     assert not steady_state(run, drifting, None).settled
 
 
+def _logged(folder: Path, column: str, values: np.ndarray, clock: np.ndarray, **tow: float | str) -> Run:
+    """A run whose tension or speed stands in a log of its own."""
+    pd.DataFrame({"t_s": clock, column: values}).to_csv(folder / "log.csv", index=False)
+    name = column.removesuffix("_n").removesuffix("_m_s")
+    table = {k: v for k, v in RUN["tow"].items() if k != column} | {name: "log.csv"} | tow
+    return Run(folder, check_tables(RUN | {"tow": table}, RunFile, folder / "run.toml"))
+
+
+def _moved(span_s: tuple[float, float] = (0.0, 30.0)) -> pd.DataFrame:
+    t = np.arange(*span_s, 0.1)
+    return pd.DataFrame({"t_s": t, "y_cg_m": 0.1 * np.sin(t), "alpha_rad": 0.3, "beta_rad": 0.05, "status": "measured"})
+
+
+def test_a_force_log_is_read_on_the_recordings_clock(tmp_path: Path) -> None:
+    """Its clock begins 2.5 s late: what it holds at its 10 s happened at 12.5 s of the film."""
+    clock = np.arange(-5, 40, 0.25)
+    run = _logged(tmp_path, "tension_n", 4.0 + 0.01 * clock, clock, tension_delay_s=2.5)
+    found = run_data(run, _moved(), None)
+    assert found.tension is not None
+    assert np.interp(12.5, *found.tension) == pytest.approx(4.1, rel=1e-12)
+    # the tow's own tension is the mean over the recording: at 14.95 s, of the log's 12.45 s
+    assert found.tow.tension_n == pytest.approx(4.0 + 0.01 * (14.95 - 2.5), rel=1e-12)
+    assert found.tow.resistance_n is None
+    steady = steady_state(run, _moved(), None)
+    inside = (clock + 2.5 >= steady.span_s[0]) & (clock + 2.5 <= steady.span_s[1])
+    assert steady.tension_n == pytest.approx((4.0 + 0.01 * clock)[inside].mean(), rel=1e-12)
+    late = _logged(tmp_path, "tension_n", 4.0 + 0 * clock, clock, tension_delay_s=6.0)
+    with pytest.raises(InputError, match=r"covers 1.00 .. 45.75 s .* 0.00 .. 29.90 s is needed"):
+        run_data(late, _moved(), None)
+    early = _logged(tmp_path, "tension_n", 4.0 + 0 * clock, clock, tension_delay_s=-20.0)
+    with pytest.raises(InputError, match=r"covers -25.00 .. 19.75 s"):
+        run_data(early, _moved(), None)
+    with pytest.raises(InputError, match="holds nothing between"):
+        steady_state(_logged(tmp_path, "tension_n", 4.0 + 0 * clock, clock, tension_delay_s=100.0), _moved(), None)
+    slack = _logged(tmp_path, "tension_n", -1.0 + 0 * clock, clock)
+    with pytest.raises(InputError, match="needs a tension above 0"):
+        run_data(slack, _moved(), None)
+
+
+def test_a_speed_log_is_read_on_the_recordings_clock(tmp_path: Path) -> None:
+    clock = np.arange(-5, 40, 0.25)
+    given = {"speed_m_s": 1.28, "speed_delay_s": 1.0, "speed": "log.csv"}
+    run = _logged(tmp_path, "speed_m_s", 1.2 + 0.002 * clock, clock, **given)
+    found = run_data(run, _moved((5.0, 20.0)), None)
+    assert found.speed is not None
+    assert np.interp(11.0, *found.speed) == pytest.approx(1.22, rel=1e-12)
+    assert found.tow.speed_m_s == pytest.approx(1.2 + 0.002 * (12.45 - 1.0), rel=1e-12)
+    assert found.tension is None
+    assert found.tow.tension_n == 3.96
+    back = _logged(tmp_path, "speed_m_s", -1.2 + 0 * clock, clock, **given)
+    with pytest.raises(InputError, match="needs a speed above 0"):
+        run_data(back, _moved((5.0, 20.0)), None)
+
+
+def test_samples_outside_the_span_or_not_measured_are_left_out(tmp_path: Path) -> None:
+    source = {"source": {"motion": "motion.csv", "span_s": [3.0, 12.0]}}
+    run = Run(tmp_path, check_tables(RUN | source, RunFile, tmp_path / "run.toml"))
+    motion = _moved()
+    motion.loc[50:59, "status"] = "lost"
+    motion.loc[60:64, "beta_rad"] = np.nan
+    found = run_data(run, motion, None)
+    assert (found.t_s[0], found.t_s[-1]) == pytest.approx((3.0, 12.0))
+    assert not ((found.t_s > 4.95) & (found.t_s < 6.45)).any()
+    assert len(found.t_s) == 91 - 15
+    assert steady_state(run, motion, None).span_s[1] == pytest.approx(12.0)
+    folder = Run(tmp_path, check_tables(RUN | {"source": {"motion": "motion.csv"}}, RunFile, tmp_path / "run.toml"))
+    with_own = run_data(folder, _moved().assign(tension_n=3.5), None)
+    assert with_own.tow.tension_n == pytest.approx(3.5)
+    none = {"tow": {k: v for k, v in RUN["tow"].items() if k != "tension_n"}}
+    with pytest.raises(InputError, match="proportional to the tension"):
+        run_data(Run(tmp_path, check_tables(RUN | none, RunFile, tmp_path / "run.toml")), _moved(), None)
+
+
 def test_table_8_1_gives_its_n_r(shared: Path) -> None:
     table = pd.read_csv(shared / "thesis" / "table_8_1_mariner_analytic.csv", comment="#")
     for row in table.itertuples():

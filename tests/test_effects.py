@@ -20,7 +20,18 @@ from towline.diagnose.simulated import effects_of, with_effects
 from towline.diagnose.slackness import slack_effects
 from towline.diagnose.tow_data import _shutter
 from towline.diagnose.tow_model import _with_lags
-from towline.diagnose.unknown import BETA_RAD, Y_M, _forms
+from towline.diagnose.unknown import (
+    ACROSS_PER_M,
+    BETA_RAD,
+    CHANGES,
+    R_RAD_S,
+    TURNED_PER_RAD,
+    V_M_S,
+    Y_M,
+    _forms,
+    free_forms,
+)
+from towline.diagnose.words import _changed
 from towline.geometry.checks.bundle import half_sine
 from towline.record.scenario import ScenarioFile
 from towline.record.schema import CameraTable, DatumPoint, Marker, TowTable
@@ -386,3 +397,89 @@ def test_slack_windows_are_those_of_the_radius_clearest_run_first() -> None:
     calm = [(np.zeros((len(t), 3)) + rng.normal(0, 5e-4, (len(t), 3)), None) for _ in dips]
     none: Any = SimpleNamespace(linear=SimpleNamespace(rows=calm))
     assert slack_effects(runs, none) == []
+
+
+def test_a_free_force_has_each_of_its_shapes_for_side_and_for_moment() -> None:
+    """What is another after some time: nothing long before it, all of the motion long after; the rest are odd or even as named."""
+    effects = {e.name.removeprefix("unknown force").strip(): e for e in free_forms(1, ()) if e.force is not None}
+    s = situation(v_m_s=np.array([[-0.11]]), r_rad_s=np.array([[0.07]]))
+
+    def shapes(kind: str, at: Situation) -> np.ndarray:
+        force, count = effects[kind].force, len(effects[kind].parameters) // 2
+        assert force is not None
+        sides, moments = zip(*(force(at, *np.eye(2 * count)[k]) for k in range(2 * count)), strict=True)
+        whole = np.array([[float(np.squeeze(x)) for x in one] for one in (sides, moments)])
+        # a number of the side force pushes sideways alone, one of the moment turns alone, and both have the same shapes
+        np.testing.assert_array_equal(whole[0, count:], 0.0)
+        np.testing.assert_array_equal(whole[1, :count], 0.0)
+        np.testing.assert_array_equal(whole[0, :count], whole[1, count:])
+        return whole[0, :count]
+
+    motion = [1.0, -0.11 / V_M_S, 0.07 / R_RAD_S, (-0.2 + 0.08) / BETA_RAD]
+    end = replace(s, t_s=1e4, duration_s=1e4)
+    np.testing.assert_allclose(shapes("changed", end), motion * len(CHANGES), rtol=1e-12)
+    np.testing.assert_allclose(shapes("changed", replace(end, t_s=0.0)), 0.0, atol=1e-12)
+    middle = shapes("changed", replace(end, t_s=CHANGES[1] * 1e4))  # the second change is half done
+    np.testing.assert_allclose(
+        middle, [*motion, *(0.5 * np.array(motion)), *[0.0] * 4 * (len(CHANGES) - 2)], atol=1e-12
+    )
+    y, b = 0.3, 0.08
+    waves = [f(2 * np.pi * k * y) for k in ACROSS_PER_M for f in (np.sin, np.cos)]
+    waves += [f(2 * np.pi * k * b) for k in TURNED_PER_RAD for f in (np.sin, np.cos)]
+    np.testing.assert_allclose(shapes("placed", s), waves, rtol=1e-12)
+    here = shapes("", s)
+    there = shapes("", replace(s, y_m=-0.3, beta_rad=-0.08, v_m_s=-s.v_m_s, r_rad_s=-s.r_rad_s))
+    even = [0, 1, 11]  # constant, time, beta^2; all others are odd in the motion
+    np.testing.assert_allclose(there[even], here[even], rtol=1e-12)
+    odd = [k for k in range(len(here)) if k not in even]
+    np.testing.assert_allclose(there[odd], -here[odd], rtol=1e-12)
+    assert here[0] == 1.0
+    assert here[1] == pytest.approx(2 * 4 / 40 - 1)
+    assert here[4] == pytest.approx((y / Y_M) ** 3)
+    assert here[11] == pytest.approx((b / BETA_RAD) ** 2)
+
+
+def test_a_shake_is_each_runs_own() -> None:
+    """Numbers: sine and cosine of side force, moment, x, y, post, run after run, and one frequency's error for all."""
+    shake = next(e for e in free_forms(3, (0.5,)) if e.name == "unknown shake")
+    assert shake.force is not None
+    assert shake.observe is not None
+    count = len(shake.parameters)
+    assert count == 3 * 10 + 1
+    numbers = np.zeros(count)
+    numbers[10 + 2], numbers[20 + 5], numbers[6], numbers[-1] = 0.3, 0.002, 0.004, 0.1
+    t = 0.7
+    side, moment = shake.force(situation(t_s=t), *numbers)
+    wave = 2 * np.pi * 0.6 * t
+    np.testing.assert_allclose(np.ravel(side), 0.0, atol=1e-15)
+    np.testing.assert_allclose(np.ravel(moment), [0.0, 0.3 * np.sin(wave), 0.0], atol=1e-15)
+    zero = np.zeros((1, 3, 1))
+    shown = Seen(
+        zero + t,
+        (zero, zero, zero),
+        (zero, zero, zero),
+        zero,
+        zero - 0.3,
+        np.full((3, 1), 3.96),
+        np.zeros((1, 3, 4, 3)),
+    )
+    x, y, beta, apart = shake.observe(shown, *numbers)
+    np.testing.assert_allclose(np.ravel(x), [0.0, 0.0, 0.002 * np.cos(wave)], atol=1e-15)
+    np.testing.assert_allclose(np.ravel(y), [0.004 * np.sin(wave), 0.0, 0.0], atol=1e-15)
+    assert not np.any(beta)
+    assert not np.any(apart)
+    numbers = np.zeros(count)
+    numbers[8] = 0.01  # the first run's post, to starboard: a taut line at -0.3 rad then draws the model back
+    x, *_ = shake.observe(shown, *numbers)
+    np.testing.assert_allclose(np.ravel(x), [np.sin(-0.3) * 0.01 * np.sin(2 * np.pi * 0.5 * t), 0, 0], atol=1e-15)
+
+
+def test_the_bias_that_an_effect_had_made_is_said() -> None:
+    def hull(**values: float) -> dict[str, SimpleNamespace]:
+        return {k: SimpleNamespace(value=v) for k, v in values.items()}
+
+    file: Any = SimpleNamespace(derivatives={"before": hull(y_v=-55.0, n_r=-57.0), "after": hull(y_v=-50.0, n_r=-60.0)})
+    assert _changed(file) == "Left out, it biases the derivatives by up to 10 % (y_v)."
+    file = SimpleNamespace(derivatives={"before": hull(y_v=-50.2), "after": hull(y_v=-50.0)})
+    assert _changed(file) == ""
+    assert _changed(SimpleNamespace(derivatives={})) == ""

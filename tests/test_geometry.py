@@ -11,6 +11,7 @@ import pytest
 
 from towline.geometry import Camera, Lens, fit_datum, fit_rigid, motion_from_tracks, run_datum, trapezoid_from_datum
 from towline.geometry.linear import pose_start
+from towline.geometry.rigid import _procrustes
 from towline.record import CameraTable, DatumPoint, GeometryError, InputError, Marker, Run, RunFile, read_run
 from towline.record.toml import check_tables
 
@@ -310,6 +311,24 @@ def test_rigid_fit_against_closed_form_and_its_covariance() -> None:
     score = (found.pose - pose)[good] / np.sqrt(np.einsum("nii->ni", found.covariance))[good]
     assert (np.abs(score.std(axis=0) - 1) < 4 / np.sqrt(2 * good.sum())).all()
     assert found.chi_square[good].mean() == pytest.approx((2 * found.seen[good] - 3).mean(), rel=0.1)
+
+
+def test_the_closed_form_pose_is_exact_for_exact_places() -> None:
+    """Marks beside the origin and off the axis, one of three hidden in some frames."""
+    rng = np.random.default_rng(8)
+    body = np.array([[1.2, 0.3], [-0.9, -0.1], [0.4, 0.5]])
+    pose = np.column_stack([rng.uniform(-3, 3, 40), rng.uniform(-1, 1, 40), rng.uniform(-3, 3, 40)])
+    cosine, sine = np.cos(pose[:, 2])[:, None], np.sin(pose[:, 2])[:, None]
+    place = np.stack(
+        [
+            pose[:, :1] + cosine * body[:, 0] - sine * body[:, 1],
+            pose[:, 1:2] + sine * body[:, 0] + cosine * body[:, 1],
+        ],
+        axis=2,
+    )
+    mask = np.ones((40, 3))
+    mask[::4, 1] = 0.0
+    np.testing.assert_allclose(_procrustes(place, mask, body), pose, atol=1e-12)
 
 
 def run_of(seen: Camera, points: list[DatumPoint], folder: Path, **tow) -> Run:

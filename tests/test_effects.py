@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,12 +13,7 @@ from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 
 from towline.diagnose.effects import LIBRARY, Effect, Seen, Situation, camera
-from towline.diagnose.hypothesis import Path as Motion
-from towline.diagnose.next_run import _differs
 from towline.diagnose.simulated import effects_of, with_effects
-from towline.diagnose.slackness import slack_effects
-from towline.diagnose.tow_data import _shutter
-from towline.diagnose.tow_model import _with_lags
 from towline.diagnose.unknown import (
     ACROSS_PER_M,
     BETA_RAD,
@@ -31,8 +25,6 @@ from towline.diagnose.unknown import (
     _forms,
     free_forms,
 )
-from towline.diagnose.words import _changed
-from towline.geometry.checks.bundle import half_sine
 from towline.record.scenario import ScenarioFile
 from towline.record.schema import CameraTable, DatumPoint, Marker, TowTable
 from towline.record.toml import check_tables
@@ -247,14 +239,6 @@ def test_corrections_of_the_camera_change_what_they_name(monkeypatch: pytest.Mon
     assert made is run
 
 
-def test_a_lag_that_a_path_does_not_know_begins_as_the_velocities() -> None:
-    states = np.arange(6.0 * 5 * 2).reshape(6, 5, 2)
-    path = Motion((0.5,), states)
-    assert _with_lags(path, (0.5,)) is states
-    more = _with_lags(path, (0.2, 0.5))
-    np.testing.assert_array_equal(more, states[[0, 1, 2, 3, 2, 3, 4, 5]])
-
-
 SCENARIO = {
     "name": "a",
     "time": {"duration_s": 40.0, "rate_hz": 10.0},
@@ -325,78 +309,6 @@ def test_the_simulator_takes_couplings_lines_and_offsets() -> None:
     assert longer.tow_point_offset_m == 0.005
     same = {f.name for f in fields(Tow)} - {"line_length_m", "tow_point_offset_m"}
     assert all(getattr(longer, name) == getattr(tow, name) for name in same)
-
-
-def test_a_next_run_is_told_by_what_differs_from_those_made() -> None:
-    tows = [SimpleNamespace(data=SimpleNamespace(tow=Tow(1.28, 0.91, x, 3.96))) for x in (1.45, 1.6, 1.75)]
-    runs: Any = tows
-    assert _differs(runs, (1.6, 0.91, 1.28, 0.2, 0.0)) == "released at y 0.20 m"
-    assert _differs(runs, (1.9, 0.91, 1.28, 0.2, 0.0)) == "a tow point at 1.90 m, released at y 0.20 m"
-    assert _differs(runs, (1.4, 1.4, 1.28, -0.1, np.radians(5))) == (
-        "a line of 1.40 m, a tow point at 1.40 m, released at y -0.10 m and 5 degrees heading"
-    )
-    assert _differs(runs, (1.75, 0.91, 0.9, 0.2, 0.0)) == "0.90 m/s, released at y 0.20 m"
-
-
-def test_a_rolling_shutter_sees_a_lower_mark_later() -> None:
-    """x, y, heading and marker distance by the rates of x, y, heading, against marks that are moved on by their rows' lateness."""
-    body, height = np.array([[1.0, 0.1], [-0.8, -0.2]]), 400.0
-    pose, rows = np.array([2.0, 0.3, 0.2]), np.array([300.0, 150.0])
-
-    def places(pose: np.ndarray) -> np.ndarray:
-        turn = Rotation.from_rotvec([0, 0, pose[2]]).as_matrix()[:2, :2]
-        return body @ turn.T + pose[:2]
-
-    def rigid(place: np.ndarray) -> np.ndarray:
-        """Heading of the line through both, and the mean place: what equal weights give to first order."""
-        line, own = place[0] - place[1], body[0] - body[1]
-        heading = np.arctan2(line[1], line[0]) - np.arctan2(own[1], own[0])
-        middle = places(np.array([0.0, 0.0, heading])).mean(axis=0)
-        return np.array([*(place.mean(axis=0) - middle), heading, np.hypot(*line)])
-
-    def slope(function: Any, at: np.ndarray, step: float) -> np.ndarray:
-        return np.stack([(function(at + e) - function(at - e)) / (2 * step) for e in step * np.eye(len(at))], axis=-1)
-
-    gain = slope(lambda flat: rigid(flat.reshape(2, 2)), places(pose).ravel(), 1e-6)
-    line = places(pose)[0] - places(pose)[1]
-    found = SimpleNamespace(
-        place_m=places(pose)[None],
-        pixel_px=np.stack([np.full(2, 50.0), rows], axis=1)[None],
-        markers=[SimpleNamespace(body_m=tuple(b)) for b in body],
-        rigid=SimpleNamespace(pose=pose[None], gain=gain[:3].reshape(3, 2, 2)[None]),
-    )
-    run: Any = SimpleNamespace(file=SimpleNamespace(camera=SimpleNamespace(image_size_px=(640, int(height)))))
-    answer = _shutter(found, (line / np.hypot(*line))[None], run)[0]
-    late = rows / height - 0.5
-
-    def shown(rate: np.ndarray) -> np.ndarray:
-        return rigid(np.stack([places(pose + rate * late[i])[i] for i in range(2)]))
-
-    np.testing.assert_allclose(answer, slope(shown, np.zeros(3), 1e-5), atol=1e-6)
-
-
-def test_slack_windows_are_those_of_the_radius_clearest_run_first() -> None:
-    """Half sines of 6 mm and 3 mm in a radius good to 0.5 mm: each window to 0.4 s, one run, then both."""
-    t, rng = np.arange(0.25, 40, 0.5), np.random.default_rng(7)
-    dips = [(0.003, 12.0, 15.0), None, (0.006, 25.0, 29.5)]
-    rows, runs = [], []
-    for dip in dips:
-        radius = rng.normal(0, 5e-4, len(t))
-        if dip is not None:
-            radius -= dip[0] * half_sine(t, dip[1], dip[2])
-        rows.append((np.column_stack([0 * t, 0 * t, radius]), None))
-        runs.append(SimpleNamespace(centre_s=t, usual_sd=lambda _: 5e-4))
-    base: Any = SimpleNamespace(linear=SimpleNamespace(rows=rows))
-    found = [e for e in slack_effects(runs, base) if not e.variant.startswith("wave")]
-    windows = [re.findall(r"run (\d) ([0-9.]+)-([0-9.]+) s", e.variant) for e in found]
-    assert [[int(w[0]) for w in one] for one in windows] == [[3], [1, 3]]
-    for run, begin, end in windows[1]:
-        dip = dips[int(run) - 1]
-        assert dip is not None
-        assert (float(begin), float(end)) == pytest.approx(dip[1:], abs=0.4)
-    calm = [(np.zeros((len(t), 3)) + rng.normal(0, 5e-4, (len(t), 3)), None) for _ in dips]
-    none: Any = SimpleNamespace(linear=SimpleNamespace(rows=calm))
-    assert slack_effects(runs, none) == []
 
 
 def test_a_free_force_has_each_of_its_shapes_for_side_and_for_moment() -> None:
@@ -474,12 +386,9 @@ def test_a_shake_is_each_runs_own() -> None:
     np.testing.assert_allclose(np.ravel(x), [np.sin(-0.3) * 0.01 * np.sin(2 * np.pi * 0.5 * t), 0, 0], atol=1e-15)
 
 
-def test_the_bias_that_an_effect_had_made_is_said() -> None:
-    def hull(**values: float) -> dict[str, SimpleNamespace]:
-        return {k: SimpleNamespace(value=v) for k, v in values.items()}
-
-    file: Any = SimpleNamespace(derivatives={"before": hull(y_v=-55.0, n_r=-57.0), "after": hull(y_v=-50.0, n_r=-60.0)})
-    assert _changed(file) == "Left out, it biases the derivatives by up to 10 % (y_v)."
-    file = SimpleNamespace(derivatives={"before": hull(y_v=-50.2), "after": hull(y_v=-50.0)})
-    assert _changed(file) == ""
-    assert _changed(SimpleNamespace(derivatives={})) == ""
+def test_without_a_tension_history_a_delay_of_its_log_does_nothing() -> None:
+    hull, tow = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28), Tow(1.28, 0.91, 1.6, 3.96)
+    file = scenario(("sync_delay", {"delay_s": 0.3}))
+    extra = with_effects(hull, tow, effects_of(file, Path("s.toml")), file)[2]
+    assert extra is not None
+    assert extra(4.0, 0.3, 0.08, -0.1, 0.07, -0.2) == pytest.approx((0.0, 0.0), abs=1e-15)

@@ -51,6 +51,11 @@ def test_noise_suggests_no_bounce_and_a_bounce_is_found_with_each_runs_own_phase
     assert [e.variant for e in found] == ["springs at 0.46, 0.46, 0.46 Hz", "bounces as its radius shows"]
     # four numbers a run are cheaper than a course
     assert 0 < found[0].cost < found[1].cost
+    # a run's four numbers are paid for by how far they were moved, in units of their own noise; that is known to some 2 in each
+    moved = [float(((ring(r, p) / r.usual_sd(2)) ** 2).sum()) for r, p in zip(runs, phases, strict=True)]
+    assert found[0].cost == pytest.approx(
+        sum(2 * np.log1p(m / 4) for m in moved), abs=sum(4 / np.sqrt(m) for m in moved) + 0.2
+    )
     t_s = np.arange(0.0, 20.0, 0.05)
     seen = SimpleNamespace(t_s=t_s[:, None, None], alpha_rad=np.zeros((1, 1, 1)), tension_n=np.ones((3, 1)))
     bounce = found[0].stretch(seen, 0.0, 0.0, 1.0, 0.0)[:, :, 0]  # pyright: ignore[reportOptionalCall]

@@ -1,0 +1,200 @@
+"""Single parts of the diagnosis by hand: windows, next runs, covariances, steps, what it says."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from towline.diagnose import gap
+from towline.diagnose.effects.hull import CURRENT
+from towline.diagnose.gap import _next
+from towline.diagnose.hypothesis import Hypothesis
+from towline.diagnose.hypothesis import Path as Motion
+from towline.diagnose.inference import Inference
+from towline.diagnose.next_run import _differs
+from towline.diagnose.slackness import slack_effects
+from towline.diagnose.tow_data import LINE_SD_M, SLOW_S, SLOW_UNSEEN_PX, _covariances, _shutter
+from towline.diagnose.tow_model import _with_lags
+from towline.diagnose.tow_seen import TowSeen
+from towline.diagnose.words import _changed
+from towline.geometry.checks.bundle import half_sine
+from towline.simulate.model import Tow
+
+
+def test_a_lag_that_a_path_does_not_know_begins_as_the_velocities() -> None:
+    states = np.arange(6.0 * 5 * 2).reshape(6, 5, 2)
+    path = Motion((0.5,), states)
+    assert _with_lags(path, (0.5,)) is states
+    more = _with_lags(path, (0.2, 0.5))
+    np.testing.assert_array_equal(more, states[[0, 1, 2, 3, 2, 3, 4, 5]])
+
+
+def test_a_next_run_is_told_by_what_differs_from_those_made() -> None:
+    tows = [SimpleNamespace(data=SimpleNamespace(tow=Tow(1.28, 0.91, x, 3.96))) for x in (1.45, 1.6, 1.75)]
+    runs: Any = tows
+    assert _differs(runs, (1.6, 0.91, 1.28, 0.2, 0.0)) == "released at y 0.20 m"
+    assert _differs(runs, (1.9, 0.91, 1.28, 0.2, 0.0)) == "a tow point at 1.90 m, released at y 0.20 m"
+    assert _differs(runs, (1.4, 1.4, 1.28, -0.1, np.radians(5))) == (
+        "a line of 1.40 m, a tow point at 1.40 m, released at y -0.10 m and 5 degrees heading"
+    )
+    assert _differs(runs, (1.75, 0.91, 0.9, 0.2, 0.0)) == "0.90 m/s, released at y 0.20 m"
+
+
+def test_a_rolling_shutter_sees_a_lower_mark_later() -> None:
+    """x, y, heading and marker distance by the rates of x, y, heading, against marks that are moved on by their rows' lateness."""
+    body, height = np.array([[1.0, 0.1], [-0.8, -0.2]]), 400.0
+    pose, rows = np.array([2.0, 0.3, 0.2]), np.array([300.0, 150.0])
+
+    def places(pose: np.ndarray) -> np.ndarray:
+        turn = Rotation.from_rotvec([0, 0, pose[2]]).as_matrix()[:2, :2]
+        return body @ turn.T + pose[:2]
+
+    def rigid(place: np.ndarray) -> np.ndarray:
+        """Heading of the line through both, and the mean place: what equal weights give to first order."""
+        line, own = place[0] - place[1], body[0] - body[1]
+        heading = np.arctan2(line[1], line[0]) - np.arctan2(own[1], own[0])
+        middle = places(np.array([0.0, 0.0, heading])).mean(axis=0)
+        return np.array([*(place.mean(axis=0) - middle), heading, np.hypot(*line)])
+
+    def slope(function: Any, at: np.ndarray, step: float) -> np.ndarray:
+        return np.stack([(function(at + e) - function(at - e)) / (2 * step) for e in step * np.eye(len(at))], axis=-1)
+
+    gain = slope(lambda flat: rigid(flat.reshape(2, 2)), places(pose).ravel(), 1e-6)
+    line = places(pose)[0] - places(pose)[1]
+    found = SimpleNamespace(
+        place_m=places(pose)[None],
+        pixel_px=np.stack([np.full(2, 50.0), rows], axis=1)[None],
+        markers=[SimpleNamespace(body_m=tuple(b)) for b in body],
+        rigid=SimpleNamespace(pose=pose[None], gain=gain[:3].reshape(3, 2, 2)[None]),
+    )
+    run: Any = SimpleNamespace(file=SimpleNamespace(camera=SimpleNamespace(image_size_px=(640, int(height)))))
+    answer = _shutter(found, (line / np.hypot(*line))[None], run)[0]
+    late = rows / height - 0.5
+
+    def shown(rate: np.ndarray) -> np.ndarray:
+        return rigid(np.stack([places(pose + rate * late[i])[i] for i in range(2)]))
+
+    np.testing.assert_allclose(answer, slope(shown, np.zeros(3), 1e-5), atol=1e-6)
+
+
+def test_slack_windows_are_those_of_the_radius_clearest_run_first() -> None:
+    """Half sines of 6 mm and 3 mm in a radius good to 0.5 mm: each window to 0.4 s, one run, then both."""
+    t, rng = np.arange(0.25, 40, 0.5), np.random.default_rng(7)
+    dips = [(0.003, 12.0, 15.0), None, (0.006, 25.0, 29.5)]
+    rows, runs = [], []
+    for dip in dips:
+        radius = rng.normal(0, 5e-4, len(t))
+        if dip is not None:
+            radius -= dip[0] * half_sine(t, dip[1], dip[2])
+        rows.append((np.column_stack([0 * t, 0 * t, radius]), None))
+        runs.append(SimpleNamespace(centre_s=t, usual_sd=lambda _: 5e-4))
+    base: Any = SimpleNamespace(linear=SimpleNamespace(rows=rows))
+    found = [e for e in slack_effects(runs, base) if not e.variant.startswith("wave")]
+    windows = [re.findall(r"run (\d) ([0-9.]+)-([0-9.]+) s", e.variant) for e in found]
+    assert [[int(w[0]) for w in one] for one in windows] == [[3], [1, 3]]
+    for run, begin, end in windows[1]:
+        dip = dips[int(run) - 1]
+        assert dip is not None
+        assert (float(begin), float(end)) == pytest.approx(dip[1:], abs=0.4)
+    calm = [(np.zeros((len(t), 3)) + rng.normal(0, 5e-4, (len(t), 3)), None) for _ in dips]
+    none: Any = SimpleNamespace(linear=SimpleNamespace(rows=calm))
+    assert slack_effects(runs, none) == []
+
+
+def test_the_bias_that_an_effect_had_made_is_said() -> None:
+    def hull(**values: float) -> dict[str, SimpleNamespace]:
+        return {k: SimpleNamespace(value=v) for k, v in values.items()}
+
+    file: Any = SimpleNamespace(derivatives={"before": hull(y_v=-55.0, n_r=-57.0), "after": hull(y_v=-50.0, n_r=-60.0)})
+    assert _changed(file) == "Left out, it biases the derivatives by up to 10 % (y_v)."
+    file = SimpleNamespace(derivatives={"before": hull(y_v=-50.2), "after": hull(y_v=-50.0)})
+    assert _changed(file) == ""
+    assert _changed(SimpleNamespace(derivatives={})) == ""
+
+
+def test_the_taut_line_ends_at_the_tow_point_wherever_it_stands() -> None:
+    """Radius of (X_T, Y_T) about the post, by hand for three poses and two runs."""
+    stated = np.array([[0.91, 1.6, 0.03, 0.1], [1.2, 1.4, 0.0, 0.0]])
+    sensor: Any = SimpleNamespace(_stated=stated)
+    x, y, beta = np.array([-2.4, -2.3, -2.5]), np.array([0.1, -0.2, 0.3]), np.array([0.05, -0.1, 0.2])
+    found = TowSeen._line(sensor, *(np.tile(one[:, None, None], (1, 2, 1)) for one in (x, y, beta)))
+    for run, (length, x_t, y_t, post) in enumerate(stated):
+        for k in range(3):
+            turn = np.array([[np.cos(beta[k]), -np.sin(beta[k])], [np.sin(beta[k]), np.cos(beta[k])]])
+            place = np.array([x[k], y[k]]) + turn @ [x_t, y_t] - [post, 0.0]
+            assert found[k, run, 0] == pytest.approx(np.hypot(*place) - length, rel=1e-12)
+
+
+def test_each_block_has_its_own_variance_and_a_lost_one_the_usual() -> None:
+    """Beside the slow error that all share: stated sigmas that grow over the run, one of them missing, one nothing."""
+    own = np.linspace(1e-6, 4e-6, 9)
+    given = np.tile(own[:, None], (1, 4))
+    given[3], given[5] = np.nan, 0.0
+    given[:, 3] = np.nan  # a channel that was never seen
+    flat: Any = SimpleNamespace(variance=np.full((20, 4), 1e-6), sigma_px=0.1)
+    centre = np.arange(9) * 0.5
+    found = _covariances(centre, given, flat, None, 0.5)
+    slow = 1e-3 / 0.1 * SLOW_UNSEEN_PX
+    for channel in range(3):
+        sd = np.hypot(slow, LINE_SD_M) if channel == 2 else slow
+        whole = np.where(np.isin(np.arange(9), (3, 5)), np.nanmedian(given[:, channel]), own)
+        shared = sd**2 * np.exp(-np.abs(centre[:, None] - centre) / SLOW_S)
+        np.testing.assert_allclose(found[channel], np.diag(whole) + shared, rtol=1e-12)
+    np.testing.assert_array_equal(found[3], np.eye(9))
+
+
+def test_a_step_is_shortened_to_what_the_numbers_may_move() -> None:
+    """By the one that would go too far: 40 % of a derivative, three standard deviations of an effect."""
+    drag = CURRENT
+    sds = np.array([q.sd for q in drag.parameters])
+    h = Hypothesis(np.array([100.0, -50.0]), np.zeros((1, 3)), (drag,), (np.zeros(2),))
+    engine: Any = SimpleNamespace(simulator=SimpleNamespace(least=1.0), fixed=lambda h: len(h.shared))
+
+    def stepped(shared: Sequence[float], numbers: Sequence[float], share: float = 1.0) -> Hypothesis:
+        moved: Any = SimpleNamespace(moved=lambda *parts: parts)
+        solved = SimpleNamespace(shared=np.array([*shared, *(np.array(numbers) * sds)]), own=np.ones((1, 3)))
+        fitted: Any = SimpleNamespace(hypothesis=h, solved=solved, linear=SimpleNamespace(slopes=moved))
+        return Inference.stepped(engine, fitted, share)
+
+    free = stepped([10.0, 5.0], [1.0, -2.0])
+    np.testing.assert_allclose(free.shared, [110.0, -45.0])
+    np.testing.assert_allclose(free.numbers[0], sds * [1.0, -2.0])
+    np.testing.assert_allclose(free.own, 1.0)
+    np.testing.assert_allclose(stepped([10.0, 5.0], [1.0, -2.0], 0.5).shared, [105.0, -47.5])
+    far = stepped([10.0, -60.0], [1.0, -2.0])  # three times what is let
+    np.testing.assert_allclose(far.shared, [100.0 + 10 / 3, -70.0])
+    np.testing.assert_allclose(far.numbers[0], sds * [1 / 3, -2 / 3])
+    wide = stepped([10.0, 5.0], [1.0, -12.0])  # four times
+    np.testing.assert_allclose(wide.numbers[0], sds * [0.25, -3.0])
+    np.testing.assert_allclose(wide.own, 0.25)
+
+
+def test_the_next_run_tells_the_headline_from_its_nearest_rival(monkeypatch: pytest.MonkeyPatch) -> None:
+    design = SimpleNamespace(
+        tow_point_m=1.6, line_length_m=0.9, speed_m_s=1.2, y_m=0.2, beta_rad=0.0, distance=30.0, differs="1.20 m/s"
+    )
+    asked = []
+    monkeypatch.setattr(gap, "next_run", lambda _, first, second: asked.append((first, second)) or design)
+
+    def candidate(evidence: float, *names: str) -> Any:
+        return SimpleNamespace(names=names, effects=names, log_evidence=evidence, fitted="+".join(names))
+
+    pair, near, far = candidate(9.0, "a", "b"), candidate(7.0, "c"), candidate(2.0, "d")
+    ranking: Any = SimpleNamespace(candidates=[pair, far, near], base="none")
+    nothing: Any = None
+    found = _next(nothing, ranking, pair)
+    assert asked.pop() == ("a+b", "c")
+    assert found is not None
+    assert found.why.startswith("1.20 m/s: ")
+    assert " a from c " in found.why
+    found = _next(nothing, ranking, None)
+    assert asked.pop() == ("none", "c")
+    assert found is not None
+    assert " no gap from c " in found.why
+    assert _next(nothing, SimpleNamespace(candidates=[pair], base="none"), pair) is None  # pyright: ignore[reportArgumentType]

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from towline.identify import RunData, fit_runs, fit_steady, phase_analysis, run_data, two_tow_x_v
+from towline.identify.joint.parameters import STEEPEST_RAD, side_from_y
 from towline.identify.methods.common import LONGEST_S, check_series
 from towline.identify.noise import autoregression, ljung_box_p, measured, stated
 from towline.identify.response import full_response, linear_response
@@ -135,6 +136,30 @@ def test_noise_alone_gives_a_start_that_a_hull_can_have() -> None:
         runs = [data(x, 0.0, noise=5 * rng.normal(size=(400, 2))) for x in POINTS_M]
         mass, inertia, y_v, _, _, n_r = weak_form_start(runs, 1.28)
         assert min(mass, inertia) > 0 > max(y_v, n_r)
+
+
+@pytest.mark.parametrize("grows_s", [4.0, 8.0])
+def test_a_record_that_grows_gives_a_start_that_a_hull_can_have(grows_s: float) -> None:
+    """A tow run backwards and swelling: mass or damping come out with the wrong sign, and the start has the usual instead."""
+    runs = []
+    for x, y in zip(POINTS_M, STARTS_M, strict=True):
+        run = data(x, y)
+        swell = np.exp(run.t_s / grows_s)
+        runs.append(replace(run, y_m=run.y_m[::-1] * swell, beta_rad=run.beta_rad[::-1] * swell))
+    mass, inertia, y_v, _, _, n_r = weak_form_start(runs, 1.28)
+    assert min(mass, inertia) > 0 > max(y_v, n_r)
+    # damped within some lengths of travel: the usual hull
+    assert 0.05 < -y_v * 2.45 / (mass * 1.28) < 5
+    assert 0.05 < -n_r * 2.45 / (inertia * 1.28) < 5
+
+
+def test_the_start_of_a_line_that_cannot_reach_is_its_steepest() -> None:
+    run = data(1.649, 0.2)
+    assert side_from_y("linear", run, 0.5, 0.1) == 0.5
+    assert side_from_y("full", run, 0.2, 0.1) == pytest.approx(np.arcsin((0.2 + 1.649 * np.sin(0.1)) / 0.91), rel=1e-9)
+    assert side_from_y("full", run, 2.0, 0.0) == STEEPEST_RAD
+    assert side_from_y("full", run, -2.0, 0.0) == -STEEPEST_RAD
+    assert side_from_y("full", run, 0.9099, 0.0) == STEEPEST_RAD
 
 
 def test_a_record_of_hours_is_refused() -> None:

@@ -110,6 +110,8 @@ def test_exact_responses_give_the_derivatives_back() -> None:
     np.testing.assert_allclose(fit_frequency_response(noisy, SIX * 1.1).six, SIX, rtol=1e-5)
     with pytest.raises(EstimationError, match="holds four numbers"):
         fit_frequency_response([exact_response(1.649, omega[:1])])
+    two = [exact_response(x, omega[1:2]) for x in (1.446, 1.751)]  # eight numbers are enough
+    np.testing.assert_allclose(fit_frequency_response(two).six, SIX, rtol=1e-6)
     # responses that differ by more than their stated errors: the covariance is that of errors as large as the misfit
     rng = np.random.default_rng(8)
     off = [

@@ -19,7 +19,7 @@ from towline.identify.colour.bootstrap import _drawn
 from towline.identify.colour.bootstrap import pushed as pushed_by
 from towline.identify.colour.kalman import innovations
 from towline.identify.noise import Whitener, from_correlation
-from towline.identify.still import Slow, Still, _regression, block_colour, colour_of, colours
+from towline.identify.still import FEWEST, Slow, Still, _regression, block_colour, colour_of, colours
 from towline.record import DerivativesFile, Priors, read_result
 from towline.record.tables import write_table
 
@@ -176,6 +176,8 @@ def test_what_a_record_says_of_its_colour() -> None:
     short = Still(np.arange(50) / rate, values[:50], np.tile(np.eye(2), (50, 1, 1)))
     assert colour_of([short], 1 / rate) is None
     assert "50 measured samples" in short.useless(1 / rate)
+    enough = Still(np.arange(FEWEST) / rate, values[:FEWEST], np.tile(np.eye(2), (FEWEST, 1, 1)))
+    assert enough.useless(1 / rate) == ""
     assert "samples a second" in Still(2 * t, values, np.tile(np.eye(2), (4000, 1, 1))).useless(1 / rate)
 
 

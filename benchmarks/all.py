@@ -27,7 +27,7 @@ from towline.record.files import write_text
 HERE = Path(__file__).resolve().parent
 PACKAGES = (
     "towline", "numpy", "scipy", "pandas", "opencv-python-headless", "scikit-image", "av", "kornia", "torch", "trackpy", "casadi",
-    "jax-sysid", "pysindy",
+    "jax-sysid", "pysindy", "cosmic-ray", "pytest-cov",
 )  # fmt: skip
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +18,9 @@ from towline.cli import main
 from towline.diagnose.effects import LIBRARY, STAGES, Effect, load_effects
 from towline.diagnose.gap import _verdict
 from towline.diagnose.hypothesis import Hypothesis
+from towline.diagnose.next_run import next_run
 from towline.diagnose.noise import Forces
+from towline.diagnose.tow import TowSimulator
 from towline.diagnose.tow_data import block_step
 from towline.diagnose.tow_model import TowModel
 from towline.diagnose.tow_noise import tow_noise
@@ -126,6 +130,34 @@ def test_an_absent_effect_changes_nothing(model) -> None:
         silent = {n for n, m in zip(names, moved, strict=True) if m == 0}
         # the second numbers of these only shape their first
         assert silent == {"sync_delay", "elastic_line", "tension_variation", "marker_roll"}
+
+
+def test_a_next_runs_distance_grows_with_the_square_and_falls_with_what_is_not_known(model) -> None:
+    """Nothing apart is no distance; a force half as large has a fourth of it; derivatives known less well explain more of it."""
+    tow_model, hypothesis = model
+    drag = next(e for e in LIBRARY if e.name == "crossflow_drag")
+    engine: Any = SimpleNamespace(simulator=TowSimulator(tow_model.runs))
+
+    def distance(depth_m: float, known_rel: float) -> tuple[float, Any]:
+        first: Any = SimpleNamespace(
+            hypothesis=hypothesis,
+            forces=Forces(1e-6, 1e-6, 1),
+            solved=SimpleNamespace(covariance=np.diag((known_rel * hypothesis.shared) ** 2)),
+        )
+        second: Any = SimpleNamespace(
+            hypothesis=replace(hypothesis, effects=(drag,), numbers=(np.array([depth_m, 0.0]),))
+        )
+        design = next_run(engine, first, second)
+        assert design is not None
+        return design.distance, design
+
+    assert distance(0.0, 0.01)[0] == pytest.approx(0.0, abs=1e-9)
+    sure, design = distance(0.02, 1e-6)
+    assert design.y_m + design.tow_point_m * np.sin(design.beta_rad) == pytest.approx(0.45, abs=1e-9)  # far out
+    assert distance(0.01, 1e-6)[0] == pytest.approx(sure / 4, rel=0.1)
+    fair, vague, nothing = (distance(0.02, rel)[0] for rel in (0.01, 0.1, 10.0))
+    assert sure > 1.2 * fair > 1.2**2 * vague > 0
+    assert vague > nothing > 0.01 * sure  # the square of a velocity is no straight line, whatever its slope
 
 
 def test_noise_is_whitened(model) -> None:

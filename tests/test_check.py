@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from towline.geometry import motion_from_tracks, run_datum
 from towline.geometry.camera import Lens
 from towline.geometry.checks.bundle import Extra, _Seen
 from towline.geometry.checks.check import Check, _long_run, bundle_of, check_geometry, tolerances
+from towline.geometry.checks.jump import find_jump
 from towline.geometry.checks.refine import refined
 from towline.record import GeometryError, read_tracks
 from towline.record.tables import write_table
@@ -64,6 +66,36 @@ def test_nothing_planted_nothing_named(cameras: ModuleType) -> None:
         scene = cameras.random_scene(np.random.default_rng(seed), FRAMES)
         check = checked(cameras.film(scene, np.random.default_rng([seed, 7])))
         assert not check.named, check.named[0].fault
+
+
+@pytest.mark.parametrize("marks", [2, 3])
+def test_a_jump_of_the_picture_is_found_where_it_is_with_its_turn(marks: int) -> None:
+    """Smooth paths, their noise, and a turn between two frames, 60 draws: its place in every one, its size without bias, and of
+    the jump is left what the noise of 2 m - 3 numbers is."""
+    t, at, turn = np.arange(120) / 10, 71, np.array([4e-3, -3e-3, 2e-3])
+    slope = np.random.default_rng(1).normal(0, 900, (marks, 2, 3)) + 900 * np.array([[0, 1, 0.3], [-1, 0, 0.3]])
+    turns, rests = [], []
+    for seed in range(60):
+        rng = np.random.default_rng([2, seed])
+        sigma = np.tile([0.1, 0.2], (len(t), marks, 1))
+        paths = 30 * np.sin(0.3 * t[:, None, None] + rng.uniform(0, 6, (marks, 2)))
+        paths = paths + rng.normal(size=paths.shape) * sigma
+        paths[at:] += slope @ turn
+        paths[40, 0] = np.nan  # one lost frame
+        film: Any = SimpleNamespace(t_s=t, pixel_px=paths, sigma_px=sigma)
+        found = find_jump(film, np.tile(slope, (len(t), 1, 1, 1)), 1.0)
+        assert found is not None
+        assert (found.before_s, found.t_s) == (t[at - 1], t[at])
+        assert found.rest_degrees == 2 * marks - 3
+        assert found.gain > 100
+        turns.append(found.turn_rad)
+        rests.append(found.rest)
+    error = np.mean(turns, axis=0) - turn
+    assert (np.abs(error) < 4 * np.std(turns, axis=0) / np.sqrt(60)).all(), error
+    degrees = 2 * marks - 3
+    assert abs(np.mean(rests) - degrees) < 4 * np.sqrt(2 * degrees / 60)
+    short: Any = SimpleNamespace(t_s=t[:6], pixel_px=paths[:6], sigma_px=sigma[:6])
+    assert find_jump(short, np.tile(slope, (6, 1, 1, 1)), 1.0) is None
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])

@@ -219,7 +219,7 @@ def judged(mutant: Mutant, place: Path, lines: dict[str, list[str]], times: dict
 
 
 def unsure(found: list[dict], out: Path) -> list[str]:
-    """Tests that killed, and fail in the project as it stands too when they run in the order of the table: their word is void."""
+    """Tests that killed, and fail in the project as it stands too: their word is void."""
     names = sorted({name for one in found for name in one["by"]})
     if not names:
         return []
@@ -241,7 +241,7 @@ def table(found: list[dict], void: list[str]) -> str:
             how["a test failed" if one["by"] else "did not end" if one["code"] == 124 else "no test could start"] += 1
     rows = [
         "killed because: " + ", ".join(f"{what} {count}" for what, count in how.items()),
-        f"tests that killed and fail without a mutation too: {', '.join(void) or 'none'}",
+        f"tests that failed without a mutation too, and killed nothing: {', '.join(void) or 'none'}",
         "",
     ]
     for room in (*ROOMS, ""):
@@ -292,7 +292,9 @@ def main() -> None:
     for thread in threads:
         thread.join()
     found = [json.loads((out / f"{k:04d}.json").read_text()) for k, _ in todo]
-    text = table(found, unsure(found, out))
+    void = unsure(found, out)
+    found = [{**one, "killed": one["killed"] and not set(void).intersection(one["by"])} for one in found]
+    text = table(found, void)
     (out / "mutants.txt").write_text(text)
     print(text)
 

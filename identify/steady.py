@@ -247,7 +247,10 @@ def fit_steady(tows: list[SteadyState], x_delta_m: float | None = None) -> Stead
         raise EstimationError(f"run {missing!r} has no tension while others have; give it to all or to none")
     x_t = np.array([t.tow_point_m for t in tows])
     force = np.array([t.force()[0] for t in tows])
-    covariance = _force_covariance(tows, force)
+    by_force, inputs = force_slope(tows), input_covariance(tows)
+    covariance = by_force @ inputs @ by_force.T
+    if not all(measured):  # R's own scatter from tow to tow
+        covariance += np.diag(np.square(force * [t.tension_sd_rel for t in tows]))
     notes = []
     if (np.sign(force) != np.sign(force[0])).any():
         raise EstimationError(
@@ -286,13 +289,14 @@ def fit_steady(tows: list[SteadyState], x_delta_m: float | None = None) -> Stead
     for tow in tows:
         if not tow.settled:
             notes.append(f"run {tow.name!r} still drifts at its end; a longer tow would settle it")
-    common = max(t.tension_common_sd_rel for t in tows) if all(measured) else 0.0
     sd = np.sqrt(np.diag(inverse) * widened)
     half = float(ndtri(0.975) * sd[0])
-    y_v, n_v, y_delta, n_delta = _hull_from_steady(tows, force, (x_v, k), gain, widened, x_delta_m)
+    by_gap = by_force.copy()  # of F - k/(X_T - X_v)
+    by_gap[:, 3::4] += np.diag(k / (x_t - x_v) ** 2)
+    y_v, n_v, y_delta, n_delta = _hull_from_steady(tows, (x_v, k), by_force, gain @ by_gap, widened * inputs, x_delta_m)
     return SteadyFit(
         x_v_m=Measured(value=float(x_v), std=float(sd[0])),
-        slope=Measured(value=float(k), std=float(np.hypot(sd[1], k * common))),
+        slope=Measured(value=float(k), std=float(np.hypot(sd[1], k * common_errors(tows)[0]))),
         interval_m=(float(x_v) - half, float(x_v) + half),
         chi2_per_dof=per_dof,
         pairs=_pairs(tows, x_t, force, covariance),
@@ -319,18 +323,18 @@ def input_covariance(tows: list[SteadyState]) -> Array:
     return covariance
 
 
-def _force_covariance(tows: list[SteadyState], force: Array) -> Array:
-    """Covariance of F over the tows: own part on the diagonal, common camera modes across tows of one camera."""
-    slopes = [t.force()[1] for t in tows]
-    covariance = np.zeros((len(tows), len(tows)))
-    for i, (a, s) in enumerate(zip(tows, slopes, strict=True)):
-        covariance[i, i] += s @ a.covariance @ s + (force[i] * a.tension_sd_rel) ** 2
-        for j, (b, r) in enumerate(zip(tows, slopes, strict=True)):
-            if len(a.common) and len(a.common) == len(b.common) and a.common_key == b.common_key:
-                covariance[i, j] += (a.common @ s) @ (b.common @ r)
-            elif i == j and len(a.common):
-                covariance[i, i] += ((a.common @ s) ** 2).sum()
-    return covariance
+def force_slope(tows: list[SteadyState]) -> Array:
+    """(n, 4n), change of each tow's F with the inputs of ``input_covariance``."""
+    slope = np.zeros((len(tows), 4 * len(tows)))
+    for i, tow in enumerate(tows):
+        slope[i, 4 * i + 2], slope[i, 4 * i : 4 * i + 2] = tow.force()
+    return slope
+
+
+def common_errors(tows: list[SteadyState]) -> tuple[float, float]:
+    """Relative errors that all tows share: of T (none where it was not measured) and of U."""
+    tension = max(t.tension_common_sd_rel if t.tension_n is not None else 0.0 for t in tows)
+    return tension, max(t.speed_sd_rel for t in tows)
 
 
 def _pairs(tows: list[SteadyState], x_t: Array, force: Array, covariance: Array) -> dict[str, Measured]:
@@ -351,33 +355,23 @@ def _pairs(tows: list[SteadyState], x_t: Array, force: Array, covariance: Array)
 
 def _hull_from_steady(
     tows: list[SteadyState],
-    force: Array,
     line: tuple[float, float],
-    gain: Array,
-    widened: float,
+    by_force: Array,
+    by_line: Array,
+    inputs: Array,
     x_delta_m: float | None,
 ) -> tuple[Measured | None, Measured | None, Measured | None, Measured | None]:
     """Y_v = F (X_T - X_delta)/(v (X_v - X_delta)), N_v = X_v Y_v, Y_delta delta = F (X_v - X_T)/(X_v - X_delta) and
     N_delta delta = X_delta Y_delta delta (4.10, 5.6-5.8).
 
-    Errors of every tow's angles, T and X_T are carried through both, with what they do to the line (``gain``, (2, n): change of
-    X_v and k with each F); T's and U's common errors scale them.
+    Errors of every tow's angles, T and X_T (``inputs``) are carried through both, by what they do to each F (``by_force``) and to
+    the line's X_v and k (``by_line``, (2, 4n)); T's and U's common errors scale them.
     """
     if x_delta_m is None or any(t.tension_n is None for t in tows):
         return None, None, None, None
-    n, (x_v, k) = len(tows), line
+    (x_v, k), (x_v_by, k_by) = line, by_line
     arm = x_v - x_delta_m
-    by_force = np.zeros((n, 4 * n))  # of F, by the inputs of input_covariance
-    by_gap = np.zeros((n, 4 * n))  # of F - k/(X_T - X_v)
-    for i, tow in enumerate(tows):
-        by_force[i, 4 * i : 4 * i + 2] = tow.force()[1]
-        by_force[i, 4 * i + 2] = force[i]
-        by_gap[i, 4 * i + 3] = k / (tow.tow_point_m - x_v) ** 2
-    by_gap += by_force
-    x_v_by, k_by = gain @ by_gap
-    inputs = widened * input_covariance(tows)
-    tension = max(t.tension_common_sd_rel for t in tows)
-    both = float(np.hypot(tension, max(t.speed_sd_rel for t in tows)))
+    tension, speed = common_errors(tows)
 
     def measured(value: float, by: Array, shared: float) -> Measured:
         return Measured(value=float(value), std=float(np.hypot(np.sqrt(by @ inputs @ by), value * shared)))
@@ -392,11 +386,11 @@ def _hull_from_steady(
         v = -tow.speed_m_s * np.sin(tow.beta_rad)
         if v == 0.0:
             continue
-        lever = tow.tow_point_m - x_delta_m
+        force, lever = tow.force()[0], tow.tow_point_m - x_delta_m
         by = by_force[i] * lever
-        by[4 * i + 3] += force[i]
-        by[4 * i + 1] -= force[i] * lever / np.tan(tow.beta_rad)
-        values.append(force[i] * lever / (v * arm))
+        by[4 * i + 3] += force
+        by[4 * i + 1] -= force * lever / np.tan(tow.beta_rad)
+        values.append(force * lever / (v * arm))
         slopes.append(by / (v * arm) - values[-1] / arm * x_v_by)
         share = np.sqrt(tow.covariance[1, 1]) / abs(np.tan(tow.beta_rad))
         weights.append(1 / max(share, 1e-6) ** 2)
@@ -404,6 +398,7 @@ def _hull_from_steady(
         return None, None, *rudder
     y_v = float(np.average(values, weights=weights))
     y_v_by = np.average(slopes, axis=0, weights=weights)
+    both = float(np.hypot(tension, speed))
     damping = measured(y_v, y_v_by, both), measured(x_v * y_v, x_v * y_v_by + y_v * x_v_by, both)
     return *damping, *rudder
 

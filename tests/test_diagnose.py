@@ -16,6 +16,7 @@ import tomlkit
 
 from towline.cli import main
 from towline.diagnose.effects import LIBRARY, STAGES, Effect, load_effects
+from towline.diagnose.effects.hull import CROSSFLOW
 from towline.diagnose.gap import _verdict
 from towline.diagnose.hypothesis import Hypothesis
 from towline.diagnose.next_run import next_run
@@ -135,7 +136,6 @@ def test_an_absent_effect_changes_nothing(model) -> None:
 def test_a_next_runs_distance_grows_with_the_square_and_falls_with_what_is_not_known(model) -> None:
     """Nothing apart is no distance; a force half as large has a fourth of it; derivatives known less well explain more of it."""
     tow_model, hypothesis = model
-    drag = next(e for e in LIBRARY if e.name == "crossflow_drag")
     engine: Any = SimpleNamespace(simulator=TowSimulator(tow_model.runs))
 
     def distance(depth_m: float, known_rel: float) -> tuple[float, Any]:
@@ -145,7 +145,7 @@ def test_a_next_runs_distance_grows_with_the_square_and_falls_with_what_is_not_k
             solved=SimpleNamespace(covariance=np.diag((known_rel * hypothesis.shared) ** 2)),
         )
         second: Any = SimpleNamespace(
-            hypothesis=replace(hypothesis, effects=(drag,), numbers=(np.array([depth_m, 0.0]),))
+            hypothesis=replace(hypothesis, effects=(CROSSFLOW,), numbers=(np.array([depth_m, 0.0]),))
         )
         design = next_run(engine, first, second)
         assert design is not None

@@ -151,9 +151,8 @@ def test_each_block_has_its_own_variance_and_a_lost_one_the_usual() -> None:
 
 def test_a_step_is_shortened_to_what_the_numbers_may_move() -> None:
     """By the one that would go too far: 40 % of a derivative, three standard deviations of an effect."""
-    drag = CURRENT
-    sds = np.array([q.sd for q in drag.parameters])
-    h = Hypothesis(np.array([100.0, -50.0]), np.zeros((1, 3)), (drag,), (np.zeros(2),))
+    sds = np.array([q.sd for q in CURRENT.parameters])
+    h = Hypothesis(np.array([100.0, -50.0]), np.zeros((1, 3)), (CURRENT,), (np.zeros(2),))
     engine: Any = SimpleNamespace(simulator=SimpleNamespace(least=1.0), fixed=lambda h: len(h.shared))
 
     def stepped(shared: Sequence[float], numbers: Sequence[float], share: float = 1.0) -> Hypothesis:

@@ -36,14 +36,16 @@ STATE = {
     "density_kg_m3": 998.0, "half_width_m": 2.0, "v_lag": -0.15, "r_lag": 0.02, "duration_s": 40.0, "y_v": -52.87,
     "n_v": -48.51, "n_r": -57.60, "history": lambda t_s: 1.0 + 0.02 * np.sin(t_s),
 }  # fmt: skip
+HULL, TOW = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28), Tow(1.28, 0.91, 1.6, 3.96)
 
 
 def situation(**other) -> Situation:
     return Situation(**(STATE | other))
 
 
-def effect(name: str, variant: str = "") -> Effect:
-    return next(e for e in LIBRARY if e.name == name and (not variant or e.variant == variant))
+def effect(name: str) -> Effect:
+    """The first of its variants."""
+    return next(e for e in LIBRARY if e.name == name)
 
 
 def pushed(name: str, *numbers: float, **other) -> tuple[float, float]:
@@ -154,9 +156,9 @@ def test_a_roll_with_its_own_period_is_the_damped_oscillator() -> None:
 def test_what_the_camera_sees_by_hand() -> None:
     t = np.linspace(0, 2, 5)
     side = np.full(5, 0.25)
-    roll = next(e for e in LIBRARY if e.name == "marker_roll" and not e.remembers)
-    assert roll.observe is not None
-    x, y, beta, apart = roll.observe(seen(t, side), 0.01, 0.02)
+    roll = effect("marker_roll").observe
+    assert roll is not None
+    x, y, beta, apart = roll(seen(t, side), 0.01, 0.02)
     np.testing.assert_allclose(y, 0.01 * 0.25 + 0.02 * 0.05, rtol=1e-12)
     assert not any(np.any(one) for one in (x, beta, apart))
     shutter = effect("rolling_shutter").observe
@@ -268,47 +270,45 @@ def test_the_simulator_pushes_with_the_same_force() -> None:
         "bank_suction": {"suction_m2": 0.01, "moment_m2": 0.005},
         "swivel_friction": {"moment_n_m": 0.05},
     }
-    hull, tow = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28), Tow(1.28, 0.91, 1.6, 3.96)
     t, y, beta, v, r, alpha = 4.0, 0.3, 0.08, -0.003, 0.002, -0.2
-    rate = float(line_angle_rate(tow, beta, v, r, np.cos(alpha + beta)))
-    moved = full_rates(t, (np.array(alpha), np.array(beta), np.array(v), np.array(r)), hull, tow)
+    rate = float(line_angle_rate(TOW, beta, v, r, np.cos(alpha + beta)))
+    moved = full_rates(t, (np.array(alpha), np.array(beta), np.array(v), np.array(r)), HULL, TOW)
     assert rate == pytest.approx(float(moved[0]), rel=1e-12)
     at = {"t_s": t, "y_m": y, "beta_rad": beta, "v_m_s": v, "r_rad_s": r, "alpha_rad": alpha, "alpha_rate": rate}
     total = np.zeros(2)
     for name, numbers in sizes.items():
         file = scenario((name, numbers))
-        same_hull, same_tow, extra = with_effects(hull, tow, effects_of(file, Path("s.toml")), file)
-        assert (same_hull, same_tow) == (hull, tow)
+        same_hull, same_tow, extra = with_effects(HULL, TOW, effects_of(file, Path("s.toml")), file)
+        assert (same_hull, same_tow) == (HULL, TOW)
         assert extra is not None
         alone = extra(t, y, beta, v, r, alpha)
         assert alone == pytest.approx(pushed(name, *numbers.values(), **at), rel=1e-12)
         total += alone
     file = scenario(*sizes.items())
-    extra = with_effects(hull, tow, effects_of(file, Path("s.toml")), file)[2]
+    extra = with_effects(HULL, TOW, effects_of(file, Path("s.toml")), file)[2]
     assert extra is not None
     assert extra(t, y, beta, v, r, alpha) == pytest.approx(tuple(total), rel=1e-12)
     # a change of tension pulls along the line: its side part, and that on the tow point's arm
     file = scenario(("tension_variation", {"power": 1.0}))
-    extra = with_effects(hull, tow, effects_of(file, Path("s.toml")), file)[2]
+    extra = with_effects(HULL, TOW, effects_of(file, Path("s.toml")), file)[2]
     assert extra is not None
     side = -3.96 * (1 / np.cos(alpha) - 1) * np.sin(alpha + beta)
     assert extra(t, y, beta, v, r, alpha) == pytest.approx((side, 1.6 * side), rel=1e-12)
 
 
 def test_the_simulator_takes_couplings_lines_and_offsets() -> None:
-    hull, tow = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28), Tow(1.28, 0.91, 1.6, 3.96)
     file = scenario(
         ("added_mass_coupling", {"y_rdot": -4.0, "n_vdot": 3.0}),
         ("elastic_line", {"compliance_m_n": 0.003}),
         ("tow_point_offset", {"offset_m": 0.005}),
     )
-    changed, longer, extra = with_effects(hull, tow, effects_of(file, Path("s.toml")), file)
+    changed, longer, extra = with_effects(HULL, TOW, effects_of(file, Path("s.toml")), file)
     assert extra is None
     assert (changed.y_rdot, changed.n_vdot) == (-4.0, 3.0)
     assert longer.line_length_m == pytest.approx(0.91 + 0.003 * 3.96, rel=1e-14)
     assert longer.tow_point_offset_m == 0.005
     same = {f.name for f in fields(Tow)} - {"line_length_m", "tow_point_offset_m"}
-    assert all(getattr(longer, name) == getattr(tow, name) for name in same)
+    assert all(getattr(longer, name) == getattr(TOW, name) for name in same)
 
 
 def test_a_free_force_has_each_of_its_shapes_for_side_and_for_moment() -> None:
@@ -387,8 +387,7 @@ def test_a_shake_is_each_runs_own() -> None:
 
 
 def test_without_a_tension_history_a_delay_of_its_log_does_nothing() -> None:
-    hull, tow = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28), Tow(1.28, 0.91, 1.6, 3.96)
     file = scenario(("sync_delay", {"delay_s": 0.3}))
-    extra = with_effects(hull, tow, effects_of(file, Path("s.toml")), file)[2]
+    extra = with_effects(HULL, TOW, effects_of(file, Path("s.toml")), file)[2]
     assert extra is not None
     assert extra(4.0, 0.3, 0.08, -0.1, 0.07, -0.2) == pytest.approx((0.0, 0.0), abs=1e-15)

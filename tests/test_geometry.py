@@ -286,18 +286,18 @@ def test_the_deck_shift_ranks_as_in_the_theory() -> None:
     assert exact.max() < 1e-8
 
 
+def carried(pose: np.ndarray, body: np.ndarray) -> np.ndarray:
+    """Where points of the model stand in the tank, (n, m, 2), at poses (n, 3)."""
+    cosine, sine = np.cos(pose[:, 2])[:, None], np.sin(pose[:, 2])[:, None]
+    along = pose[:, :1] + cosine * body[:, 0] - sine * body[:, 1]
+    return np.stack([along, pose[:, 1:2] + sine * body[:, 0] + cosine * body[:, 1]], axis=2)
+
+
 def test_rigid_fit_against_closed_form_and_its_covariance() -> None:
     rng = np.random.default_rng(7)
     body = np.array([[1.2, 0.0], [-1.1, 0.1], [0.1, -0.2]])
     pose = np.column_stack([rng.uniform(-3, -2, 2000), rng.uniform(-0.5, 0.5, 2000), rng.uniform(-0.6, 0.6, 2000)])
-    cosine, sine = np.cos(pose[:, 2]), np.sin(pose[:, 2])
-    place = np.stack(
-        [
-            pose[:, :1] + cosine[:, None] * body[:, 0] - sine[:, None] * body[:, 1],
-            pose[:, 1:2] + sine[:, None] * body[:, 0] + cosine[:, None] * body[:, 1],
-        ],
-        axis=2,
-    )
+    place = carried(pose, body)
     root = np.array([[1e-3, 0.0], [5e-4, 8e-4]])
     covariance = np.broadcast_to(root @ root.T, (2000, 3, 2, 2))
     exact = fit_rigid(place, covariance, body)
@@ -318,14 +318,7 @@ def test_the_closed_form_pose_is_exact_for_exact_places() -> None:
     rng = np.random.default_rng(8)
     body = np.array([[1.2, 0.3], [-0.9, -0.1], [0.4, 0.5]])
     pose = np.column_stack([rng.uniform(-3, 3, 40), rng.uniform(-1, 1, 40), rng.uniform(-3, 3, 40)])
-    cosine, sine = np.cos(pose[:, 2])[:, None], np.sin(pose[:, 2])[:, None]
-    place = np.stack(
-        [
-            pose[:, :1] + cosine * body[:, 0] - sine * body[:, 1],
-            pose[:, 1:2] + sine * body[:, 0] + cosine * body[:, 1],
-        ],
-        axis=2,
-    )
+    place = carried(pose, body)
     mask = np.ones((40, 3))
     mask[::4, 1] = 0.0
     np.testing.assert_allclose(_procrustes(place, mask, body), pose, atol=1e-12)
@@ -351,14 +344,8 @@ def run_of(seen: Camera, points: list[DatumPoint], folder: Path, **tow) -> Run:
 def tracks_of(seen: Camera, run: Run, pose: np.ndarray, noise_px: float, rng: np.random.Generator) -> pd.DataFrame:
     frames = []
     for marker in run.file.marker:
-        x, y = marker.body_m
-        place = np.column_stack(
-            [
-                pose[:, 0] + x * np.cos(pose[:, 2]) - y * np.sin(pose[:, 2]),
-                pose[:, 1] + x * np.sin(pose[:, 2]) + y * np.cos(pose[:, 2]),
-                np.full(len(pose), marker.depth_m),
-            ]
-        )
+        across = carried(pose, np.array([marker.body_m]))[:, 0]
+        place = np.column_stack([across, np.full(len(pose), marker.depth_m)])
         pixel = seen.project(place) + rng.normal(0, noise_px, (len(pose), 2)) if noise_px else seen.project(place)
         frames.append(
             pd.DataFrame(

@@ -35,6 +35,20 @@ def tow_state(x_t: float, measured: bool = True) -> SteadyState:
     )
 
 
+def measured(
+    tow: SteadyState, rng: np.random.Generator, heading_rad: float = 0.0, tension: float = 1.0, speed: float = 1.0
+) -> SteadyState:
+    """A tow with errors of its own in angles, T and X_T, and the campaign's in heading, T and U."""
+    return replace(
+        tow,
+        alpha_rad=tow.alpha_rad + rng.normal(0, SD),
+        beta_rad=tow.beta_rad + rng.normal(0, SD) + heading_rad,
+        tension_n=3.96 * tension * (1 + rng.normal(0, 0.005)),
+        speed_m_s=1.28 * speed,
+        tow_point_m=tow.tow_point_m + rng.normal(0, 0.0005),
+    )
+
+
 def test_exact_tows_give_all_four_and_both_points() -> None:
     found = fit_steady_hull([tow_state(x) for x in POINTS_M[:3]], rudder_rad=DELTA)
     assert found.y_v.value == pytest.approx(-52.87, rel=1e-6)
@@ -72,16 +86,7 @@ def test_intervals_are_true_over_many_seeds() -> None:
     truth = np.array([-52.87, -2.0 * DELTA, -48.51, 2.4 * DELTA])
     z, inside = [], 0
     for _ in range(400):
-        tows = [
-            replace(
-                t,
-                alpha_rad=t.alpha_rad + rng.normal(0, SD),
-                beta_rad=t.beta_rad + rng.normal(0, SD),
-                tension_n=3.96 * (1 + rng.normal(0, 0.005)),
-                tow_point_m=t.tow_point_m + rng.normal(0, 0.0005),
-            )
-            for t in clean
-        ]
+        tows = [measured(t, rng) for t in clean]
         found = fit_steady_hull(tows, rudder_rad=DELTA)
         theta = np.array([found.y_v.value, found.y_delta_delta.value, found.n_v.value, found.n_delta_delta.value])
         z.append((theta - truth) / np.sqrt(np.diag(found.covariance)))
@@ -103,17 +108,7 @@ def test_intervals_with_a_known_rudder_point_are_true_over_many_seeds(points_m: 
     z = []
     for _ in range(400):
         heading, tension, speed = mode[0, 1] * rng.normal(), 1 + 0.004 * rng.normal(), 1 + 0.003 * rng.normal()
-        tows = [
-            replace(
-                t,
-                alpha_rad=t.alpha_rad + rng.normal(0, SD),
-                beta_rad=t.beta_rad + rng.normal(0, SD) + heading,
-                tension_n=3.96 * tension * (1 + rng.normal(0, 0.005)),
-                speed_m_s=1.28 * speed,
-                tow_point_m=t.tow_point_m + rng.normal(0, 0.0005),
-            )
-            for t in clean
-        ]
+        tows = [measured(t, rng, heading, tension, speed) for t in clean]
         line, free = fit_steady(tows, -1.2), fit_steady_hull(tows)
         y_v, n_v = damping_from_known_point(tows, -1.2)
         assert line.y_delta_delta is not None

@@ -18,7 +18,7 @@ from scipy.special import chdtrc, ndtri
 from ...record.errors import EstimationError
 from ...record.results import Measured
 from ...simulate.model import Array
-from ..steady import SteadyState, fit_steady, input_covariance
+from ..steady import SteadyState, common_errors, fit_steady, force_slope, input_covariance
 from .common import propagate
 
 ROUNDS = 8
@@ -124,12 +124,9 @@ def fit_steady_hull(
     else:
         notes.append("two tows fix the four numbers without a check; a third tow point would test them")
     in_r = not all(known)
-    # errors that all tows share: of T in all four, of U in the two that are over v
-    for error, moved in (
-        (max(t.tension_common_sd_rel for t in tows) * (not in_r), theta),
-        (max(t.speed_sd_rel for t in tows), theta * [1.0, 0.0, 1.0, 0.0]),
-    ):
-        inverse = inverse + np.outer(moved, moved) * error**2
+    tension, speed = common_errors(tows)  # T's stands in all four, U's in the two that are over v
+    for moved in (tension * theta, speed * theta * [1.0, 0.0, 1.0, 0.0]):
+        inverse = inverse + np.outer(moved, moved)
     if in_r and resistance_n is not None:
         relative = resistance_sd_n / resistance_n
         theta, inverse = theta * resistance_n, inverse * resistance_n**2
@@ -151,15 +148,13 @@ def _equations(v: Array, force: Array, x_t: Array) -> tuple[Array, Array]:
 def _misclosure_slope(tows: list[SteadyState], theta: Array) -> Array:
     """d(F - Y_v v - Y_d, F X_T - N_v v - N_d) by (alpha, beta, ln T, X_T), (2n, 4n)."""
     n = len(tows)
-    slope = np.zeros((2 * n, 4 * n))
+    by_force = force_slope(tows)
+    slope = np.concatenate([by_force, np.array([[t.tow_point_m] for t in tows]) * by_force])
     for i, tow in enumerate(tows):
-        force, by_angle = tow.force()
         by_beta = -tow.speed_m_s * np.cos(tow.beta_rad)
-        for row, arm, damping in ((i, 1.0, theta[0]), (n + i, tow.tow_point_m, theta[2])):
-            slope[row, 4 * i : 4 * i + 2] = arm * by_angle
-            slope[row, 4 * i + 1] -= damping * by_beta
-            slope[row, 4 * i + 2] = arm * force
-        slope[n + i, 4 * i + 3] = force
+        slope[i, 4 * i + 1] -= theta[0] * by_beta
+        slope[n + i, 4 * i + 1] -= theta[2] * by_beta
+        slope[n + i, 4 * i + 3] = tow.force()[0]
     return slope
 
 

@@ -19,6 +19,7 @@ from towline.geometry import motion_from_tracks, run_datum
 from towline.geometry.camera import Lens
 from towline.geometry.checks.bundle import Extra, _Seen
 from towline.geometry.checks.check import Check, _long_run, bundle_of, check_geometry, tolerances
+from towline.geometry.checks.faults import refit, screen
 from towline.geometry.checks.jump import find_jump
 from towline.geometry.checks.refine import refined
 from towline.record import GeometryError, read_tracks
@@ -96,6 +97,76 @@ def test_a_jump_of_the_picture_is_found_where_it_is_with_its_turn(marks: int) ->
     assert abs(np.mean(rests) - degrees) < 4 * np.sqrt(2 * degrees / 60)
     short: Any = SimpleNamespace(t_s=t[:6], pixel_px=paths[:6], sigma_px=sigma[:6])
     assert find_jump(short, np.tile(slope, (6, 1, 1, 1)), 1.0) is None
+
+
+@pytest.mark.parametrize("hertz", [0.5, 1.0, 1.6])
+def test_a_film_of_few_frames_is_no_turned_camera(cameras: ModuleType, hertz: float) -> None:
+    """A swing of 16 s is no cubic over fourteen frames so far apart."""
+    for seed in SEEDS:
+        scene = cameras.random_scene(np.random.default_rng(seed), int(60 * hertz))
+        check = checked(cameras.film(scene, np.random.default_rng([seed, 7])))
+        assert not check.named, check.named[0].fault
+
+
+@pytest.mark.parametrize("planted", ["", "camera turned"])
+def test_many_runs_of_one_set_up_hide_and_invent_no_turn(cameras: ModuleType, planted: str) -> None:
+    """Twelve runs share 1500 frames, two a second; a turn is found at its own frame of ten a second all the same."""
+    for seed in range(2):
+        scene = cameras.random_scene(np.random.default_rng(seed), 600)
+        films = [cameras.film(scene, np.random.default_rng([seed, k]), planted if k == 5 else "") for k in range(12)]
+        check = check_geometry([f.run for f in films], [f.tracks for f in films], run_datum(films[0].run, None))
+        assert np.median(np.diff(check.bundle.films[0].t_s)) > 0.45
+        if not planted:
+            assert not check.named, check.named[0].fault
+            continue
+        fault = check.named[0].fault
+        assert (fault.kind, fault.item) == ("camera turned", 5)
+        assert fault.extra is not None
+        assert fault.extra.span_s == (films[5].at_s, np.inf)
+
+
+def test_the_gain_of_a_jump_is_in_units_of_what_the_frames_show() -> None:
+    """Noise five times as large as stated: the drop by chance is not 25 times that of right numbers; a window's own 36 numbers say
+    how large the noise is to a quarter, so that the largest of many is a fifth to a half larger than with what is known."""
+    t, rng = np.arange(120) / 10, np.random.default_rng(4)
+    slope = rng.normal(0, 900, (2, 2, 3))
+    gains = {1.0: [], 5.0: []}
+    for factor, found in gains.items():
+        for _ in range(40):
+            paths = factor * rng.normal(0, 0.1, (len(t), 2, 2))
+            film: Any = SimpleNamespace(t_s=t, pixel_px=paths, sigma_px=np.full((len(t), 2, 2), 0.1))
+            jump = find_jump(film, np.tile(slope, (len(t), 1, 1, 1)), 1.0)
+            assert jump is not None
+            assert jump.frames == len(t) - 13
+            found.append(jump.gain)
+    assert 1.0 < np.mean(gains[5.0]) / np.mean(gains[1.0]) < 1.6
+    assert 8 < np.mean(gains[1.0]) < 16  # the largest of some hundred chi-squares of 3, neighbours alike
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_one_linear_step_foresees_the_full_fit(cameras: ModuleType, seed: int) -> None:
+    """Nothing planted, so that every fault is small: evidence and gain of the screening are those of the fit that releases it,
+    but for what is not linear (0.1 in the log, 5 % of the gain beside it)."""
+    scene = cameras.random_scene(np.random.default_rng(seed), 60)
+    case = cameras.film(scene, np.random.default_rng([seed, 7]))
+    fit = run_datum(case.run, None)
+    bundle = bundle_of([case.run], [case.tracks], fit).with_inflation(1.7)
+    sd = tolerances(bundle, case.run, fit)
+    null = bundle.solve(sd)
+    found = screen(bundle, null, sd)
+    assert [s.evidence for s in found] == sorted((s.evidence for s in found), reverse=True)
+    slack = [s for s in found if s.fault.kind == "slack line"]
+    rest = [s for s in found if s.fault.kind not in ("slack line", "camera turned")]
+    assert len(rest) == 11 + 2 * 2 + 10
+    # windows of seven lengths, each a sixth of its length further on
+    spans = [s.fault.extra.span_s for s in slack if s.fault.extra is not None]
+    lengths = sorted({round(b - a, 6) for a, b in spans})
+    assert lengths == [3.0, 4.5, 7.0, 10.0]  # a second apart, shorter ones hold fewer than three frames
+    assert {s.fault.ways for s in slack} == {sum(int(np.ceil((59 - n) / (n / 6))) for n in (0.5, 1, 2, *lengths))}
+    for scored in [*rest, *slack[:: len(slack) // 10]]:
+        whole = refit(bundle, null, sd, scored)
+        assert scored.evidence == pytest.approx(whole.evidence, abs=0.1), scored.fault
+        assert scored.gain == pytest.approx(whole.gain, abs=0.1 + 0.05 * whole.gain), scored.fault
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])

@@ -174,19 +174,27 @@ class Bundle:
     poses : per film (n, 3), start; NaN where too few marks were seen
     line_sd_m : how exactly a taut line keeps its length from frame to frame
     inflation : factor on the marks' and the line's variances (noise that is not independent from frame to frame)
+    close : the films with more of their frames, for what happens between two; None: the films themselves
     """
 
     def __init__(
-        self, rig: Rig, films: Sequence[Film], poses: Sequence[Array], line_sd_m: float, inflation: float = 1.0
+        self,
+        rig: Rig,
+        films: Sequence[Film],
+        poses: Sequence[Array],
+        line_sd_m: float,
+        inflation: float = 1.0,
+        close: Sequence[Film] | None = None,
     ) -> None:
         self.rig, self.films = rig, list(films)
+        self.close = self.films if close is None else list(close)
         self.start = [np.array(p, dtype=float) for p in poses]
         self.line_sd_m, self.inflation = line_sd_m, inflation
         self.names = rig.names()
 
     def with_inflation(self, factor: float) -> Bundle:
         """The same with another factor on the marks' variances."""
-        return Bundle(self.rig, self.films, self.start, self.line_sd_m, factor)
+        return Bundle(self.rig, self.films, self.start, self.line_sd_m, factor, self.close)
 
     def solve(self, sd: Array, extras: Sequence[tuple[Extra, Array]] = (), first: Solution | None = None) -> Solution:
         """Gauss-Newton.

@@ -46,6 +46,7 @@ TWINS = 3.0
 """Faults within this log Bayes factor of the best one are named beside it."""
 TRIED = 6
 MOST_FRAMES = 1500
+"""Of all runs together; for jumps, of each."""
 SMOOTH_S = 4.0
 """Errors slower than this are not told from the model's motion."""
 SLOW_PX, SLOW_LINE_M = 0.015, 2e-4
@@ -125,15 +126,16 @@ def bundle_of(runs: Sequence[Run], tracks: Sequence[pd.DataFrame], fit: DatumFit
     """The bundle of one set-up, at what is stated."""
     first = runs[0].file
     markers = [m for m in first.marker if m.on == "model"]
-    films, poses = [], []
+    films, close, poses = [], [], []
     for run, table in zip(runs, tracks, strict=True):
         frames = poses_from_tracks(run, without_lags(table), fit.mapping)
-        thin = slice(None, None, max(1, -(-len(frames.t_s) * len(runs) // MOST_FRAMES)))
+        thin, own = (slice(None, None, max(1, -(-len(frames.t_s) * k // MOST_FRAMES))) for k in (len(runs), 1))
         films.append(_film(run, frames.t_s[thin], frames.pixel_px[thin], frames.sigma_px[thin]))
+        close.append(_film(run, frames.t_s[own], frames.pixel_px[own], frames.sigma_px[own]))
         # as filmed: where marks on the post move through the picture, the pose itself is told from them
         pose = fit_rigid(frames.place_m, frames.covariance_m2, np.array([m.body_m for m in frames.markers])).pose
         poses.append(np.where(np.isfinite(pose), pose, 0.0)[thin])
-    return Bundle(_rig(runs[0], fit, markers), films, poses, LINE_SD_M)
+    return Bundle(_rig(runs[0], fit, markers), films, poses, LINE_SD_M, close=close)
 
 
 def _film(run: Run, t_s: Array, pixel: Array, sigma: Array) -> Film:

@@ -214,23 +214,30 @@ def _turned(bundle: Bundle, null: Solution, free: Array, covariance: Array, inde
     evidence = 0.5 * gain - price
     jump = jump_of(bundle, null, index)
     best = int(np.argmax(evidence))
-    at, value, drop = float(film.t_s[places[best]]), float(evidence[best]), float(gain[best])
-    if jump is not None and jump.gain > drop:
+    at, value, drop, ways = float(film.t_s[places[best]]), float(evidence[best]), float(gain[best]), len(places)
+    if jump is not None:
         near = int(np.argmin(np.abs(film.t_s[places] - jump.t_s)))
-        at = jump.t_s
-        value = float(evidence[near]) + 0.5 * jump.gain
-        drop = float(gain[near]) + jump.gain
+        if jump.gain > drop:
+            at, ways = jump.t_s, jump.frames
+            value, drop = float(evidence[near]) + 0.5 * jump.gain, float(gain[near]) + jump.gain
+        elif abs(near - best) <= 1 and jump.gain > 4 * np.log(jump.frames):  # chance reaches half of that
+            at = jump.t_s
     extra = Extra("turn", index, (at, np.inf))
-    fault = Fault("camera turned", extra=extra, extra_sd=spread, item=index, ways=len(places))
-    return Scored(fault, value - np.log(len(places)), drop)
+    fault = Fault("camera turned", extra=extra, extra_sd=spread, item=index, ways=ways)
+    return Scored(fault, value - np.log(ways), drop)
 
 
 def jump_of(bundle: Bundle, null: Solution, index: int) -> Jump | None:
     """The most likely jump of a film."""
-    film = bundle.films[index]
-    m = len(bundle.rig.depth_m)
-    whitened = null.normal.slopes[index][:, : 2 * m, 10:13].reshape(len(film.t_s), m, 2, 3)
-    return find_jump(film, whitened * film.sigma_px[..., None] * np.sqrt(bundle.inflation), bundle.inflation)
+    film, close, m = bundle.films[index], bundle.close[index], len(bundle.rig.depth_m)
+    seen = np.isfinite(film.pixel_px).all(axis=(1, 2))
+    if not seen.any():
+        return None
+    whitened = null.normal.slopes[index][seen, : 2 * m, 10:13].reshape(-1, m, 2, 3)
+    slopes = whitened * film.sigma_px[seen][..., None] * np.sqrt(bundle.inflation)
+    # between the bundle's frames the marks, and so their slopes, move by little
+    flat = [np.interp(close.t_s, film.t_s[seen], column) for column in slopes.reshape(len(slopes), -1).T]
+    return find_jump(close, np.stack(flat, axis=1).reshape(-1, m, 2, 3), bundle.inflation)
 
 
 def _suffix(values: Array) -> Array:

@@ -14,6 +14,8 @@ HALF = 7
 LEAST_FRAMES = 4 * HALF
 LONGEST_GAP = 3.0
 """Frames further apart than this many usual steps are not looked at together."""
+CALM_GAIN = 2.366
+"""Median of a chi-square of 3 degrees."""
 
 
 @dataclass(frozen=True)
@@ -25,8 +27,9 @@ class Jump:
     t_s : first time after it
     before_s : last time before it
     turn_rad : (3,), right, down, ahead
-    gain : drop of chi-square by the turn (3 numbers), the largest over all frames
-    rest : chi-square that the turn leaves of the jump, of ``rest_degrees``
+    gain : drop of chi-square by the turn (3 numbers), the largest over all frames; where paths are no cubics from frame to
+        frame (too few frames a second), in units of what the other frames and this window's fit leave
+    rest : chi-square that the turn leaves of the jump, of ``rest_degrees``, in the same units
     frames : places looked at
     """
 
@@ -60,22 +63,26 @@ def find_jump(film: Film, per_turn: Array, inflation: float) -> Jump | None:
     scaled = (times - times[:, :1]) / (times[:, -1:] - times[:, :1]) - 0.5
     design = np.stack([np.ones_like(scaled), scaled, scaled**2, scaled**3, np.zeros_like(scaled)], axis=2)
     design[:, HALF:, 4] = 1.0
-    usual = np.median(np.diff(t))
-    whole = np.diff(times, axis=1).max(axis=1) < LONGEST_GAP * usual
+    whole = np.diff(times, axis=1).max(axis=1) < LONGEST_GAP * np.median(np.diff(t))
     places, index, design = places[whole], index[whole], design[whole]
     if not len(places):
         return None
     inverse = np.linalg.inv(design.transpose(0, 2, 1) @ design)
-    pull = (inverse @ design.transpose(0, 2, 1))[:, 4]
-    step = np.einsum("kf,kfmi->kmi", pull, pixel[index]).reshape(len(places), -1)
+    fitted = np.einsum("kcf,kfmi->kcmi", inverse @ design.transpose(0, 2, 1), pixel[index])
+    step = fitted[:, 4].reshape(len(places), -1)
+    left = (pixel[index] - np.einsum("kfc,kcmi->kfmi", design, fitted)) / sigma
+    unit = np.maximum((left**2).sum(axis=(1, 2, 3)) / ((2 * HALF - 5) * 2 * m), 1.0)
     spread = np.sqrt(inverse[:, 4, 4])[:, None] * sigma.ravel()
     white = step / spread
     turning = slope[places].reshape(len(places), -1, 3) / spread[:, :, None]
     normal = turning.transpose(0, 2, 1) @ turning
     right = np.einsum("kia,ki->ka", turning, white)
     turn = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
-    gain = np.einsum("ka,ka->k", right, turn)
+    drop = np.einsum("ka,ka->k", right, turn)
+    gain = drop / unit
     best = int(np.argmax(gain))
-    rest = float((white[best] ** 2).sum() - gain[best])
+    away = gain[np.abs(places - places[best]) >= 2 * HALF]
+    usual = max(float(np.median(away)) / CALM_GAIN, 1.0) if len(away) >= 2 * HALF else 1.0
+    rest = float((white[best] ** 2).sum() - drop[best]) / (unit[best] * usual)
     at = int(places[best])
-    return Jump(float(t[at]), float(t[at - 1]), turn[best], float(gain[best]), rest, 2 * m - 3, len(places))
+    return Jump(float(t[at]), float(t[at - 1]), turn[best], float(gain[best]) / usual, rest, 2 * m - 3, len(places))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from towline.identify.methods.arx import (
+    _simulated,
     arx_derivatives,
     arx_of_records,
     continuous_coefficients,
@@ -184,3 +187,32 @@ def test_four_stage_iv_is_exact_without_noise() -> None:
     np.testing.assert_allclose(found.iv4.b, B, atol=1e-8)
     with pytest.raises(EstimationError, match="too few"):
         four_stage_iv(y[:10], u[:10], 2, 2)
+
+
+def test_a_driven_model_answers_as_its_difference_equation_from_rest() -> None:
+    """y_k = sum a_j y_(k - jd) + sum b_j u_(k - jd), each channel by its own b; what would fly off is cut."""
+    rng = np.random.default_rng(3)
+    u, decimation = rng.normal(size=60), 2
+    a, b = np.array([0.4, -0.2, 0.1, 0.05]), rng.normal(size=(2, 4))
+    wanted = np.zeros((60, 2))
+    for k in range(60):
+        for j in range(1, 5):
+            if k - 2 * j >= 0:
+                wanted[k] += a[j - 1] * wanted[k - 2 * j] + b[:, j - 1] * u[k - 2 * j]
+    found = _simulated(np.zeros((60, 2)), u, np.concatenate([a, b.ravel()]), decimation)
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
+    wild = _simulated(np.zeros((200, 2)), np.ones(200), np.concatenate([[3.0, 0, 0, 0], b.ravel()]), 1)
+    assert np.abs(wild).max() == 1e3
+
+
+@pytest.mark.parametrize("method", ["ls", "iv"])
+def test_a_driven_tow_is_found_exactly_without_noise(method: Literal["ls", "iv"]) -> None:
+    a, b = discrete_tow(HULL, tow(1.548), 2.0)
+    u = np.repeat(np.random.default_rng(7).choice([-1.0, 1.0], 40), 5)
+    clean = _simulated(np.zeros((200, 2)), u, np.concatenate([a, b.ravel()]), 1)
+    found = fit_arx(clean, 2.0, u=u, method=method)
+    np.testing.assert_allclose(found.a, a, atol=1e-6)
+    np.testing.assert_allclose(found.b, b, rtol=1e-6, atol=1e-9 * np.abs(b).max())
+    np.testing.assert_allclose(
+        np.sort_complex(found.poles), np.sort_complex(stability(HULL, tow(1.548)).roots), atol=1e-6
+    )

@@ -176,8 +176,8 @@ def _simulated(values: Array, u: Array | None, theta: Array, decimation: int) ->
         past = [k - j for j in lags]
         old = np.array([clean[p] if p >= 0 else np.zeros(values.shape[1]) for p in past])
         force = np.array([u[p] if p >= 0 else 0.0 for p in past])
-        clean[k] = theta[:ORDER] @ old + own @ force
-    return np.clip(clean, -1e3, 1e3)
+        clean[k] = np.clip(theta[:ORDER] @ old + own @ force, -1e3, 1e3)  # a wild trial stays finite
+    return clean
 
 
 def _covariance(rows: Array, instruments: Array, residual: Array, channels: int, lag: Array, a: Array | None) -> Array:

@@ -33,10 +33,13 @@ from towline.identify.plan import (
     transient_rule,
     unit_tow,
 )
+from towline.identify.plan.candidates import TOW_POINTS_LBP, default_tow_points
 from towline.identify.reference import reference_set
 from towline.identify.response import linear_response
 from towline.record import EstimationError, Priors, read_result
 from towline.record.plan_file import ChoicesTable, LimitsTable, PlanFile, PlanNoise, PlanRequest
+from towline.record.priors import DerivativePriors, ValuePrior
+from towline.record.results import Derivative, DerivativesFile, write_result
 from towline.record.toml import read_toml
 from towline.simulate import DERIVATIVE_UNITS, Hull, Start, simulate_full, simulate_linear
 
@@ -507,3 +510,92 @@ def test_bad_requests_are_named(
     assert main(["plan", str(tmp_path / "plan.toml")]) == 1
     assert said in capsys.readouterr().err
     assert not (tmp_path / "plan.json").exists()
+
+
+def test_a_guess_from_a_result_and_the_tow_points_that_follow(root: Path, tmp_path: Path) -> None:
+    """Primes of a derivatives.json; points from X_v on by shares of L_PP, to the centimetre."""
+    request, _ = _page(root)
+    begin, end = request.index("[guess.dimensional]"), request.index("[choices]")
+    primes = SIX / prime_factors(1000.0, 2.66, 1.28)
+    derivatives = {
+        name: Derivative(value=v, std=0.01 * abs(v), unit=unit, prime=p, prime_std=0.01 * abs(p))
+        for (name, unit), v, p in zip(DERIVATIVE_UNITS.items(), SIX, primes, strict=True)
+    }
+    file = DerivativesFile(
+        schema="towline/derivatives",
+        tool="t",
+        inputs={},
+        method="output_error",
+        form="full",
+        speed_m_s=1.28,
+        density_kg_m3=1000.0,
+        length_pp_m=2.66,
+        mass_kg=78.0,
+        derivatives=derivatives,
+        correlation=np.eye(6).tolist(),
+        straight_line_stable=True,
+        runs={},
+        failed={},
+        not_identifiable=[],
+        notes=[],
+    )
+    write_result(tmp_path / "derivatives.json", file)
+    path = tmp_path / "plan.toml"
+    path.write_text(request[:begin] + '[guess]\nderivatives = "derivatives.json"\n' + request[end:], encoding="utf-8")
+    hull = guessed_hull(read_toml(path, PlanRequest), tmp_path)
+    np.testing.assert_allclose(hull.six, SIX, rtol=1e-9)
+    points = default_tow_points(HULL.x_v_m, 2.66)
+    assert all(p == round(p, 2) for p in points)
+    first, last, count = TOW_POINTS_LBP
+    assert len(points) == count
+    np.testing.assert_allclose([points[0], points[-1]], HULL.x_v_m + 2.66 * np.array([first, last]), atol=0.0051)
+    np.testing.assert_allclose(np.diff(points), 2.66 * (last - first) / (count - 1), atol=0.0101)
+
+
+def test_a_prior_on_a_derivative_is_information_of_its_own() -> None:
+    """(value / sd)^2 on the relative derivative, 1 on each common error that may move."""
+    priors = Priors(
+        derivatives=DerivativePriors(y_v=ValuePrior(value=-50.0, std=2.0)),
+        tension_common_sd_rel=0.02,
+        speed_sd_rel=0.005,
+    )
+    wanted = np.diag([0, 0, (52.87 / 2) ** 2, 0, 0, 0, 1, 1])
+    np.testing.assert_allclose(prior_information(setting(priors=priors)), wanted, rtol=1e-12)
+
+
+def test_a_unit_tow_stands_for_every_sample_of_its_record() -> None:
+    where = setting()
+    for span in (0.01, 5.0, 47.3):
+        unit = unit_tow(where, tow_at(), span)
+        count = max(2, int(span * 64) + 1)
+        assert unit.weights.sum() == pytest.approx(count, rel=1e-12)
+        assert unit.times_s[-1] == pytest.approx((count - 1) / 64)
+        assert (unit.weights[1:-1] == unit.weights[1]).all()
+        fastest = np.abs(np.linalg.eigvals(unit.matrix)).max()
+        if count > 10:
+            assert 0.04 < fastest * np.diff(unit.times_s).max() < 0.1
+        times = unit.times_s
+        motion = simulate_linear(HULL, where.tow(tow_at()), Start(y_cg_m=1.0), times)
+        np.testing.assert_allclose(unit.states[0, :, 0], motion["y_cg_m"], atol=1e-9)
+        np.testing.assert_allclose(unit.states[1, 0], [0, 1, -1.28, 0])
+        np.testing.assert_allclose(unit.rates[0], unit.states[0] @ unit.matrix.T)
+
+
+PRIORS = """
+[priors]
+tension_common_sd_rel = 0.015
+"""
+
+
+def test_what_is_not_reached_and_what_stays_is_noted(root: Path, tmp_path: Path) -> None:
+    request, _ = _page(root)
+    path = tmp_path / "plan.toml"
+    text = re.sub(r"percent = [0-9.]+", "percent = 0.001", request)
+    assert "[priors]" not in request
+    path.write_text(text + PRIORS, encoding="utf-8")
+    plan = make_plan(read_toml(path, PlanRequest), path, "test", {})
+    assert not plan.chosen.reached
+    missed = next(note for note in plan.notes if note.startswith("not reached with"))
+    for name, value in plan.chosen.percent.items():
+        assert f"{name} {value:.2f} % (wished " in missed
+    assert "T's common error of 1.5 % stays in every derivative, however many runs" in plan.notes

@@ -236,7 +236,7 @@ def _next(inference: Inference, ranking: Ranking, best: Candidate | None) -> Nex
 
 
 def _tells(distance: float) -> str:
-    return "tells" if distance > 20 else "tells best, though not surely,"
+    return "tells" if distance >= 20 else "tells best, though not surely,"
 
 
 def _expected(distance: float) -> str:

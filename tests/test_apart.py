@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from towline.diagnose.apart import Apart, measured_apart, measurement
 from towline.diagnose.effects import LIBRARY, Effect, Parameter
 from towline.diagnose.engine import screened
 from towline.diagnose.grams import Grams
-from towline.diagnose.hypothesis import with_effects
+from towline.diagnose.hypothesis import Hypothesis, with_effects
 from towline.diagnose.inference import Fitted, Inference
 from towline.diagnose.noise import Forces
 from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
@@ -123,3 +125,21 @@ def test_a_measurement_is_read_and_its_faults_are_named(root: Path, tmp_path: Pa
     (folders[0] / "run.toml").write_text(text + '\n[[measured]]\nnumber = "frame_rate.rate"\nvalue = 0\nsd = 0\n')
     with pytest.raises(InputError, match="sd"):
         read_run(folders[0])
+
+
+def test_each_number_has_its_own_measurement() -> None:
+    """Two effects of two and one numbers: what was measured of the second and third lands there, and nowhere else."""
+    pair = Effect("pair", "sensor", (Parameter("a", "m", 2.0), Parameter("b", "m", 4.0, none=1.0)), "", "")
+    single = Effect("single", "sensor", (Parameter("c", "m", 0.5),), "", "")
+    h = Hypothesis(np.zeros(2), np.zeros((1, 1)), (pair, single), (np.array([1.0, 2.0]), np.array([0.2])))
+    known = {"pair.b": Apart(2.5, 0.1), "single.c": Apart(0.0, 0.25), "other.d": Apart(3.0, 1.5)}
+    simulator = SimpleNamespace(shared_prior=None, apart=known)
+    engine: Any = SimpleNamespace(simulator=simulator, mode_count=3, fixed=lambda h: len(h.shared) + 3)
+    found = Inference.priors(engine, h)
+    own = np.array([1 / 2**2, 1 / 4**2, 1 / 0.5**2])
+    np.testing.assert_allclose(found.precision, [0, 0, 1, 1, 1, *(own + np.array([0, 100, 16]))])
+    np.testing.assert_allclose(found.pull, [0] * 5 + list(own * [-1, 1 - 2, -0.2] + [0, 0.5 * 100, -0.2 * 16]))
+    # of an effect that is not there the measurement says how far its absence is from it
+    chi_square = own @ np.array([1, 1, 0.04]) + 0.5**2 * 100 + 0.2**2 * 16 + (3.0 / 1.5) ** 2
+    assert found.chi_square == pytest.approx(chi_square)
+    assert found.spread == pytest.approx(2 * np.log(2.0 * 4.0 * 0.5))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -18,11 +19,13 @@ from towline.cli import main
 from towline.geometry import motion_from_tracks, run_datum
 from towline.geometry.camera import Lens
 from towline.geometry.checks.bundle import Extra, _Seen
-from towline.geometry.checks.check import Check, _long_run, bundle_of, check_geometry, tolerances
+from towline.geometry.checks.check import Check, _long_run, bundle_of, camera_of, check_geometry, tolerances
 from towline.geometry.checks.faults import refit, screen
 from towline.geometry.checks.jump import find_jump
-from towline.geometry.checks.refine import refined
+from towline.geometry.checks.refine import _words, refined
+from towline.geometry.datum_model import PLAIN
 from towline.record import GeometryError, read_tracks
+from towline.record.check_file import Refined
 from towline.record.tables import write_table
 
 FRAMES = 150
@@ -349,3 +352,51 @@ def test_what_the_camera_does_to_the_derivatives(samples: Path) -> None:
     once, twice = changes["y_v"]["deck height 2 mm"], double["y_v"]["deck height 4 mm"]
     assert 0.02 < abs(once) < 2.0
     assert twice == pytest.approx(2 * once, rel=0.1)
+
+
+@pytest.mark.parametrize("scale", [1.0, -0.3, 20.0])
+def test_a_camera_without_a_lens_is_taken_out_of_its_matrix(scale: float) -> None:
+    """K (R | t) of any size and sign: focal lengths, skew and centre, and where it stands; a stated lens stays as it is."""
+    inner = np.array([[1100.0, 12.0, 630.0], [0, 1050.0, 350.0], [0, 0, 1]])
+    rotation = Rotation.from_rotvec([1.9, 0.1, -0.2]).as_matrix()
+    translation = np.array([0.1, -0.2, 5.0])
+    matrix = scale * inner @ np.column_stack([rotation, translation])
+    mapping: Any = SimpleNamespace(matrix=matrix, lens=PLAIN)
+    lens, skew, turn, shift = camera_of(mapping)
+    sign = np.sign(scale)  # what lies ahead is not known here
+    np.testing.assert_allclose(lens.vector, [1100.0, 1050.0, 630.0, 350.0, 0, 0, 0, 0, 0], rtol=1e-9, atol=1e-9)
+    assert skew == pytest.approx(12.0)
+    np.testing.assert_allclose(turn, rotation, atol=1e-12)
+    np.testing.assert_allclose(sign * np.abs(shift) * np.sign(translation), sign * translation, atol=1e-12)
+    stated = Lens(900.0, 905.0, 470.0, 365.0, (-0.1, 0.0, 0.0, 0.0, 0.0))
+    known: Any = SimpleNamespace(matrix=np.column_stack([rotation, translation]), lens=stated)
+    lens, skew, turn, shift = camera_of(known)
+    assert (lens, skew) == (stated, 0.0)
+    np.testing.assert_allclose(turn, rotation, atol=1e-12)
+    np.testing.assert_allclose(shift, translation, atol=1e-12)
+
+
+def test_what_only_a_pair_tells_is_said_as_the_sum_that_is_fixed() -> None:
+    """b - 2 a known to 0.001, a and b each to 0.02: one is told with the other, and the direction that stays open is named."""
+    covariance = np.array([[1.0, 2.0], [2.0, 4.0]]) * 0.01**2 + np.diag([0.0, 1e-6])
+    wide = np.array([0.03, 0.05])
+    values = [
+        Refined(parameter=n, stated=0.0, value=0.0, std=float(s), unit="m", observable=bool(s < 0.3 * w))
+        for n, s, w in zip(("a", "b"), np.sqrt(np.diag(covariance)), wide, strict=True)
+    ]
+    said = _words(["a", "b"], covariance, wide, values)
+    assert said == [
+        "a is not told by these runs (+- 0.01 m); it is left as stated",
+        "b is not told by these runs (+- 0.02 m); it is left as stated",
+        "a and b are told only together (correlation +0.999): these runs fix b -2 a, not both",
+        said[3],
+    ]
+    assert re.fullmatch(
+        r"null direction, in shares of what is possible: (\+0\.6\d a \+0\.7\d b|-0\.6\d a -0\.7\d b)", said[3]
+    )
+    apart = np.diag([1e-6, 1e-6])
+    assert _words(["a", "b"], apart, wide, [told_(v) for v in values]) == []
+
+
+def told_(value: Refined) -> Refined:
+    return value.model_copy(update={"observable": True})

@@ -216,7 +216,7 @@ def test_measured_is_what_tells_best_of_the_headline_and_its_rival(monkeypatch: 
 
     offers = {
         "a": [(12.4, effect("a"), {"stretch": 0.01, "sag": 0.002})],
-        "c": [(21.0, effect("c"), {"k1": 1e-4})],
+        "c": [(20.0, effect("c"), {"k1": 1e-4})],
         "d": [(1e6, effect("d"), {})],
     }
     monkeypatch.setattr(gap, "measurement", lambda hypothesis, _: offers.get(hypothesis, []))
@@ -231,8 +231,8 @@ def test_measured_is_what_tells_best_of_the_headline_and_its_rival(monkeypatch: 
     ranking: Any = SimpleNamespace(candidates=[a, b, c, d])
     found = _measurement(ranking, a, known)  # c is a's nearest, d too far behind to be asked
     assert found is not None
-    assert (found.effect, found.distance) == ("c", 21.0)
-    assert found.why == "k1 to 0.0001: tells whether it is c (expected D 21; 20 is enough). cure c"
+    assert (found.effect, found.distance) == ("c", 20.0)
+    assert found.why == "k1 to 0.0001: tells whether it is c (expected D 20; 20 is enough). cure c"
     ranking = SimpleNamespace(candidates=[a, b])
     found = _measurement(ranking, a, known)
     assert found is not None

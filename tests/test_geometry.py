@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from towline.geometry import Camera, Lens, fit_datum, fit_rigid, motion_from_tracks, run_datum, trapezoid_from_datum
-from towline.geometry.linear import pose_start
+from towline.geometry.linear import focal_from_plane, plane_matrix, pose_start
 from towline.geometry.rigid import _procrustes
 from towline.record import CameraTable, DatumPoint, GeometryError, InputError, Marker, Run, RunFile, read_run
 from towline.record.toml import check_tables
@@ -511,3 +511,31 @@ def test_hand_written_derivatives_against_the_differentiable_chain() -> None:
     assert (np.abs(made.common[k : k + 2] - depth) < 1e-3 * scale).all()  # a difference over 0.1 mm stands for it
     body = 1e-3 * result.per_body.transpose(2, 3, 0, 1).reshape(4, len(pose), 3)
     assert (np.abs(made.common[k + 2 :] - body) < 1e-5 * scale).all()
+
+
+def test_what_is_behind_the_camera_is_not_seen() -> None:
+    camera = Camera.looking_at(
+        Lens(1000.0, 1000.0, 640.0, 360.0), np.array([-6.0, 0.0, -3.0]), np.array([-1.0, 0.0, 0.0])
+    )
+    ahead = camera.rotation[2]
+    found = camera.project(camera.place_m + np.outer([2.0, -0.5, -2.0], ahead))
+    np.testing.assert_allclose(found[0], [640.0, 360.0], atol=1e-9)
+    assert np.isnan(found[1:]).all()
+    # a ray through a pixel leads back to it
+    pixel = np.array([[100.0, 50.0], [640.0, 360.0], [1200.0, 700.0]])
+    rays = camera.rays(pixel)
+    np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1.0)
+    np.testing.assert_allclose(camera.project(camera.place_m + 3.3 * rays), pixel, atol=1e-9)
+
+
+@pytest.mark.parametrize(("tilt_m", "aside_m", "roll_rad"), [(2.0, 0.0, 0.0), (1.5, 1.2, 0.1), (3.0, -2.0, -0.3)])
+def test_a_plane_seen_with_square_pixels_tells_the_focal_length(tilt_m: float, aside_m: float, roll_rad: float) -> None:
+    """Its axes stand at right angles and are equally long: exact, for any tilt, roll and principal point."""
+    lens = Lens(870.0, 870.0, 400.0, 300.0)
+    seen = Camera.looking_at(lens, np.array([-5.0, aside_m, -tilt_m]), np.array([-2.4, 0.2, 0.0]), roll_rad)
+    xy = np.random.default_rng(3).uniform([-4, -0.9], [-0.6, 0.9], (8, 2))
+    plane = plane_matrix(xy, seen.project(np.column_stack([xy, np.zeros(8)])))
+    centre = np.array([400.0, 300.0])
+    assert focal_from_plane(plane, centre, 800) == pytest.approx(870.0, rel=1e-6)
+    # where no focal length can be had from it, the usual one: 1.2 times the picture's width
+    assert focal_from_plane(np.diag([1.0, 2.0, 1.0]), np.zeros(2), 800) == 960.0

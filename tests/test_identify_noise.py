@@ -8,12 +8,14 @@ from types import ModuleType
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from scipy.stats import chi2
 
 from towline.identify import fit_runs, fit_with_noise
 from towline.identify.colour.bootstrap import bootstrap
 from towline.identify.colour.innovations import maximise
 from towline.identify.colour.kalman import innovations
 from towline.identify.joint.thin import thinned
+from towline.identify.noise import ljung_box_p
 from towline.record import EstimationError, Priors
 
 RATE_HZ = 8.0
@@ -223,3 +225,22 @@ def test_a_gap_in_the_record_is_a_longer_step_of_the_filter(campaigns: ModuleTyp
     flat = z.T.ravel()[rows]
     assert ours == pytest.approx(np.linalg.slogdet(c)[1] + flat @ np.linalg.solve(c, flat), abs=1e-6)
     assert len(thinned(cut).t_s) == kept.sum()  # 8 Hz is coarse enough as it stands
+
+
+@pytest.mark.parametrize("fitted", [None, 3])
+def test_the_whiteness_test_is_ljung_and_boxs(fitted: int | None) -> None:
+    """n (n + 2) sum rho_k^2 / (n - k) over 30 lags, chi-square of 30 less what was fitted."""
+    values = np.random.default_rng(8).normal(size=400)
+    values[1:] += 0.15 * values[:-1]
+    centred = values - values.mean()
+    rho = np.array([centred[k:] @ centred[: len(centred) - k] for k in range(1, 31)]) / (centred @ centred)
+    statistic = 400 * 402 * (rho**2 / (400 - np.arange(1, 31))).sum()
+    wanted = chi2.sf(statistic, 30 - (fitted or 0))
+    found = ljung_box_p(values) if fitted is None else ljung_box_p(values, fitted)
+    assert found == pytest.approx(wanted, rel=1e-9)
+    assert 1e-6 < wanted < 0.5
+    # an autoregression fitted to 200 samples elsewhere: 3 x 400 / 200 more in the mean of 30
+    assert ljung_box_p(values, elsewhere=(3, 200)) == pytest.approx(chi2.sf(statistic / (1 + 6 / 30), 30), rel=1e-9)
+    assert ljung_box_p(values, fitted=28, lags=30) == pytest.approx(
+        ljung_box_p(values, fitted=28, lags=33), rel=1e-9
+    )  # five lags more than were fitted

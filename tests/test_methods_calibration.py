@@ -63,3 +63,24 @@ def test_a_wrong_clock_is_noticed_and_bad_records_are_refused() -> None:
         calibrate_rate(T, BETA, np.ones_like(T))
     with pytest.raises(EstimationError, match="5 samples"):
         calibrate_rate(T[:5], BETA[:5], RATE[:5])
+
+
+@pytest.mark.parametrize("rate_sd", [0.0, 0.002])
+def test_the_covariance_of_scale_bias_and_start_is_that_of_weighted_least_squares(rate_sd: float) -> None:
+    """Of 1000 drawn records, within 4 standard errors of a standard deviation and of a correlation."""
+    keep, sd = slice(0, 100, 2), 1e-4  # 5 s: scale and bias are hardly told apart
+    t, beta, rate = T[keep], BETA[keep], (1 + SCALE) * RATE[keep] + BIAS
+    found = calibrate_rate(t, beta, rate, position_sd=sd, rate_sd=rate_sd)
+    rng = np.random.default_rng(6)
+    drawn = []
+    for _ in range(1000):
+        noisy = rate + rate_sd * rng.normal(size=len(t))
+        one = calibrate_rate(t, beta + sd * rng.normal(size=len(t)), noisy, position_sd=sd, rate_sd=rate_sd)
+        drawn.append([one.scale_error.value, one.rate_bias.value, one.start.value])
+    scale = np.sqrt(np.diag(found.covariance))
+    np.testing.assert_allclose(np.std(drawn, axis=0) / scale, 1, atol=4 / np.sqrt(2000) + 0.02)
+    told = found.covariance / np.outer(scale, scale)
+    np.testing.assert_allclose(np.corrcoef(np.transpose(drawn)), told, atol=4 / np.sqrt(1000))
+    # the start from which the path is reckoned goes with the drift, and so against the bias
+    late = calibrate_rate(t + 30.0, beta, rate, position_sd=sd, rate_sd=rate_sd).covariance
+    np.testing.assert_allclose(late, found.covariance, rtol=1e-6)

@@ -119,3 +119,20 @@ def test_unusable_inputs_are_refused() -> None:
         monic_coefficients(HULL, tow(X1)), monic_coefficients(HULL, tow(X3)), (tow(X1), tow(X3)), np.eye(8) * 1e-2
     )
     assert "do not hold the derivatives" in wrong.notes[0]
+
+
+def test_two_tows_alike_where_the_method_needs_them_different_are_refused() -> None:
+    """C/A, the second coefficient, is what tells I'."""
+    tows = Tow(1.28, 0.91, 1.446, 3.96), Tow(1.28, 0.91, 1.751, 3.96)
+    first, second = (monic_coefficients(HULL, t) for t in tows)
+    with pytest.raises(EstimationError, match="C/A is the same"):
+        derivatives_from_coefficients(first, np.array([second[0], first[1], second[2], second[3]]), tows)
+    derivatives_from_coefficients(first, second, tows)
+    with pytest.raises(EstimationError, match="two different ones"):
+        derivatives_from_coefficients(first, second, (tows[0], tows[0]))
+    off = second.copy()
+    off[0] *= 1.002
+    assert any(
+        "must not depend on the tow point" in note for note in derivatives_from_coefficients(first, off, tows).notes
+    )
+    assert not any("must not depend" in n for n in derivatives_from_coefficients(first, second, tows).notes)

@@ -584,6 +584,7 @@ def test_a_unit_tow_stands_for_every_sample_of_its_record() -> None:
 PRIORS = """
 [priors]
 tension_common_sd_rel = 0.015
+tension_sd_rel = 0.01
 """
 
 
@@ -593,9 +594,19 @@ def test_what_is_not_reached_and_what_stays_is_noted(root: Path, tmp_path: Path)
     text = re.sub(r"percent = [0-9.]+", "percent = 0.001", request)
     assert "[priors]" not in request
     path.write_text(text + PRIORS, encoding="utf-8")
-    plan = make_plan(read_toml(path, PlanRequest), path, "test", {})
+    request_ = read_toml(path, PlanRequest)
+    plan = make_plan(request_, path, "test", {})
     assert not plan.chosen.reached
     missed = next(note for note in plan.notes if note.startswith("not reached with"))
     for name, value in plan.chosen.percent.items():
         assert f"{name} {value:.2f} % (wished " in missed
+    scatter = [np.hypot(0.01, request_.noise.tension_sd_n / r.tension_n) for r in plan.chosen.runs]
+    floor = 100 / np.sqrt(sum(s**-2 for s in scatter))
+    assert any(
+        note.startswith(
+            f"the scatter of T ({100 * min(scatter):.2g} to {100 * max(scatter):.2g} % in a run) puts a floor of "
+        )
+        and f" {floor:.2g} % (sd) under every derivative" in note
+        for note in plan.notes
+    )
     assert "T's common error of 1.5 % stays in every derivative, however many runs" in plan.notes

@@ -22,6 +22,7 @@ from towline.diagnose.slackness import slack_effects
 from towline.diagnose.tow_data import LINE_SD_M, SLOW_S, SLOW_UNSEEN_PX, _covariances, _shutter
 from towline.diagnose.tow_model import _with_lags
 from towline.diagnose.tow_seen import TowSeen
+from towline.diagnose.tow_start import _scatter
 from towline.diagnose.words import _changed
 from towline.geometry.checks.bundle import half_sine
 from towline.simulate.model import Tow
@@ -197,3 +198,24 @@ def test_the_next_run_tells_the_headline_from_its_nearest_rival(monkeypatch: pyt
     assert found is not None
     assert " no gap from c " in found.why
     assert _next(nothing, SimpleNamespace(candidates=[pair], base="none"), pair) is None  # pyright: ignore[reportArgumentType]
+
+
+def test_how_far_marks_scatter_about_a_smooth_course() -> None:
+    """Noise of twice and five times what is stated about a cubic; too few blocks say nothing of it."""
+    rng, n = np.random.default_rng(5), 400
+    t = 0.5 * np.arange(n)
+    course = np.column_stack([0.2 * np.cos(0.05 * (t - 80)), 1e-6 * (t - 80) ** 3])
+    values = np.full((n, 4), np.nan)
+    values[:, :2] = course + rng.normal(size=(n, 2)) * [2e-3, 5e-4]
+    values[160, 0] = np.nan  # where both stand still
+
+    def run(count: int, step_s: float) -> Any:
+        covariance = np.stack([np.eye(count) * 1e-6, np.eye(count) * 1e-8])
+        return SimpleNamespace(values=values[:count], covariance=covariance, step_s=step_s)
+
+    # a cubic over seven blocks takes four of their numbers: of the middle one (1 - 1/3) of its variance is left
+    np.testing.assert_allclose(_scatter(run(n, 0.5)), np.array([2.0, 5.0]) * np.sqrt(2 / 3), rtol=0.1)
+    np.testing.assert_array_equal(_scatter(run(6, 0.5)), [1.0, 1.0])
+    assert (_scatter(run(7, 0.5)) != 1.0).all()
+    np.testing.assert_array_equal(_scatter(run(4, 2.0)), [1.0, 1.0])  # at least five blocks, however long
+    assert (_scatter(run(5, 2.0)) != 1.0).all()

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from towline.identify.methods.free_run import FreeRecord, fit_free_run, without_rudder
+from towline.identify.methods.output_error import output_error
 from towline.record import EstimationError
 from towline.simulate import Histories, Hull, Start, Tow, simulate_full
 
@@ -116,3 +117,24 @@ def test_refusals_and_disagreement() -> None:
     told = HULL.with_six(HULL.six * [1, 1, 1, 1, 1, 1.2])
     found = fit_free_run([run(zigzag(), np.random.default_rng(4), step=0.2)], told, np.diag((0.01 * HULL.six) ** 2))
     assert any("disagree" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("what", ["motion", "slopes"])
+def test_a_start_whose_motion_is_not_finite_is_refused(what: str) -> None:
+    """Its slopes may be: a model that grows beyond bounds is no place to begin."""
+    t = np.arange(30) / 10
+
+    def predict(theta: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        motion, slopes = np.outer(t, [theta[0], 2 * theta[0]]), np.stack([t, 2 * t], axis=1)[:, :, None]
+        if what == "motion":
+            motion = motion + np.where(t > 2, np.inf, 0.0)[:, None]
+        else:
+            slopes = slopes + np.where(t > 2, np.inf, 0.0)[:, None, None]
+        return [motion], [slopes]
+
+    seen = [np.outer(t, [3.0, 6.0])]
+    if what == "motion":
+        with pytest.raises(EstimationError, match="beyond bounds"):
+            output_error(predict, seen, [t], np.array([1.0]))
+    else:
+        output_error(predict, seen, [t], np.array([1.0]))

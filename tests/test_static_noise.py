@@ -19,7 +19,7 @@ from towline.identify.colour.bootstrap import _drawn
 from towline.identify.colour.bootstrap import pushed as pushed_by
 from towline.identify.colour.kalman import innovations
 from towline.identify.noise import Whitener, from_correlation
-from towline.identify.still import FEWEST, Slow, Still, _regression, block_colour, colour_of, colours
+from towline.identify.still import FEWEST, Slow, Still, _left, _regression, block_colour, colour_of, colours
 from towline.record import DerivativesFile, Priors, read_result
 from towline.record.tables import write_table
 
@@ -235,3 +235,19 @@ def test_records_drawn_from_a_fit_scatter_as_the_static_record_and_the_force_do(
     parts = np.var(forced, axis=(0, 1)) + still.values.var(axis=0)
     # noise and force last seconds of 60: 40 records hold some hundreds of memories, their variance a tenth of itself
     np.testing.assert_allclose(whole, parts, rtol=0.3)
+
+
+@pytest.mark.parametrize(
+    ("memory", "taken", "left"), [(0.6, 0.6, 0.0), (0.6, 0.0, 0.6), (0.0, 0.0, 0.0), (0.6, 0.3, 0.337)]
+)
+def test_what_a_filter_leaves_of_the_colour(memory: float, taken: float, left: float) -> None:
+    """Two records of x = m x + e filtered by a: the autocorrelation of (1 - a q) / (1 - m q) e, to the tenth of the shorter."""
+    rng = np.random.default_rng(4)
+    series = [lfilter([1.0], [1.0, -memory], rng.normal(size=n + 200))[200:] for n in (6000, 4000)]
+    found = _left(series, np.array([taken]))
+    assert len(found) == 401
+    assert found[0] == 1.0
+    # (m - a)(1 - m a) / (1 - 2 m a + a^2) at lag 1, m of that at each further one
+    first = (memory - taken) * (1 - memory * taken) / (1 - 2 * memory * taken + taken**2)
+    assert first == pytest.approx(left, abs=0.01)
+    np.testing.assert_allclose(found[1:5], first * memory ** np.arange(4), atol=4 / np.sqrt(10_000) + 0.01)

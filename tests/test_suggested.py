@@ -116,3 +116,14 @@ def test_a_turned_camera_changes_only_what_was_seen_since(runs: list, cases: Mod
     for run, since, ever in zip(runs, model.measured(h), model.measured(always), strict=True):
         np.testing.assert_array_equal(since, ever if run is runs[2] else run.values)
         assert np.nanmax(np.abs(ever - run.values)) > 1e-4
+
+
+def test_without_marks_or_a_lens_no_turn_is_suggested(runs: list) -> None:
+    """A turn is taken out of pixels through the lens; one run without is enough."""
+    base = left(runs, np.random.default_rng(8))
+    assert len(shift_effects(runs, base)) == 2
+    assert shift_effects([runs[0], replace(runs[1], marks=None), runs[2]], base) == []
+    marks = runs[1].marks
+    file = marks.run.file.model_copy(update={"camera": None})
+    bare = replace(runs[1], marks=replace(marks, run=replace(marks.run, file=file)))
+    assert shift_effects([runs[0], bare, runs[2]], base) == []

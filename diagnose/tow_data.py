@@ -267,11 +267,12 @@ def _blocks(t_s: Array, values: Array, step_s: float) -> tuple[Array, Array, Arr
 
 
 def _mean(t_s: Array, values: Array, step_s: float) -> Array:
+    """Means (blocks, columns) over each block, column by column; 0 in a block without any, NaN for a column without any."""
     index = np.floor(t_s / step_s + 1e-9).astype(int)
-    size = int(index.max()) + 1
-    good = np.isfinite(values).all(axis=1)
-    count = np.maximum(np.bincount(index[good], minlength=size), 1)
-    return np.stack([np.bincount(index[good], v, minlength=size) for v in values[good].T], axis=1) / count[:, None]
+    size, good = int(index.max()) + 1, np.isfinite(values)
+    count = np.stack([np.bincount(index, g, minlength=size) for g in good.T], axis=1)
+    total = np.stack([np.bincount(index, v, minlength=size) for v in np.where(good, values, 0.0).T], axis=1)
+    return np.where(good.any(axis=0), total / np.maximum(count, 1), np.nan)
 
 
 def _covariances(centre: Array, variance: Array, series: _Series, still: _Series | None, step_s: float) -> Array:

@@ -156,6 +156,8 @@ def test_one_linear_step_foresees_the_full_fit(cameras: ModuleType, seed: int) -
     bundle = bundle_of([case.run], [case.tracks], fit).with_inflation(1.7)
     sd = tolerances(bundle, case.run, fit)
     null = bundle.solve(sd)
+    # two picks each, and of every frame two marks and the line less a pose; the camera's own six have no prior
+    assert null.degrees == 2 * 10 + 60 * (2 * 2 + 1 - 3) - 6
     found = screen(bundle, null, sd)
     assert [s.evidence for s in found] == sorted((s.evidence for s in found), reverse=True)
     slack = [s for s in found if s.fault.kind == "slack line"]

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from towline.diagnose.effects import LIBRARY, Effect, Seen, Situation, camera
 from towline.diagnose.simulated import effects_of, with_effects
+from towline.diagnose.tow_rates import push
 from towline.diagnose.unknown import (
     ACROSS_PER_M,
     BETA_RAD,
@@ -28,7 +29,7 @@ from towline.diagnose.unknown import (
 from towline.record.scenario import ScenarioFile
 from towline.record.schema import CameraTable, DatumPoint, Marker, TowTable
 from towline.record.toml import check_tables
-from towline.simulate.model import Hull, Tow, full_rates, line_angle_rate
+from towline.simulate.model import Hull, Tow, full_rates, line_angle_rate, line_force
 
 STATE = {
     "t_s": 4.0, "y_m": 0.3, "beta_rad": 0.08, "v_m_s": -0.11, "r_rad_s": 0.07, "alpha_rad": -0.2, "speed_m_s": 1.28,
@@ -391,3 +392,19 @@ def test_without_a_tension_history_a_delay_of_its_log_does_nothing() -> None:
     extra = with_effects(HULL, TOW, effects_of(file, Path("s.toml")), file)[2]
     assert extra is not None
     assert extra(4.0, 0.3, 0.08, -0.1, 0.07, -0.2) == pytest.approx((0.0, 0.0), abs=1e-15)
+
+
+def test_what_an_effect_takes_from_the_tension_acts_where_the_line_does() -> None:
+    """At X_T and Y_T, as the equation of motion has it."""
+    loose = effect("tension_variation")
+    assert loose.tension is not None
+    at = situation()
+    change = loose.tension(at, *(p.sd for p in loose.parameters))
+    assert change != 0
+    angle = at.alpha_rad + at.beta_rad
+    tow = Tow(1.28, 0.91, 1.6, 3.96, tow_point_offset_m=0.05)
+    wanted = line_force(tow, change, np.sin(angle), np.cos(angle))
+    np.testing.assert_allclose(push(loose, at, 0.05, np.array([p.sd for p in loose.parameters])), wanted, rtol=1e-12)
+    pull = effect("hull_asymmetry")
+    assert pull.force is not None
+    np.testing.assert_allclose(push(pull, at, 0.05, np.array([0.1, 0.2])), pull.force(at, 0.1, 0.2), rtol=1e-12)

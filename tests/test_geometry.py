@@ -12,6 +12,7 @@ import pytest
 from towline.geometry import Camera, Lens, fit_datum, fit_rigid, motion_from_tracks, run_datum, trapezoid_from_datum
 from towline.geometry.linear import focal_from_plane, plane_matrix, pose_start
 from towline.geometry.rigid import _procrustes
+from towline.geometry.trapezoid import TrapezoidMapping
 from towline.record import CameraTable, DatumPoint, GeometryError, InputError, Marker, Run, RunFile, read_run
 from towline.record.toml import check_tables
 
@@ -236,6 +237,15 @@ def test_the_trapezoid_is_the_homography_without_roll_and_yaw(offset_m: float) -
     points = picks(seen, corners)
     fit = fit_datum(points, table(seen), [0.0])
     trapezoid, _ = trapezoid_from_datum(points, fit.mapping)
+    # the outermost of several rectangles, whatever their order
+    for places in (
+        TOP,
+        TOP[::-1],
+        [*corners, (-2.0, -0.5, 0.0), (-2.0, 0.5, 0.0), (-1.0, -0.5, 0.0), (-1.0, 0.5, 0.0)],
+    ):
+        widest, _ = trapezoid_from_datum(picks(seen, places), fit.mapping)
+        assert {widest.far_x_m, widest.near_x_m} == {-0.6, -4.0}
+        assert (widest.left_y_m, widest.right_y_m) == (-0.9, 0.9)
     truth = np.random.default_rng(5).uniform([-4, -0.9], [-0.6, 0.9], (50, 2))
     pixel = seen.project(np.column_stack([truth, np.zeros(50)]))
     assert np.abs(trapezoid.place(pixel, 0.0) - truth).max() < 1e-9
@@ -539,3 +549,28 @@ def test_a_plane_seen_with_square_pixels_tells_the_focal_length(tilt_m: float, a
     assert focal_from_plane(plane, centre, 800) == pytest.approx(870.0, rel=1e-6)
     # where no focal length can be had from it, the usual one: 1.2 times the picture's width
     assert focal_from_plane(np.diag([1.0, 2.0, 1.0]), np.zeros(2), 800) == 960.0
+
+
+def test_the_trapezoids_slopes_are_the_homographys() -> None:
+    """For a camera level along the channel; d(place)/d(pixel) and the modes of the corners' picks."""
+    lens = Lens(900.0, 900.0, 479.5, 359.5)
+    seen = Camera.looking_at(lens, np.array([-5.0, 0.2, -2.0]), np.array([-2.4, 0.2, 0.0]))
+    points = picks(seen, [(x, y, 0.0) for x in (-0.6, -4.0) for y in (-0.9, 0.9)])
+    fit = fit_datum(points, table(seen), [0.0])
+    shape, sigma = trapezoid_from_datum(points, fit.mapping)
+    mapping = TrapezoidMapping(shape, sigma, fit.mapping)
+    pixel = seen.project(np.array([[-1.0, 0.5, 0.0], [-3.0, -0.7, 0.0]]))
+    found, exact = mapping.to_tank(pixel, 0.0), fit.mapping.to_tank(pixel, 0.0)
+    np.testing.assert_allclose(found.xy_m, exact.xy_m, atol=1e-9)
+    np.testing.assert_allclose(found.per_px, exact.per_px, rtol=1e-5, atol=1e-9)
+    for corner in range(4):
+        for axis in range(2):
+            moved = [
+                replace(shape, corners_px=shape.corners_px + s * 1e-3 * np.outer(np.eye(4)[corner], np.eye(2)[axis]))
+                for s in (1, -1)
+            ]
+            slope = (moved[0].place(pixel, 0.0) - moved[1].place(pixel, 0.0)) / 2e-3
+            np.testing.assert_allclose(found.modes_m[2 * corner + axis], slope * sigma[corner], rtol=1e-4, atol=1e-9)
+    np.testing.assert_array_equal(
+        mapping.to_pixel(np.array([[-1.0, 0.5, 0.0]])), fit.mapping.to_pixel(np.array([[-1.0, 0.5, 0.0]]))
+    )

@@ -17,7 +17,7 @@ from towline.identify.noise import autoregression, ljung_box_p, measured, stated
 from towline.identify.response import full_response, linear_response
 from towline.identify.start import weak_form_start
 from towline.identify.steady import SteadyState, steady_state
-from towline.record import EstimationError, InputError, Priors, Run, RunFile
+from towline.record import EstimationError, InputError, Priors, Run, RunFile, read_motion, read_run
 from towline.record.toml import check_tables
 from towline.simulate import Hull, Start, Tow, simulate_full, simulate_linear
 
@@ -569,3 +569,21 @@ def test_table_8_3_follows_from_table_8_7(shared: Path, k2: float, exact: float)
         ratio = abs(run["y_amp_m"] / run["beta_amp_rad"])
         found = phase_analysis(run["omega_rad_s"], ratio, tension[row["run"]], run["x_t_m"], 0.851, 0.860, exact)
         np.testing.assert_allclose(found, [row[c] for c in columns], rtol=0.0025)
+
+
+def test_a_motion_without_sigmas_is_weighed_as_a_millimetre_and_a_tenth_of_a_degree(
+    motion_run: Callable[..., Path], tmp_path: Path
+) -> None:
+    run = read_run(motion_run(tmp_path / "run"))
+    table = read_motion(run.source_path)
+    found = run_data(run, table, None)
+    assert found.assumed_sigma
+    np.testing.assert_allclose(found.covariance, np.tile(np.diag([1e-6, np.radians(0.1) ** 2]), (len(table), 1, 1)))
+    stated = table.assign(sigma_y_cg_m=2e-3, sigma_beta_rad=3e-3, cov_y_cg_beta_m_rad=1e-6)
+    known = run_data(run, stated, None)
+    assert not known.assumed_sigma
+    np.testing.assert_allclose(known.covariance[5], [[4e-6, 1e-6], [1e-6, 9e-6]])
+    one = stated.assign(cov_y_cg_beta_m_rad=1e-3)  # more than both sigmas let it be
+    np.testing.assert_allclose(run_data(run, one, None).covariance[5, 0, 1], 0.999 * 6e-6)
+    holed = stated.assign(sigma_beta_rad=np.where(np.arange(len(table)) == 3, np.nan, 3e-3))
+    assert run_data(run, holed, None).assumed_sigma

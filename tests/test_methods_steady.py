@@ -158,3 +158,47 @@ def test_refusals_and_notes() -> None:
         fit_steady_hull(tows, rudder_rad=0.0)
     odd = replace(tow_state(POINTS_M[2]), alpha_rad=0.5)
     assert "do not close" in fit_steady_hull([*tows, odd]).notes[0]
+
+
+def test_deviations_are_those_of_small_changes_of_every_input() -> None:
+    """Two tows, so that nothing is widened: by central differences in both angles, T and X_T of each, and in all T's and U."""
+    tows = [
+        replace(
+            tow_state(x), tension_sd_rel=0.005, tow_point_sd_m=5e-4, tension_common_sd_rel=0.004, speed_sd_rel=0.003
+        )
+        for x in POINTS_M[::4]
+    ]
+
+    def values(seen: list[SteadyState]) -> np.ndarray:
+        line, (y_v, n_v) = fit_steady(seen, -1.2), damping_from_known_point(seen, -1.2)
+        assert line.y_delta_delta is not None
+        assert line.n_delta_delta is not None
+        parts = (line.x_v_m, y_v, n_v, line.y_delta_delta, line.n_delta_delta)
+        return np.array([[p.value for p in parts], [p.std for p in parts]])
+
+    variance = np.zeros(5)
+    changes = [
+        ("alpha_rad", SD, None),
+        ("beta_rad", SD, None),
+        ("tension_n", 3.96 * 0.005, None),
+        ("tow_point_m", 5e-4, None),
+    ]
+    for name, sd, _ in changes:
+        for index in range(2):
+            ends = []
+            for sign in (1, -1):
+                moved = list(tows)
+                moved[index] = replace(tows[index], **{name: getattr(tows[index], name) + sign * 1e-3 * sd})
+                ends.append(values(moved)[0])
+            variance += ((ends[0] - ends[1]) / 2e-3) ** 2
+    for name, share in (("tension_n", 0.004), ("speed_m_s", 0.003)):
+        ends = [
+            values([replace(t, **{name: getattr(t, name) * (1 + sign * 1e-3 * share)}) for t in tows])[0]
+            for sign in (1, -1)
+        ]
+        variance += ((ends[0] - ends[1]) / 2e-3) ** 2
+    # two tows have one pair, and it is the line
+    (pair,) = fit_steady(tows, -1.2).pairs.values()
+    line = fit_steady(tows, -1.2).x_v_m
+    assert (pair.value, pair.std) == pytest.approx((line.value, line.std), rel=1e-9)
+    np.testing.assert_allclose(values(tows)[1], np.sqrt(variance), rtol=1e-4)

@@ -34,6 +34,7 @@ from towline.identify.plan import (
     unit_tow,
 )
 from towline.identify.plan.candidates import TOW_POINTS_LBP, default_tow_points
+from towline.identify.plan.checks import _excess
 from towline.identify.reference import reference_set
 from towline.identify.response import linear_response
 from towline.record import EstimationError, Priors, read_result
@@ -610,3 +611,9 @@ def test_what_is_not_reached_and_what_stays_is_noted(root: Path, tmp_path: Path)
         for note in plan.notes
     )
     assert "T's common error of 1.5 % stays in every derivative, however many runs" in plan.notes
+
+
+@pytest.mark.parametrize("angle", [0.1, 1.0, 2.2, 3.0])
+def test_the_linear_forms_force_is_too_large_by_the_angle_over_its_sine(angle: float) -> None:
+    assert _excess(angle) == pytest.approx((angle - np.sin(angle)) / np.sin(angle))
+    assert np.isinf(_excess(np.pi))

@@ -12,6 +12,7 @@ from towline.cli import main
 from towline.identify import prime_factors
 from towline.identify.reference import (
     BUILT_IN,
+    ReferenceSet,
     compare_to_reference,
     comparison_lines,
     read_reference,
@@ -204,3 +205,12 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert row.split()[-2:] == ["-2.00", "-2.0"]
     assert main(["compare", str(path), "--reference", "itcc"]) == 1
     assert "itcc: no such file, and no built-in reference set; known: ittc, southampton" in capsys.readouterr().err
+
+
+def test_values_without_scatter_differ_by_nothing_or_without_bound() -> None:
+    """Neither the result nor the set states a deviation."""
+    exact = ReferenceSet("mine", "", ITTC_SI / prime_factors(*MARINER), np.zeros(6))
+    values = exact.dimensional(*MARINER)[0] * [1, 1.1, 1, 0.9, 1, 1]
+    rows = compare_to_reference(result(values, np.zeros(6)), exact).rows
+    assert [row.difference_sd for row in rows] == [0.0, np.inf, 0.0, np.inf, 0.0, 0.0]
+    assert [row.difference_percent for row in rows] == pytest.approx([0, 10, 0, 10, 0, 0], abs=1e-9)

@@ -1,0 +1,179 @@
+"""Runs that came as motion, without pixels: their channels, what can be asked of them, and the gap found in them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from towline.diagnose.effects import LIBRARY
+from towline.diagnose.gap import diagnosed
+from towline.diagnose.hypothesis import Hypothesis
+from towline.diagnose.tow import TowSimulator
+from towline.diagnose.tow_data import SLOW_S, SLOW_UNSEEN_PX, TowRun, tow_run
+from towline.diagnose.tow_rates import Fields
+from towline.record import Run, RunFile
+from towline.record.toml import check_tables
+from towline.simulate import Histories, Hull, Start, Tow, simulate_full
+
+HULL = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28)
+SIX = HULL.six
+SD = np.array([1e-3, np.radians(0.1)])
+STEP_S, HERTZ = 0.5, 25
+
+
+def made(seed: int, x_t: float, start_m: float, push: tuple[float, float] = (0.0, 0.0), **more: Any) -> TowRun:
+    """45 s of a simulated tow with noise; ``more``: of ``simulate_full``."""
+    t = 3.0 + np.arange(45 * HERTZ) / HERTZ
+    extra = {"extra": lambda *_: push} if any(push) else {}
+    motion = simulate_full(HULL, Tow(1.28, 0.91, x_t, 3.96), Start(y_cg_m=start_m), t - 3.0, **extra, **more)
+    rng = np.random.default_rng(seed)
+    table = pd.DataFrame(
+        {
+            "t_s": t,
+            "y_cg_m": motion["y_cg_m"] + rng.normal(0, SD[0], len(t)),
+            "beta_rad": motion["beta_rad"] + rng.normal(0, SD[1], len(t)),
+            "alpha_rad": np.nan,
+            "sigma_y_cg_m": SD[0],
+            "sigma_beta_rad": SD[1],
+            "status": "measured",
+        }
+    )
+    content = {
+        "name": f"x{x_t}",
+        "source": {"motion": "motion.csv"},
+        "tow": {"speed_m_s": 1.28, "line_length_m": 0.91, "tow_point_m": x_t, "tension_n": 3.96},
+        "model": {"length_pp_m": 2.66, "mass_kg": 78.0},
+        "water": {"density_kg_m3": 1000.0, "tank_width_m": 4.6},
+    }
+    run = Run(Path(), check_tables(content, RunFile, Path("run.toml")))
+    return tow_run(run, table, None, None, None, None, STEP_S)
+
+
+@pytest.fixture(scope="module")
+def tows() -> list[TowRun]:
+    return [made(k, x, y) for k, (x, y) in enumerate(((1.446, 0.2), (1.751, -0.2)))]
+
+
+def test_blocks_of_a_motion_have_its_sigmas_and_no_line(tows: list[TowRun]) -> None:
+    """Twelve or thirteen frames to a block: a thirteenth of the variance, and slow errors of an assumed size on top."""
+    run = tows[0]
+    assert run.marks is None
+    assert (run.start_s, run.half_width_m, run.length_pp_m, run.density_kg_m3) == (3.0, 2.3, 2.66, 1000.0)
+    n = len(run.centre_s)
+    assert run.values.shape == (n, 4)
+    assert np.isnan(run.values[:, 2:]).all()
+    assert not run.shutter.any()
+    counts = np.bincount(np.floor(np.arange(45 * HERTZ) / HERTZ / STEP_S + 1e-9).astype(int))[:n]
+    assert set(counts) == {12, 13}
+    slow = SLOW_UNSEEN_PX / 0.1
+    lag = np.abs(run.centre_s[:, None] - run.centre_s)
+    for channel, sd in enumerate(SD):
+        wanted = sd**2 * (np.diag(1 / counts) + slow**2 * np.exp(-lag / SLOW_S))
+        np.testing.assert_allclose(run.covariance[channel], wanted, rtol=1e-9)
+    for channel in (2, 3):
+        np.testing.assert_array_equal(run.covariance[channel], np.eye(n))
+    truth = simulate_full(HULL, Tow(1.28, 0.91, 1.446, 3.96), Start(y_cg_m=0.2), np.append(0.0, run.centre_s))
+    # a mean over half a second of a swing of 0.2 m is half a millimetre off its middle
+    assert np.abs(run.values[:, 0] - truth["y_cg_m"][1:]).max() < 5 * SD[0] / np.sqrt(12) + 5e-4
+    fastest = [
+        simulate_full(HULL, Tow(1.28, 0.91, x, 3.96), Start(y_cg_m=y), np.arange(0, 45, 0.1))["v_m_s"].abs().max()
+        for x, y in ((1.446, 0.2), (1.751, -0.2))
+    ]
+    still: Any = SimpleNamespace(hypothesis=SimpleNamespace(own=np.zeros((2, 10))))
+    said = re.fullmatch(r"sway velocities of the runs reach (0\.\d\d) m/s", TowSimulator(tows).reached(still))
+    assert said is not None
+    # from differences of noisy means: four deviations of one
+    assert float(said[1]) == pytest.approx(max(fastest), abs=4 * (SD[0] + 1.28 * SD[1]) / np.sqrt(12) + 0.005)
+
+
+def test_what_a_motion_cannot_show_is_not_asked_of_it(tows: list[TowRun]) -> None:
+    simulator = TowSimulator(tows)
+    usable, excluded = simulator.usable(LIBRARY)
+    names = {e.name for e in usable}
+    pixels = {e.name for e in LIBRARY if e.correct is not None} - {"datum_bias"}
+    assert set(excluded) == pixels
+    assert set(excluded.values()) == {"a motion holds no pixels"}
+    assert {"cross_current", "crossflow_drag", "datum_bias"} <= names
+    # the post's place aside moves y and nothing else
+    bias = next(e for e in LIBRARY if e.name == "datum_bias")
+    own = np.zeros((2, 10))
+    moved = simulator.measured(Hypothesis(SIX, own, (bias,), (np.array([0.02, 0.005]),)))
+    for run, values in zip(tows, moved, strict=True):
+        np.testing.assert_allclose(values[:, 0], run.values[:, 0] - 0.005)
+        np.testing.assert_array_equal(values[:, 1], run.values[:, 1])
+
+
+def test_a_reference_is_brought_to_the_tows_speed(tows: list[TowRun]) -> None:
+    """Damping goes with the speed, added masses do not; a deviation is never less than a hundredth or so of its value."""
+    sd = np.array([1.0, 1.0, 5.0, 5.0, 5.0, 0.0])
+    prior = TowSimulator(tows, (SIX, sd, 0.64)).shared_prior
+    assert prior is not None
+    ratio = np.array([1, 1, 2, 2, 2, 2])
+    np.testing.assert_allclose(prior[0], SIX * ratio)
+    np.testing.assert_allclose(prior[1][:5], (sd * ratio)[:5])
+    assert 0 < prior[1][5] < 0.02 * abs(prior[0][5])
+
+
+def test_a_tension_log_is_over_its_mean_at_the_runs_own_clock(tows: list[TowRun]) -> None:
+    log = np.arange(0.0, 60.0, 0.1), 4.0 + 0.02 * np.arange(600)
+    tow = replace(tows[0].data.tow, tension_n=5.0)
+    loaded = replace(tows[0], data=replace(tows[0].data, tow=tow, tension=log))
+    fields = Fields([loaded, tows[1]], np.full((2, 1), 45.0), 1.28)
+    at = np.array([0.0, 10.0, 20.0])
+    found = fields.history(at[:, None, None])
+    assert found.shape == (3, 2, 1)
+    np.testing.assert_allclose(found[:, 0, 0], (4.0 + 0.2 * (at + 3.0)) / 5.0)
+    np.testing.assert_array_equal(found[:, 1, 0], 1.0)
+    np.testing.assert_array_equal(Fields(tows, np.full((2, 1), 45.0), 1.28).history(at[:, None, None]), np.ones((2, 1)))
+
+
+def test_the_simulated_side_follows_a_tension_log() -> None:
+    """Residuals at the truth are the noise; with the mean tension alone they are not."""
+    clock = np.arange(0, 60, 0.05)
+    tension = 3.96 * (1 + 0.15 * np.sin(2 * np.pi * clock / 20))
+    histories = Histories(tension_n=lambda t: float(np.interp(t, clock, tension)))
+    run = made(5, 1.548, 0.2, histories=histories)
+    mean = float(np.interp(run.data.t_s - 3.0, clock, tension).mean())
+    log = (clock + 3.0, tension)
+    told = replace(run, data=replace(run.data, tension=log, tow=replace(run.data.tow, tension_n=mean)))
+    alpha = np.arcsin(0.2 / 0.91)
+    own = np.array([[alpha, 0.0, 0.0, 0.0, 0.0, 0.0, mean, 1.548, 0.91, 1.28]])
+    rms = []
+    for one in (told, replace(told, data=replace(told.data, tension=None))):
+        model = TowSimulator([one])
+        rest = model.linear([Hypothesis(SIX, own)])[0].rows[0][0][:, :2]
+        rms.append(np.sqrt(np.mean(rest**2, axis=0)) * np.sqrt(12.5) / SD)
+    assert (np.abs(rms[0] - 1) < 4 / np.sqrt(2 * 89) + 0.05).all(), rms
+    assert (rms[1] > 3).all(), rms
+
+
+@pytest.mark.parametrize(("push", "verdict"), [((0.0, 0.0), "no_gap"), ((0.25, 0.0), "effect")])
+def test_a_push_from_one_side_is_found_in_a_motion(push: tuple[float, float], verdict: str) -> None:
+    """A hull that pulls by 0.25 N, against drag, a current and a tow point aside."""
+    runs = [made(k, x, y, push) for k, (x, y) in enumerate(((1.446, 0.2), (1.548, -0.2), (1.649, 0.15), (1.751, 0.25)))]
+    names = {"hull_asymmetry", "cross_current", "crossflow_drag", "tow_point_offset"}
+    library = [e for e in LIBRARY if e.name in names]
+    found = diagnosed(TowSimulator(runs), library, "t", {}, rng=np.random.default_rng(1)).file
+    assert found.verdict == verdict
+    if verdict == "effect":
+        row = found.ranking[0]
+        assert row.effects == ["hull_asymmetry"]
+        size = row.parameters["hull_asymmetry.y_star_n_s2_m2"]
+        assert abs(size.value - 0.25 / 1.28**2) < 4 * size.std
+        assert row.gap_after < row.gap_before
+
+
+def test_the_command_takes_runs_that_came_as_motion(motion_run: Callable[..., Path], tmp_path: Path) -> None:
+    from towline.cli import main
+
+    folders = [motion_run(tmp_path / f"r{x}", point=x, name=f"r{x}") for x in (1.446, 1.751)]
+    assert main(["diagnose", *map(str, folders), "-o", str(tmp_path / "out")]) == 0
+    assert (tmp_path / "out" / "gap.json").is_file()

@@ -88,7 +88,7 @@ class TowSimulator(TowModel):
             ):
                 excluded[effect.name] = "a motion holds no pixels"
                 continue
-            why = next((w for run in self.runs if run.marks is not None and (w := effect.needs(run.marks.run))), "")
+            why = next((w for run in self.runs if (w := effect.needs(run.run))), "")
             if why:
                 excluded[effect.name] = why
             else:

@@ -67,6 +67,7 @@ class TowRun:
     modes : (k, n, 4), change with each common mode of the camera (unit variance)
     shutter : (n, 4, 3), change of x, y, beta and distance by 1 s of readout, per rate of x, y, beta
     length_pp_m, density_kg_m3, half_width_m : of model, water and tank (NaN: not given)
+    run : as stated
     """
 
     name: str
@@ -83,6 +84,7 @@ class TowRun:
     length_pp_m: float
     density_kg_m3: float
     half_width_m: float
+    run: Run
 
     def usual_sd(self, channel: int) -> float:
         """Standard deviation of a block's mean in a channel, the median over the blocks."""
@@ -153,6 +155,7 @@ def tow_run(
         run.model.length_pp_m,
         run.water.density_kg_m3,
         0.5 * width if width else float("nan"),
+        run,
     )
 
 
@@ -267,12 +270,15 @@ def _blocks(t_s: Array, values: Array, step_s: float) -> tuple[Array, Array, Arr
 
 
 def _mean(t_s: Array, values: Array, step_s: float) -> Array:
-    """Means (blocks, columns) over each block, column by column; 0 in a block without any, NaN for a column without any."""
+    """Means (blocks, columns) over the whole rows of each block, 0 where there are none; NaN in a column without any value."""
     index = np.floor(t_s / step_s + 1e-9).astype(int)
-    size, good = int(index.max()) + 1, np.isfinite(values)
-    count = np.stack([np.bincount(index, g, minlength=size) for g in good.T], axis=1)
-    total = np.stack([np.bincount(index, v, minlength=size) for v in np.where(good, values, 0.0).T], axis=1)
-    return np.where(good.any(axis=0), total / np.maximum(count, 1), np.nan)
+    size, there = int(index.max()) + 1, np.isfinite(values).any(axis=0)
+    good = np.isfinite(values[:, there]).all(axis=1)
+    count = np.maximum(np.bincount(index[good], minlength=size), 1)
+    answer = np.full((size, values.shape[1]), np.nan)
+    for column in np.flatnonzero(there):
+        answer[:, column] = np.bincount(index[good], values[good, column], minlength=size) / count
+    return answer
 
 
 def _covariances(centre: Array, variance: Array, series: _Series, still: _Series | None, step_s: float) -> Array:

@@ -20,6 +20,7 @@ from towline.diagnose.tow import TowSimulator
 from towline.diagnose.tow_data import SLOW_S, SLOW_UNSEEN_PX, TowRun, tow_run
 from towline.diagnose.tow_rates import Fields
 from towline.record import Run, RunFile
+from towline.record.schema import WaterTable
 from towline.record.toml import check_tables
 from towline.simulate import Histories, Hull, Start, Tow, simulate_full
 
@@ -99,9 +100,13 @@ def test_what_a_motion_cannot_show_is_not_asked_of_it(tows: list[TowRun]) -> Non
     usable, excluded = simulator.usable(LIBRARY)
     names = {e.name for e in usable}
     pixels = {e.name for e in LIBRARY if e.correct is not None} - {"datum_bias"}
-    assert set(excluded) == pixels
-    assert set(excluded.values()) == {"a motion holds no pixels"}
-    assert {"cross_current", "crossflow_drag", "datum_bias"} <= names
+    assert set(excluded) == pixels | {"rolling_shutter", "sync_delay"}
+    assert {excluded[name] for name in (*pixels, "rolling_shutter")} == {"a motion holds no pixels"}
+    assert excluded["sync_delay"] == "no tension history"
+    assert {"cross_current", "crossflow_drag", "datum_bias", "bank_suction"} <= names
+    wide = tows[1].run.file.model_copy(update={"water": WaterTable(density_kg_m3=1000.0)})
+    one = replace(tows[1], run=replace(tows[1].run, file=wide))
+    assert TowSimulator([tows[0], one]).usable(LIBRARY)[1]["bank_suction"] == "water.tank_width_m is not given"
     # the post's place aside moves y and nothing else
     bias = next(e for e in LIBRARY if e.name == "datum_bias")
     own = np.zeros((2, 10))

@@ -182,3 +182,8 @@ def test_the_command_takes_runs_that_came_as_motion(motion_run: Callable[..., Pa
     folders = [motion_run(tmp_path / f"r{x}", point=x, name=f"r{x}") for x in (1.446, 1.751)]
     assert main(["diagnose", *map(str, folders), "-o", str(tmp_path / "out")]) == 0
     assert (tmp_path / "out" / "gap.json").is_file()
+
+
+def test_random_forces_may_be_a_twentieth_of_the_tension(tows: list[TowRun]) -> None:
+    heavy = replace(tows[0], data=replace(tows[0].data, tow=replace(tows[0].data.tow, tension_n=8.04)))
+    assert TowSimulator([heavy, tows[1]]).most_force == pytest.approx(0.05 * (8.04 + 3.96) / 2)

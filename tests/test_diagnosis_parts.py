@@ -11,18 +11,21 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from towline.diagnose import gap
+from towline.diagnose import gap, scan
+from towline.diagnose.effects import Effect, Parameter
 from towline.diagnose.effects.hull import CURRENT
 from towline.diagnose.gap import _next
 from towline.diagnose.hypothesis import Hypothesis
 from towline.diagnose.hypothesis import Path as Motion
 from towline.diagnose.inference import Inference
 from towline.diagnose.next_run import _differs
+from towline.diagnose.scan import Leftover
 from towline.diagnose.slackness import slack_effects
 from towline.diagnose.tow_data import LINE_SD_M, SLOW_S, SLOW_UNSEEN_PX, _covariances, _shutter
 from towline.diagnose.tow_model import _with_lags
 from towline.diagnose.tow_seen import TowSeen
 from towline.diagnose.tow_start import _scatter
+from towline.diagnose.where import _band, _shortest, _stages
 from towline.diagnose.words import _changed
 from towline.geometry.checks.bundle import half_sine
 from towline.simulate.model import Tow
@@ -219,3 +222,76 @@ def test_how_far_marks_scatter_about_a_smooth_course() -> None:
     assert (_scatter(run(7, 0.5)) != 1.0).all()
     np.testing.assert_array_equal(_scatter(run(4, 2.0)), [1.0, 1.0])  # at least five blocks, however long
     assert (_scatter(run(5, 2.0)) != 1.0).all()
+
+
+def test_the_shortest_stretch_that_holds_a_share() -> None:
+    course = np.array([0.0, 1.0, 0.0, 3.0, 4.0, 2.0, 0.0, 0.0])
+    assert _shortest(course, 0.4) == (4, 5)
+    assert _shortest(course, 0.6) == (3, 5)
+    assert _shortest(course, 0.95) == (1, 6)
+    assert _shortest(course, 1.0) == (1, 6)
+    assert _shortest(np.zeros(5), 0.6) == (0, 5)
+    assert _shortest(np.array([2.0, 0.0, 0.0]), 0.6) == (0, 1)
+
+
+@pytest.mark.parametrize("hertz", [0.11, 0.4])
+def test_the_band_is_that_of_what_the_headline_changes(hertz: float) -> None:
+    """A wave of 1 mm on a constant, in y of two runs of 60 and 40 s: its frequency within the resolution of the longer one."""
+    rng, step_s = np.random.default_rng(3), 0.5
+    runs, before, after = [], [], []
+    for n in (120, 80):
+        t = step_s * np.arange(n)
+        rest = rng.normal(size=(n, 4))
+        wave = np.zeros((n, 4))
+        wave[:, 0] = 1e-3 * np.sin(2 * np.pi * hertz * t + 1.0) + 3e-3
+        wave[:, 2] = rng.normal(size=n)  # neither line nor distance counts
+        later = rest + wave
+        later[5] = np.nan
+        before.append((rest, None))
+        after.append((later, None))
+        covariance = np.stack([np.eye(n) * v for v in (1e-6, 1e-6, 1e-6, 1e-6)])
+        runs.append(SimpleNamespace(centre_s=t, covariance=covariance))
+    inference: Any = SimpleNamespace(simulator=SimpleNamespace(runs=runs, step_s=step_s))
+    one, two = (SimpleNamespace(linear=SimpleNamespace(rows=rows)) for rows in (before, after))
+    low, high = _band(inference, one, two)  # pyright: ignore[reportArgumentType]
+    assert low <= hertz <= high
+    assert high - low < 3 / 60
+
+
+def test_a_hull_effect_is_in_sway_and_yaw_by_its_numbers() -> None:
+    """By the squares of what each is in units of its usual size; an effect of another stage is wholly there."""
+    both = Effect(
+        "both",
+        "sway",
+        (Parameter("y_a", "", 2.0, none=1.0), Parameter("n_b", "", 0.5), Parameter("moment_c", "", 1.0)),
+        "",
+        "",
+    )
+    seen = Effect("seen", "camera", (Parameter("n_d", "", 1.0), Parameter("e", "", 1.0)), "", "")
+    single = Effect("single", "yaw", (Parameter("y_f", "", 1.0),), "", "")
+    numbers = (np.array([5.0, 1.0, -2.0]), np.array([1.0, 2.0]), np.array([3.0]))
+    one: Any = SimpleNamespace(
+        effects=(both, seen, single), fitted=SimpleNamespace(hypothesis=SimpleNamespace(numbers=numbers))
+    )
+    assert _stages(one, both) == pytest.approx({"sway": 4 / 12, "yaw": 8 / 12})
+    assert _stages(one, seen) == {"camera": 1.0}
+    assert _stages(one, single) == {"yaw": 1.0}
+    none: Any = SimpleNamespace(
+        effects=(both,), fitted=SimpleNamespace(hypothesis=SimpleNamespace(numbers=(np.array([1.0, 0.0, 0.0]),)))
+    )
+    assert _stages(none, both) == {"sway": 1.0}
+
+
+def test_what_is_left_over_is_paid_for_where_it_was_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The best tile of all, less the price of looking everywhere."""
+    tiles = [Leftover(13.0, "a", (1.0, 2.0)), Leftover(31.5, "b", (4.0, 6.0))]
+    monkeypatch.setattr(scan, "_rest", lambda *_: [])
+    monkeypatch.setattr(scan, "_bursts", lambda *_: tiles)
+    monkeypatch.setattr(scan, "_bands", lambda *_: [Leftover(20.0, band_hz=(0.3,))])
+    simulator = SimpleNamespace(step_s=0.5, runs=[SimpleNamespace(name="a")])
+    nothing: Any = None
+    inference: Any = SimpleNamespace(simulator=simulator)
+    assert scan.leftover(inference, nothing) == Leftover(31.5 - scan.COST, "b", (4.0, 6.0))
+    monkeypatch.setattr(scan, "_bursts", lambda *_: [])
+    monkeypatch.setattr(scan, "_bands", lambda *_: [])
+    assert scan.leftover(inference, nothing) == Leftover(-scan.COST)

@@ -16,7 +16,7 @@ from towline.identify.methods.common import LONGEST_S, check_series
 from towline.identify.noise import autoregression, ljung_box_p, measured, stated
 from towline.identify.response import full_response, linear_response
 from towline.identify.start import weak_form_start
-from towline.identify.steady import SteadyState, steady_state
+from towline.identify.steady import BATCHES, SteadyState, _window, steady_state
 from towline.record import EstimationError, InputError, Priors, Run, RunFile, read_motion, read_run
 from towline.record.toml import check_tables
 from towline.simulate import Hull, Start, Tow, simulate_full, simulate_linear
@@ -587,3 +587,17 @@ def test_a_motion_without_sigmas_is_weighed_as_a_millimetre_and_a_tenth_of_a_deg
     np.testing.assert_allclose(run_data(run, one, None).covariance[5, 0, 1], 0.999 * 6e-6)
     holed = stated.assign(sigma_beta_rad=np.where(np.arange(len(table)) == 3, np.nan, 3e-3))
     assert run_data(run, holed, None).assumed_sigma
+
+
+def test_a_steady_tail_holds_enough_samples_for_its_batches() -> None:
+    """One frame a second: the end of the record scatters less and less, but three samples a batch are kept."""
+    rng, t = np.random.default_rng(4), np.arange(120.0)
+    angles = np.array([0.2, 0.05]) + rng.normal(size=(120, 2)) * (1e-3 * np.exp(-t / 10) + 1e-9)[:, None]
+    first, settled = _window(t, angles)
+    assert settled
+    assert len(t) - first >= 3 * BATCHES
+    assert len(t) - first < 3 * BATCHES + 8  # and no more than its steps ask for
+    drifting = angles + 1e-3 * t[:, None]
+    first, settled = _window(t, drifting)
+    assert not settled
+    assert t[first] == pytest.approx(t[-1] - 0.2 * 119, abs=1)

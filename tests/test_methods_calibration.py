@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from towline.identify.methods.calibration import calibrate_rate
+from towline.identify.methods.calibration import _second_difference_sd, calibrate_rate
 from towline.record import EstimationError
 from towline.simulate import Hull, Start, Tow, simulate_full
 
@@ -84,3 +84,13 @@ def test_the_covariance_of_scale_bias_and_start_is_that_of_weighted_least_square
     # the start from which the path is reckoned goes with the drift, and so against the bias
     late = calibrate_rate(t + 30.0, beta, rate, position_sd=sd, rate_sd=rate_sd).covariance
     np.testing.assert_allclose(late, found.covariance, rtol=1e-6)
+
+
+def test_noise_of_a_smooth_course_is_told_by_its_second_differences() -> None:
+    """6 sigma^2 is their variance; a straight line has none but rounding."""
+    rng, t = np.random.default_rng(7), np.arange(4000) / 100
+    found = _second_difference_sd(0.3 * np.sin(t) + rng.normal(0, 1e-3, 4000))
+    assert found == pytest.approx(1e-3, rel=4 / np.sqrt(2 * 4000 / 2.5))
+    line = _second_difference_sd(1 + 2 * t)
+    assert line * (1 + 1e-9) >= 1e-12 * 80
+    assert line < 1e-10

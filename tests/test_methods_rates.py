@@ -8,7 +8,7 @@ import pytest
 from towline.identify.methods.common import Record
 from towline.identify.methods.rates import WARNING, regression_on_rates, smooth_rates
 from towline.record import EstimationError
-from towline.simulate import Hull, Start, Tow, simulate_full
+from towline.simulate import Hull, Start, Tow, simulate_full, simulate_linear
 
 SIX = np.array([149.19, 62.11, -52.87, -66.33, -48.51, -57.60])
 HULL = Hull(*SIX, speed_m_s=1.28)
@@ -71,3 +71,19 @@ def test_refusals() -> None:
         regression_on_rates([], 1.0)
     with pytest.raises(EstimationError, match="farther aside"):
         regression_on_rates([Record(T, one.y_m * 30, one.beta_rad, one.tow)], 0.6)
+
+
+def test_the_linear_line_is_enough_for_small_angles_and_not_for_large_ones() -> None:
+    """A motion of the linear form is exact with the linear line force; of the full form, 5 cm aside, both are as good."""
+    tow = Tow(1.28, 0.91, 1.446, 3.96)
+    records = []
+    for x_t, y_0 in ((1.446, 0.3), (1.751, -0.3)):
+        tow = Tow(1.28, 0.91, x_t, 3.96)
+        motion = simulate_linear(HULL, tow, Start(y_cg_m=y_0), T)
+        records.append(Record(T, motion["y_cg_m"].to_numpy(), motion["beta_rad"].to_numpy(), tow))
+    exact = regression_on_rates(records, 0.6, full_sine=False)
+    np.testing.assert_allclose(exact.six, SIX, rtol=2e-3)
+    sine = regression_on_rates(records, 0.6)
+    assert np.abs(sine.six / SIX - 1).max() > 5 * np.abs(exact.six / SIX - 1).max()
+    calm = regression_on_rates([record(1.446, 0.05), record(1.751, -0.05)], 0.6, full_sine=False)
+    np.testing.assert_allclose(calm.six, SIX, rtol=0.02)

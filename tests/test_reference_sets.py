@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import chi2
 
 from towline.cli import main
 from towline.identify import prime_factors
@@ -214,3 +215,20 @@ def test_values_without_scatter_differ_by_nothing_or_without_bound() -> None:
     rows = compare_to_reference(result(values, np.zeros(6)), exact).rows
     assert [row.difference_sd for row in rows] == [0.0, np.inf, 0.0, np.inf, 0.0, 0.0]
     assert [row.difference_percent for row in rows] == pytest.approx([0, 10, 0, 10, 0, 0], abs=1e-9)
+
+
+def test_the_chi_square_is_that_of_both_covariances_together() -> None:
+    """Correlated result, independent set: gaps' (C + D)^-1 gaps by hand, and its probability on six degrees."""
+    rng = np.random.default_rng(2)
+    root = rng.normal(size=(6, 12))
+    correlation = np.corrcoef(root)
+    own, sizes = np.abs(ITTC_SI) * 0.013, np.abs(ITTC_SI) * 0.007
+    factors = prime_factors(*MARINER)
+    known = ReferenceSet("mine", "", ITTC_SI / factors, sizes / factors)
+    values = ITTC_SI * (1 + 0.03 * rng.normal(size=6))
+    found = compare_to_reference(result(values, own, correlation=correlation), known)
+    gaps = values - ITTC_SI
+    whole = correlation * np.outer(own, own) + np.diag(sizes**2)
+    assert found.chi_square == pytest.approx(gaps @ np.linalg.solve(whole, gaps), rel=1e-9)
+    assert found.p_value == pytest.approx(chi2.sf(found.chi_square, 6), rel=1e-9)
+    assert [row.difference_sd for row in found.rows] == pytest.approx(gaps / np.hypot(own, sizes))

@@ -574,3 +574,16 @@ def test_the_trapezoids_slopes_are_the_homographys() -> None:
     np.testing.assert_array_equal(
         mapping.to_pixel(np.array([[-1.0, 0.5, 0.0]])), fit.mapping.to_pixel(np.array([[-1.0, 0.5, 0.0]]))
     )
+
+
+@pytest.mark.parametrize("error", [(9.0, 7.0), (-9.0, -7.0), (8.0, -8.0)])
+@pytest.mark.parametrize("index", [0, 7])
+def test_a_datum_that_does_not_fit_names_its_worst_point(error: tuple[float, float], index: int) -> None:
+    """Whatever side it was picked to."""
+    seen, places = camera(), TOP + LOW
+    points = picks(seen, places, 0.2 * np.random.default_rng(2).normal(size=(len(places), 2)))
+    moved = np.array(points[index].pixel_px) + error
+    points[index] = points[index].model_copy(update={"pixel_px": (float(moved[0]), float(moved[1]))})
+    fit = fit_datum(points, table(seen), [0.1], robust=False)
+    (note,) = [n for n in fit.notes if "does not fit its stated picking errors" in n]
+    assert f"largest at {points[index].name or f'point {index + 1}'}, " in note

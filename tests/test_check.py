@@ -402,3 +402,22 @@ def test_what_only_a_pair_tells_is_said_as_the_sum_that_is_fixed() -> None:
 
 def told_(value: Refined) -> Refined:
     return value.model_copy(update={"observable": True})
+
+
+@pytest.mark.parametrize(("gap_s", "seen"), [(0.15, True), (0.45, False)])
+def test_frames_on_either_side_of_a_gap_are_not_compared(gap_s: float, seen: bool) -> None:
+    """A step of all marks over a gap of more than three usual steps says nothing: nobody saw how the model went there."""
+    rng, t = np.random.default_rng(3), np.arange(120) / 10
+    t[60:] += gap_s
+    slope = rng.normal(0, 900, (2, 2, 3))
+    paths = rng.normal(0, 0.1, (120, 2, 2))
+    paths[60:] += slope @ np.array([4e-3, -3e-3, 2e-3])
+    film: Any = SimpleNamespace(t_s=t, pixel_px=paths, sigma_px=np.full((120, 2, 2), 0.1))
+    found = find_jump(film, np.tile(slope, (120, 1, 1, 1)), 1.0)
+    assert found is not None
+    if not seen:
+        assert found.gain < 30
+        assert found.frames == 120 - 13 - 13  # no window of fourteen frames reaches over it
+    else:
+        assert found.t_s == pytest.approx(t[60])
+        assert found.gain > 100

@@ -11,7 +11,7 @@ import pytest
 
 from towline.diagnose.hypothesis import Hypothesis
 from towline.diagnose.shifts import shift_effects
-from towline.diagnose.springs import springing_effects
+from towline.diagnose.springs import _ring, springing_effects
 from towline.diagnose.tow_model import TowModel
 
 RATE_HZ, DECAY_S, SIZE_M = 0.46, 0.09, 0.002
@@ -127,3 +127,16 @@ def test_without_marks_or_a_lens_no_turn_is_suggested(runs: list) -> None:
     file = marks.run.file.model_copy(update={"camera": None})
     bare = replace(runs[1], marks=replace(marks, run=replace(marks.run, file=file)))
     assert shift_effects([runs[0], bare, runs[2]], base) == []
+
+
+@pytest.mark.parametrize("level", [(0.0, 0.0), (5.0, -0.3)])
+def test_a_ring_is_explained_beside_a_constant_and_a_trend(level: tuple[float, float]) -> None:
+    """Exact: its size and phase, and of the squares just those that constant and trend leave of it."""
+    t = 0.5 * np.arange(90) + 0.25
+    true, decay, rate = 3.0 * np.exp(0.7j), 0.08, 2.6
+    wave = np.real(true * np.exp((-decay + 1j * rate) * t))
+    explained, size = _ring(t, level[0] + level[1] * t + wave, decay, rate)
+    assert size == pytest.approx(true, rel=1e-9)
+    plain = np.column_stack([np.ones_like(t), t])
+    left_ = wave - plain @ np.linalg.lstsq(plain, wave, rcond=None)[0]
+    assert explained == pytest.approx(left_ @ left_, rel=1e-9)

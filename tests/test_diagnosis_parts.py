@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from towline.diagnose import gap, scan
@@ -21,7 +22,7 @@ from towline.diagnose.inference import Inference
 from towline.diagnose.next_run import _differs
 from towline.diagnose.scan import Leftover
 from towline.diagnose.slackness import slack_effects
-from towline.diagnose.tow_data import LINE_SD_M, SLOW_S, SLOW_UNSEEN_PX, _covariances, _shutter
+from towline.diagnose.tow_data import LINE_SD_M, SLOW_PX, SLOW_S, SLOW_UNSEEN_PX, _covariances, _shutter
 from towline.diagnose.tow_model import _with_lags
 from towline.diagnose.tow_seen import TowSeen
 from towline.diagnose.tow_start import _scatter
@@ -295,3 +296,29 @@ def test_what_is_left_over_is_paid_for_where_it_was_looked_for(monkeypatch: pyte
     monkeypatch.setattr(scan, "_bursts", lambda *_: [])
     monkeypatch.setattr(scan, "_bands", lambda *_: [])
     assert scan.leftover(inference, nothing) == Leftover(-scan.COST)
+
+
+def test_a_static_record_gives_blocks_its_size_and_its_memory() -> None:
+    """Stated sigmas say how the noise changes over the picture, the static record how large it is and how long it lasts."""
+    rng, step_s, per = np.random.default_rng(6), 0.5, 10
+    memory_s, share = 2.0, 0.4
+    count = 40_000
+    kept = np.exp(-step_s / memory_s)
+    slow = np.asarray(lfilter([np.sqrt(1 - kept**2)], [1.0, -kept], rng.normal(size=count)))
+    means = 1e-3 * (np.sqrt(1 - share) * slow + np.sqrt(share) * rng.normal(size=count))
+    values = np.tile(np.repeat(means, per)[:, None], (1, 4))
+    t = step_s / per * np.arange(count * per)
+    still: Any = SimpleNamespace(t_s=t, values=values, variance=np.full((count * per, 4), 4e-6), sigma_px=0.1)
+    series: Any = SimpleNamespace(variance=np.full((90, 4), 4e-6), sigma_px=0.1)
+    given = np.tile(np.linspace(2e-7, 8e-7, 9)[:, None], (1, 4))
+    centre = np.arange(9) * step_s
+    found = _covariances(centre, given, series, still, step_s)
+    # 4e-6 a frame are 4e-7 a block of ten: the record's 1e-6 is 2.5 times that
+    size = given[:, 0] * 1e-6 / 4e-7
+    lag = np.abs(centre[:, None] - centre)
+    unseen = 2e-3 / 0.1 * SLOW_PX
+    colour = (1 - share) * np.exp(-lag / memory_s) + share * np.eye(9)
+    wanted = np.sqrt(np.outer(size, size)) * colour + unseen**2 * np.exp(-lag / SLOW_S)
+    # its correlations are known to 1 %, and so what is left after eight blocks to some 8 %
+    np.testing.assert_allclose(found[0], wanted, rtol=0.15)
+    np.testing.assert_allclose(np.diag(found[1]), np.diag(wanted), rtol=0.1)

@@ -46,3 +46,11 @@ def rows() -> list[str]:
 def test_the_page_lists_the_library_as_it_is(root: Path) -> None:
     page = (root / "docs" / "effects.md").read_text(encoding="utf-8").splitlines()
     assert [line for line in page if line.startswith("| `")] == rows()
+
+
+def test_what_belongs_to_the_runs_made_says_so() -> None:
+    """A window or a bounce found in a residual foretells nothing of another run."""
+    assert not any(e.bound for e in LIBRARY)
+    assert slack([(1.0, 2.0)]).bound
+    assert slack([(1.0, 2.0)], wave=True).bound
+    assert springing(lambda t_s: 0.0 * t_s, "", 1.0, 0.03).bound

@@ -7,6 +7,7 @@ import pytest
 
 from towline.identify.methods.characteristic import derivatives_from_coefficients
 from towline.identify.methods.decay import fit_decay
+from towline.identify.methods.decay_search import _peak_rad_s
 from towline.identify.methods.forced import modal_derivatives
 from towline.identify.methods.phase import phase_from_amplitudes
 from towline.record import EstimationError
@@ -124,3 +125,28 @@ def test_the_fitted_pair_feeds_the_phase_analysis_and_two_give_all_six() -> None
 def test_short_records_are_refused() -> None:
     with pytest.raises(EstimationError, match="at least 30"):
         fit_decay(np.arange(10.0), np.zeros(10), np.zeros(10))
+
+
+@pytest.mark.parametrize("swings", [1.2, 4.0, 25.0])
+def test_the_strongest_line_is_found_however_many_swings_there_are(swings: float) -> None:
+    """Beside a drift and a bias, to the trial frequencies' step; a record of less than three quarters of a swing has none."""
+    t = np.arange(0, 60, 0.05)
+    w = 2 * np.pi * swings / 60
+    values = np.column_stack([0.1 * np.cos(w * t + 0.3) + 0.2 + 0.01 * t, 0.02 * np.sin(w * t) - 0.1])
+    step = (60 * np.pi / t[-1] - 1.5 * np.pi / t[-1]) / 159
+    assert _peak_rad_s(t, values + 1e-4 * np.random.default_rng(1).normal(size=values.shape)) == pytest.approx(
+        w, abs=step
+    )
+
+
+def test_a_fast_swing_in_a_long_record_is_fitted() -> None:
+    """Twenty swings: far from where a search that began with one would end."""
+    t = np.arange(0, 60, 0.05)
+    l1, l2, l3, w = 1.5, 0.3, 0.02, 2 * np.pi / 3
+    y = 0.2 * np.exp(-l3 * t) * np.sin(w * t + 0.4) + 0.05 * np.exp(-l2 * t) + 0.02 * np.exp(-l1 * t)
+    beta = 0.05 * np.exp(-l3 * t) * np.cos(w * t) - 0.02 * np.exp(-l2 * t) + 0.03 * np.exp(-l1 * t)
+    rng = np.random.default_rng(2)
+    found = fit_decay(t, y + 1e-4 * rng.normal(size=len(t)), beta + 1e-4 * rng.normal(size=len(t)))
+    assert found.omega_rad_s.value == pytest.approx(w, abs=5 * found.omega_rad_s.std)
+    assert found.omega_rad_s.std < 1e-4
+    assert found.l3_per_s.value == pytest.approx(l3, abs=5 * found.l3_per_s.std)

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from towline.analysis import Batch, Identified, fit_page, identified
 from towline.cli import main
-from towline.identify import fit_runs
+from towline.identify import fit_runs, fit_with_noise
 from towline.identify.consistency import consistency, judged
 from towline.identify.reference import compare_to_reference, reference_set
 from towline.record import DerivativesFile, Priors, Run, RunFile, read_result
@@ -181,3 +181,23 @@ def test_the_command_writes_the_page(samples: Path, tmp_path: Path, capsys: pyte
     result = read_result(run / "out" / "derivatives.json", DerivativesFile)
     assert next(iter(result.runs)) in page
     assert "One run only" in page
+
+
+def test_the_agreement_of_runs_under_a_force_is_by_the_innovations(campaigns: ModuleType) -> None:
+    """Each run alone is fitted with its own force; the drop of the deviance is a chi-square of 6, and of 3 more numbers of noise
+    that a run alone has for itself; one towed at a tenth more tension than said stands out."""
+    rng, t = np.random.default_rng(41), campaigns.times(4.0, 40.0)
+    points = campaigns.POINTS_M[::3]
+    runs = [campaigns.noisy(campaigns.pushed_run(x, rng, t, priors=Priors()), rng) for x in points]
+    squares = []
+    for tension in (1.0, 0.9):
+        told = [replace(runs[0], tow=replace(runs[0].tow, tension_n=tension * runs[0].tow.tension_n)), runs[1]]
+        fit = fit_with_noise(told, "linear", noise="innovations")
+        assert fit.method == "innovations"
+        agreed = consistency(fit, told)
+        assert agreed.degrees == 6
+        assert agreed.chi_square is not None
+        assert all(p.problem == "" for p in (*agreed.alone, *agreed.without))
+        squares.append(agreed.chi_square)
+    assert squares[0] < chi2.isf(1e-4, 6 + 3)
+    assert squares[1] > squares[0] + 25

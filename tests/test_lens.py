@@ -14,13 +14,16 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
 from towline.cli import main
-from towline.geometry.camera import Lens
+from towline.geometry import run_datum
+from towline.geometry.camera import Camera, Lens
 from towline.geometry.lens import Board, BoardView, Calibration, calibrate, coverage, find_board, other_size, uncovered
 from towline.geometry.lens.advice import advice
 from towline.geometry.lens.calibrate import start
 from towline.geometry.lens.choose import apart, still_views
 from towline.geometry.lens.model import Corners, Poses, residuals, slopes
 from towline.geometry.lens.scatter import view_scatter
+from towline.geometry.motion import lens_covariance
+from towline.record import read_run
 from towline.record.errors import GeometryError, InputError
 from towline.record.lens_file import PARAMETERS, read_lens
 
@@ -725,3 +728,51 @@ def test_the_published_homography_of_the_wall(real: Path) -> None:
     # with matches out to 3 px the fit takes in another part of it and moves by 2.7 px
     assert np.sqrt((gap**2).sum(1).mean()) < 1.0
     assert np.linalg.norm(gap, axis=1).max() < 2.5
+
+
+def test_a_run_that_names_its_lens_file_takes_lens_and_covariance_from_it(folder: Path, tmp_path: Path) -> None:
+    """``camera.calibration``: the datum's modes hold the whole covariance of the lens, correlations too."""
+    out = tmp_path / "lens.json"
+    assert call(folder, "--board", "8x5", "--square-m", 0.03, "-o", out) == 0
+    lens = read_lens(out)
+    seen = Camera.looking_at(
+        Lens.from_table(lens.camera_table()), np.array([-4.0, 0.1, -2.0]), np.array([-1.0, 0.1, 0.0])
+    )
+    places = [(x, y, z) for z in (0.0, 0.2) for x in (-0.5, -1.6) for y in (-0.5, 0.5)]
+    points = ""
+    for place, (u, v) in zip(places, seen.project(np.array(places)), strict=True):
+        points += f"[[datum]]\npixel_px = [{u}, {v}]\ntank_m = {list(place)}\nsigma_px = 0.01\n"
+    marks = "".join(
+        f'[[marker]]\nname = "{m}"\nbody_m = [{x}, 0.0]\ndepth_m = 0.1\n' for m, x in (("a", 0.3), ("b", -0.3))
+    )
+    for name, told in (
+        ("file", 'calibration = "lens.json"\n'),
+        ("sd", f"sd = {list(lens.sd.values())}\n"),
+        ("exact", ""),
+    ):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "tracks.csv").write_text("frame,t_s,marker,u_px,v_px\n")
+        (tmp_path / name / "lens.json").write_bytes(out.read_bytes())
+        camera = (
+            f"[camera]\nimage_size_px = [640, 480]\nfx_px = {lens.fx_px}\nfy_px = {lens.fy_px}\ncx_px = {lens.cx_px}\n"
+            f"cy_px = {lens.cy_px}\ndistortion = {list(lens.distortion)}\n{told}"
+        )
+        text = f'name = "r"\nkind = "free"\n[source]\ntracks = "tracks.csv"\n{camera}{points}{marks}'
+        (tmp_path / name / "run.toml").write_text(text)
+    runs = {name: read_run(tmp_path / name) for name in ("file", "sd", "exact")}
+    whole = lens_covariance(runs["file"])
+    assert whole is not None
+    np.testing.assert_array_equal(whole, lens.covariance)
+    alone = lens_covariance(runs["sd"])
+    assert alone is not None
+    np.testing.assert_allclose(alone, np.diag(np.diag(whole)), rtol=1e-9)
+    assert lens_covariance(runs["exact"]) is None
+    # modes of a place in the middle: what the lens adds to the picks' own
+    pixel = seen.project(np.array([[-1.0, 0.2, 0.1]]))
+    size = {}
+    for name, run in runs.items():
+        places_ = run_datum(run, None).mapping.to_tank(pixel, 0.1)
+        np.testing.assert_allclose(places_.xy_m, [[-1.0, 0.2]], atol=1e-6)
+        size[name] = float(np.sqrt((places_.modes_m**2).sum()))
+    assert size["exact"] < size["file"]
+    assert size["file"] != pytest.approx(size["sd"], rel=0.01)

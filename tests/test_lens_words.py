@@ -13,6 +13,7 @@ from towline.geometry.lens import advice as advices
 from towline.geometry.lens.advice import _board, _coefficients, _missing, _pixels, _square_m, _weak
 from towline.geometry.lens.boards import Board, BoardView, _nearest
 from towline.geometry.lens.coverage import Coverage, covered_cells, differ_px, uncovered
+from towline.geometry.lens.fit import _prior
 
 SIZE = (800, 400)
 """Eight cells of 100 px across, four down."""
@@ -223,3 +224,9 @@ def test_windows_of_corners_go_by_their_nearest_neighbours() -> None:
     np.testing.assert_allclose(
         charuco.corners_m[[0, 1, 4, 11]], [[0, 0, 0], [0.03, 0, 0], [0, 0.03, 0], [0.09, 0.06, 0]]
     )
+
+
+def test_a_boards_shape_is_held_within_it_and_across_it_by_their_own_deviations() -> None:
+    """Weights of two corners' offsets along both sides and out of the plane, in units of a pixel's variance."""
+    found = _prior(np.array([1e-4, 5e-4]), 0.04, 2)
+    np.testing.assert_allclose(found, [4e6, 4e6, 1.6e5] * 2)

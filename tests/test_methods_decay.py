@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
 from towline.identify.methods.characteristic import derivatives_from_coefficients
 from towline.identify.methods.decay import fit_decay
-from towline.identify.methods.decay_search import _peak_rad_s
+from towline.identify.methods.decay_search import _peak_rad_s, limits_of
 from towline.identify.methods.forced import modal_derivatives
 from towline.identify.methods.phase import phase_from_amplitudes
 from towline.record import EstimationError
@@ -150,3 +152,21 @@ def test_a_fast_swing_in_a_long_record_is_fitted() -> None:
     assert found.omega_rad_s.value == pytest.approx(w, abs=5 * found.omega_rad_s.std)
     assert found.omega_rad_s.std < 1e-4
     assert found.l3_per_s.value == pytest.approx(l3, abs=5 * found.l3_per_s.std)
+
+
+@pytest.mark.parametrize(
+    ("sign", "damping"), [("stable", (1e-9 / 60, None)), ("unstable", (None, -1e-9 / 60)), ("free", (None, None))]
+)
+def test_what_a_search_may_reach_goes_with_the_records_length_and_rate(
+    sign: Literal["stable", "unstable", "free"], damping: tuple[float | None, float | None]
+) -> None:
+    """Three quarters of a swing at the least, half of the Nyquist frequency at the most; the sign as it was asked for."""
+    t = np.linspace(0, 60, 601)
+    low, high = limits_of(t, False, sign)
+    assert (low < high).all()
+    assert (low[3], high[3]) == pytest.approx((1.5 * np.pi / 60, np.pi * 10 / 2))
+    assert (low[0], high[0]) == (low[1], high[1])
+    for end, value in zip((low[2], high[2]), damping, strict=True):
+        assert value is None or end == pytest.approx(value)
+    shorter = limits_of(t, True, sign)
+    np.testing.assert_array_equal(shorter, (low[1:], high[1:]))

@@ -126,6 +126,9 @@ def test_many_runs_of_one_set_up_hide_and_invent_no_turn(cameras: ModuleType, pl
         assert (fault.kind, fault.item) == ("camera turned", 5)
         assert fault.extra is not None
         assert fault.extra.span_s == (films[5].at_s, np.inf)
+        best = check.named[0].solution
+        assert best is not None
+        assert np.degrees(np.linalg.norm(best.theta[-3:])) == pytest.approx(0.3, rel=0.1)
 
 
 def test_the_gain_of_a_jump_is_in_units_of_what_the_frames_show() -> None:

@@ -26,7 +26,7 @@ from towline.diagnose.tow_data import LINE_SD_M, SLOW_PX, SLOW_S, SLOW_UNSEEN_PX
 from towline.diagnose.tow_model import _with_lags
 from towline.diagnose.tow_seen import TowSeen
 from towline.diagnose.tow_start import _scatter
-from towline.diagnose.where import _band, _shortest, _stages
+from towline.diagnose.where import _band, _drops, _shortest, _stages
 from towline.diagnose.words import _changed
 from towline.geometry.checks.bundle import half_sine
 from towline.simulate.model import Tow
@@ -322,3 +322,25 @@ def test_a_static_record_gives_blocks_its_size_and_its_memory() -> None:
     # its correlations are known to 1 %, and so what is left after eight blocks to some 8 %
     np.testing.assert_allclose(found[0], wanted, rtol=0.15)
     np.testing.assert_allclose(np.diag(found[1]), np.diag(wanted), rtol=0.1)
+
+
+def test_the_drop_of_a_run_is_the_sum_of_its_channels_squares_before_less_after() -> None:
+    rng = np.random.default_rng(4)
+    rests = {name: [rng.normal(size=3 * n) for n in (7, 5)] for name in ("base", "after")}
+
+    def left(linear: str, forces: str, shared: str, own: int, index: int) -> np.ndarray:
+        assert (forces, shared, own) == ("after's", linear, 10 * index)
+        return rests[linear][index]
+
+    runs = [SimpleNamespace(name=f"r{n}", centre_s=np.zeros(n)) for n in (7, 5)]
+    inference: Any = SimpleNamespace(
+        simulator=SimpleNamespace(runs=runs),
+        left=left,
+        solve=lambda grams, *_: SimpleNamespace(shared=grams, own=[0, 10]),
+    )
+    one, two = (SimpleNamespace(forces=f"{n}'s", grams=n, linear=n, hypothesis=n) for n in ("base", "after"))
+    found = _drops(inference, one, two)  # pyright: ignore[reportArgumentType]
+    assert list(found) == ["r7", "r5"]
+    for index, n in enumerate((7, 5)):
+        before, later = (rests[name][index].reshape(3, n) for name in ("base", "after"))
+        np.testing.assert_allclose(found[f"r{n}"], (before**2).sum(axis=0) - (later**2).sum(axis=0))

@@ -75,3 +75,17 @@ def test_delta_method_and_sampling_agree(sd_share: float) -> None:
 def test_a_hull_known_exactly_is_sure() -> None:
     assert straight_line_stability(SIX, np.zeros((6, 6))).probability_stable == 0.0
     assert straight_line_stability(TABLE_3_1.six, np.zeros((6, 6))).probability_stable == 1.0
+
+
+@pytest.mark.parametrize(("n_r", "verdict"), [(-57.60, "unstable"), (-80.0, "stable")])
+def test_the_verdict_is_as_sure_as_its_own_side(n_r: float, verdict: str) -> None:
+    """X_r against X_v; the probability said is that of the verdict."""
+    six = np.array([149.19, 62.11, -52.87, -66.33, -48.51, n_r])
+    found = straight_line_stability(six, np.diag((0.03 * six) ** 2))
+    sure = found.probability_stable if verdict == "stable" else 1 - found.probability_stable
+    assert 0.5 < sure <= 1
+    assert found.sentence.startswith(f"straight-line {verdict}: ")
+    assert found.sentence.endswith(f"probability of that verdict {100 * sure:.1f} %")
+    exact = straight_line_stability(six, np.zeros((6, 6)))
+    assert exact.probability_stable == float(verdict == "stable")
+    assert exact.sentence.endswith("probability of that verdict 100.0 %")

@@ -16,6 +16,7 @@ from towline.diagnose import gap, scan
 from towline.diagnose.effects import Effect, Parameter
 from towline.diagnose.effects.hull import CURRENT
 from towline.diagnose.gap import _next
+from towline.diagnose.held_out import _drawn, _gap, _share, _sums
 from towline.diagnose.hypothesis import Hypothesis
 from towline.diagnose.hypothesis import Path as Motion
 from towline.diagnose.inference import Inference
@@ -344,3 +345,32 @@ def test_the_drop_of_a_run_is_the_sum_of_its_channels_squares_before_less_after(
     for index, n in enumerate((7, 5)):
         before, later = (rests[name][index].reshape(3, n) for name in ("base", "after"))
         np.testing.assert_allclose(found[f"r{n}"], (before**2).sum(axis=0) - (later**2).sum(axis=0))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "share"),
+    [(2.0, 1.0, 1.0), (2.0, np.sqrt(2.5), 0.5), (2.0, 0.7, 1.0), (2.0, 3.0, 0.0), (1.0, 1.0, 0.0), (0.6, 0.5, 0.0)],
+)
+def test_a_gap_shrinks_by_the_share_of_its_excess_that_goes(before: float, after: float, share: float) -> None:
+    assert _share(before, after) == pytest.approx(share)
+
+
+def test_a_gap_is_over_the_values_less_what_each_run_was_free_in() -> None:
+    parts = [np.full(20, 2.0), np.full(30, 1.0)]
+    assert _gap(parts, 6) == pytest.approx(np.sqrt((80 + 30) / (50 - 12)))
+    assert _gap(parts, 100) == pytest.approx(np.sqrt(110))  # nothing left to judge by: at least one
+
+
+def test_a_bootstraps_draw_of_alike_stretches_is_the_gap_itself() -> None:
+    """Squares that do not change over time: whatever is drawn, each run counts with its own."""
+    parts = [
+        _sums(np.full(4 * 40, 2.0), np.full(4 * 40, 1.0), 40),
+        _sums(np.full(2 * 60, 3.0), np.full(2 * 60, 1.0), 60),
+    ]
+    assert [(n, k) for _, n, k in parts] == [(160, 40), (120, 60)]
+    found = {_drawn(parts, 5, np.random.default_rng(seed)) for seed in range(40)}
+    wanted = set()
+    for one, two in ((2, 0), (1, 1), (0, 2)):
+        total = 160 * one + 120 * two - 10
+        wanted.add((np.sqrt((640 * one + 1080 * two) / total), np.sqrt((160 * one + 120 * two) / total)))
+    assert np.array(sorted(found)) == pytest.approx(np.array(sorted(wanted)))

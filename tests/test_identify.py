@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import t as student
 
 from towline.identify import RunData, fit_runs, fit_steady, phase_analysis, run_data, two_tow_x_v
 from towline.identify.joint.parameters import STEEPEST_RAD, side_from_y
-from towline.identify.methods.common import LONGEST_S, check_series
+from towline.identify.methods.common import LONGEST_S, check_series, constant_tension
 from towline.identify.noise import autoregression, ljung_box_p, measured, stated
 from towline.identify.response import full_response, linear_response
 from towline.identify.start import weak_form_start
-from towline.identify.steady import BATCHES, SteadyState, _window, steady_state
+from towline.identify.steady import BATCHES, DRIFT_RAD, DRIFT_T, SteadyState, _drifts, _window, steady_state
 from towline.record import EstimationError, InputError, Priors, Run, RunFile, read_motion, read_run
 from towline.record.toml import check_tables
 from towline.simulate import Hull, Start, Tow, simulate_full, simulate_linear
@@ -601,3 +602,37 @@ def test_a_steady_tail_holds_enough_samples_for_its_batches() -> None:
     first, settled = _window(t, drifting)
     assert not settled
     assert t[first] == pytest.approx(t[-1] - 0.2 * 119, abs=1)
+
+
+def test_a_drift_is_one_where_it_is_four_times_its_own_scatter() -> None:
+    """Of batch means about their line; a slope below what matters is none, and a large one is one however it scatters."""
+    rng, t = np.random.default_rng(9), np.arange(0, 40, 0.1)
+    noise = 5e-3
+    sd = noise / np.sqrt(len(t) / BATCHES) / np.sqrt(((np.arange(BATCHES) / (BATCHES - 1) - 0.5) ** 2).sum())
+    share = {}
+    for size in (0.0, 20.0):
+        slope = size * sd / (7 / 8 * t[-1])
+        drawn = [_drifts(t, slope * t[:, None] * [1, 0] + noise * rng.normal(size=(len(t), 2))) for _ in range(200)]
+        share[size] = np.mean(drawn)
+    # a t of six degrees in either angle beyond DRIFT_T
+    chance = 1 - (1 - 2 * student.sf(DRIFT_T, BATCHES - 2)) ** 2
+    assert share[0.0] == pytest.approx(chance, abs=4 * np.sqrt(chance / 200))
+    assert share[20.0] > 0.9
+    assert not _drifts(t, (0.9 * DRIFT_RAD / t[-1]) * t[:, None] * [1, 1] + 1e-9 * rng.normal(size=(len(t), 2)))
+    assert _drifts(t, (30 * DRIFT_RAD / t[-1]) * t[:, None] * [1, 0] + 0.5 * rng.normal(size=(len(t), 2)))
+
+
+@pytest.mark.parametrize("broken", ["short", "long", "flat"])
+def test_a_record_whose_series_do_not_belong_together_is_refused(broken: str) -> None:
+    t = np.arange(30.0)
+    other = {"short": np.zeros(29), "long": np.zeros(31), "flat": np.zeros((2, 30))}[broken]
+    with pytest.raises(EstimationError, match="30 times, and series of other lengths"):
+        check_series(t, np.zeros(30), other)
+    check_series(t, np.zeros(30), np.zeros((30, 2)))
+
+
+def test_a_constant_tension_is_any_above_nothing() -> None:
+    assert constant_tension(Tow(1.28, 0.91, 1.5, 0.3)) == 0.3
+    for tension in (0.0, -1.0):
+        with pytest.raises(EstimationError, match="above 0"):
+            constant_tension(Tow(1.28, 0.91, 1.5, tension))

@@ -617,3 +617,13 @@ def test_what_is_not_reached_and_what_stays_is_noted(root: Path, tmp_path: Path)
 def test_the_linear_forms_force_is_too_large_by_the_angle_over_its_sine(angle: float) -> None:
     assert _excess(angle) == pytest.approx((angle - np.sin(angle)) / np.sin(angle))
     assert np.isinf(_excess(np.pi))
+
+
+def test_a_score_weighs_each_derivative_by_its_own_wish() -> None:
+    """A: the logarithm of the mean of (sd / wish)^2; D: of the joint volume; several covariances at once."""
+    wish = np.array([0.01, 0.02, 0.05, 0.01, 0.1, 0.03])
+    sd = np.array([[0.02, 0.02, 0.01, 0.03, 0.1, 0.01], [0.01, 0.01, 0.02, 0.02, 0.2, 0.02]])
+    correlation = 0.3 + 0.7 * np.eye(6)
+    covariance = correlation * sd[:, :, None] * sd[:, None, :]
+    np.testing.assert_allclose(score("A", covariance, wish), np.log(((sd / wish) ** 2).mean(axis=1)))
+    np.testing.assert_allclose(score("D", covariance, wish), [np.log(np.linalg.det(c)) for c in covariance])

@@ -636,3 +636,15 @@ def test_a_constant_tension_is_any_above_nothing() -> None:
     for tension in (0.0, -1.0):
         with pytest.raises(EstimationError, match="above 0"):
             constant_tension(Tow(1.28, 0.91, 1.5, tension))
+
+
+@pytest.mark.parametrize("signs", [(1, -1, 1), (-1, 1, 1), (1, 1, -1), (-1, -1, 1)])
+def test_tows_that_pull_to_both_sides_are_refused(signs: tuple[int, int, int]) -> None:
+    """Whichever of them is the first."""
+    tows = [
+        SteadyState(f"t{i}", x, s * np.arctan(0.11 / (x - 0.219)), 0.0, covariance=np.eye(2) * 1e-8)
+        for i, (x, s) in enumerate(zip((0.44, 0.48, 0.52), signs, strict=True))
+    ]
+    with pytest.raises(EstimationError, match="pull to both sides"):
+        fit_steady(tows)
+    assert fit_steady([replace(t, alpha_rad=-abs(t.alpha_rad)) for t in tows]).x_v_m.value == pytest.approx(0.219)

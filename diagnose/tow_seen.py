@@ -126,9 +126,10 @@ class TowSeen:
         alpha, beta, v, r = path[:4]
         x, y = full_x_cg(alpha, beta, tow), full_y_cg(0.0, alpha, beta, tow)
         turn = line_angle_rate(tow, beta, v, r, np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None))
-        swing = (tow.tow_point_m * np.sin(beta) + tow.tow_point_offset_m * np.cos(beta)) * r
-        x_rate = tow.line_length_m * np.sin(alpha) * turn + swing
-        y_rate = tow.speed_m_s * np.sin(beta) + v * np.cos(beta)
+        ahead = tow.tow_point_m * np.cos(beta) - tow.tow_point_offset_m * np.sin(beta)
+        aside = tow.tow_point_m * np.sin(beta) + tow.tow_point_offset_m * np.cos(beta)
+        x_rate = tow.line_length_m * np.sin(alpha) * turn + aside * r
+        y_rate = tow.line_length_m * np.cos(alpha) * turn - ahead * r
         rates = (x_rate, y_rate, r)
         return Seen(t_s, (x, y, beta), rates, np.sin(alpha + beta), alpha, tow.tension_n, self._shutter)
 

@@ -30,6 +30,7 @@ from towline.diagnose.tow_start import _scatter
 from towline.diagnose.where import _band, _drops, _shortest, _stages
 from towline.diagnose.words import _changed
 from towline.geometry.checks.bundle import half_sine
+from towline.simulate import Hull, Start, simulate_full
 from towline.simulate.model import Tow
 
 
@@ -374,3 +375,23 @@ def test_a_bootstraps_draw_of_alike_stretches_is_the_gap_itself() -> None:
         total = 160 * one + 120 * two - 10
         wanted.add((np.sqrt((640 * one + 1080 * two) / total), np.sqrt((160 * one + 120 * two) / total)))
     assert np.array(sorted(found)) == pytest.approx(np.array(sorted(wanted)))
+
+
+def test_the_rates_of_what_is_seen_are_those_of_the_pose() -> None:
+    """By differences along a simulated tow with its tow point aside: x, y and heading as the camera sees them."""
+    hull = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28)
+    tow, t = Tow(1.28, 0.91, 1.548, 3.96, tow_point_offset_m=0.04), np.arange(0, 20, 0.01)
+    motion = simulate_full(hull, tow, Start(y_cg_m=0.3, beta_rad=0.05), t)
+    path = motion[["alpha_rad", "beta_rad", "v_m_s", "r_rad_s"]].to_numpy().T
+    sensor: Any = SimpleNamespace(_shutter=None)
+    seen = TowSeen._see(sensor, t, path, tow)
+    np.testing.assert_allclose(seen.pose[1], motion["y_cg_m"], atol=1e-9)
+    for pose, rate in zip(seen.pose, seen.rate, strict=True):
+        np.testing.assert_allclose(rate[1:-1], np.gradient(pose, t)[1:-1], atol=2e-5)
+    assert np.abs(seen.rate[0]).max() > 1e-2
+    np.testing.assert_allclose(seen.side, np.sin(path[0] + path[1]))
+    bow = np.column_stack([seen.pose[0], seen.pose[1]])
+    arm = np.column_stack(
+        [1.548 * np.cos(path[1]) - 0.04 * np.sin(path[1]), 1.548 * np.sin(path[1]) + 0.04 * np.cos(path[1])]
+    )
+    np.testing.assert_allclose(np.linalg.norm(bow + arm - tow.post_m, axis=1), 0.91, rtol=1e-9)

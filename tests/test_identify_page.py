@@ -15,10 +15,11 @@ from scipy.stats import chi2
 
 from towline.analysis import Batch, Identified, fit_page, identified
 from towline.cli import main
-from towline.identify import fit_runs, fit_with_noise
+from towline.identify import derivatives_file, fit_runs, fit_with_noise
 from towline.identify.consistency import consistency, judged
 from towline.identify.reference import compare_to_reference, reference_set
 from towline.record import DerivativesFile, Priors, Run, RunFile, read_result
+from towline.record.schema import ModelTable, WaterTable
 from towline.record.toml import check_tables
 from towline.report.identify_page import identify_page
 from towline.report.series import cross_correlation
@@ -201,3 +202,16 @@ def test_the_agreement_of_runs_under_a_force_is_by_the_innovations(campaigns: Mo
         squares.append(agreed.chi_square)
     assert squares[0] < chi2.isf(1e-4, 6 + 3)
     assert squares[1] > squares[0] + 25
+
+
+def test_a_motion_without_sigmas_is_noted_and_one_with_them_is_not(campaigns: ModuleType) -> None:
+    t = campaigns.times(8.0, 40.0)
+    runs = campaigns.campaign(
+        [campaigns.still_run(x, t, "modal") for x in campaigns.POINTS_M[::3]], np.random.default_rng(6)
+    )
+    for assumed in (False, True):
+        told = [runs[0], replace(runs[1], assumed_sigma=assumed)]
+        file = derivatives_file(
+            fit_runs(told, "linear"), told, ModelTable(length_pp_m=2.66, mass_kg=78.0), WaterTable(), "t", {}, {}, None
+        )
+        assert ("the motion states no sigma; the noise was measured from the residuals" in file.notes) is assumed

@@ -177,3 +177,19 @@ def test_a_record_of_the_simulator_after_its_transient() -> None:
     assert found.y[0] == pytest.approx(post_transfer(HULL, tow)["y"](0.2j * np.pi), rel=1e-4)
     with pytest.raises(EstimationError, match="must be at least"):
         measure_response(t[late], y, beta, tow, np.asarray(post)[late], np.array([0.01]))
+
+
+def test_sines_closer_than_one_over_the_record_are_refused() -> None:
+    """In 100 s: none below 2 pi / 100, and none nearer to its neighbour than that."""
+    t = np.arange(0, 100.01, 0.5)
+    spacing = 2 * np.pi / 100
+    tow_ = Tow(1.28, 0.91, 1.446, 3.96)
+
+    def asked(*omega: float) -> None:
+        inputs = sum(np.sin(w * t) for w in omega)
+        measure_response(t, 0.5 * inputs, 0.1 * inputs, tow_, inputs, np.array(omega))
+
+    asked(1.001 * spacing, 2.5 * spacing)
+    for wrong in ((0.999 * spacing, 3 * spacing), (2 * spacing, 2.97 * spacing)):
+        with pytest.raises(EstimationError, match=r"at least 0\.0628 rad/s"):
+            asked(*wrong)

@@ -14,8 +14,6 @@ HALF = 7
 LEAST_FRAMES = 4 * HALF
 LONGEST_GAP = 3.0
 """Frames further apart than this many usual steps are not looked at together."""
-CALM_GAIN = 2.366
-"""Median of a chi-square of 3 degrees."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +26,7 @@ class Jump:
     before_s : last time before it
     turn_rad : (3,), right, down, ahead
     gain : drop of chi-square by the turn (3 numbers), the largest over all frames; where paths are no cubics from frame to
-        frame (too few frames a second), in units of what the other frames and this window's fit leave
+        frame (too few frames a second), in units of what the fit to these frames leaves
     rest : chi-square that the turn leaves of the jump, of ``rest_degrees``, in the same units
     frames : places looked at
     """
@@ -81,8 +79,6 @@ def find_jump(film: Film, per_turn: Array, inflation: float) -> Jump | None:
     drop = np.einsum("ka,ka->k", right, turn)
     gain = drop / unit
     best = int(np.argmax(gain))
-    away = gain[np.abs(places - places[best]) >= 2 * HALF]
-    usual = max(float(np.median(away)) / CALM_GAIN, 1.0) if len(away) >= 2 * HALF else 1.0
-    rest = float((white[best] ** 2).sum() - drop[best]) / (unit[best] * usual)
+    rest = float((white[best] ** 2).sum() - drop[best]) / unit[best]
     at = int(places[best])
-    return Jump(float(t[at]), float(t[at - 1]), turn[best], float(gain[best]) / usual, rest, 2 * m - 3, len(places))
+    return Jump(float(t[at]), float(t[at - 1]), turn[best], float(gain[best]), rest, 2 * m - 3, len(places))

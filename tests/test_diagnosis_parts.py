@@ -13,6 +13,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from towline.diagnose import gap, scan
+from towline.diagnose import where as place
 from towline.diagnose.effects import Effect, Parameter
 from towline.diagnose.effects.hull import CURRENT
 from towline.diagnose.gap import _next
@@ -395,3 +396,49 @@ def test_the_rates_of_what_is_seen_are_those_of_the_pose() -> None:
         [1.548 * np.cos(path[1]) - 0.04 * np.sin(path[1]), 1.548 * np.sin(path[1]) + 0.04 * np.cos(path[1])]
     )
     np.testing.assert_allclose(np.linalg.norm(bow + arm - tow.post_m, axis=1), 0.91, rtol=1e-9)
+
+
+def test_where_counts_what_is_in_no_library_by_the_free_forms_stage(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(place, "_drops", lambda *_: {"a": np.array([0.0, 4.0, 0.0]), "b": np.array([-1.0, 2.0, 0.0])})
+    monkeypatch.setattr(place, "_band", lambda *_: (0.1, 0.2))
+    seen = Effect("seen", "camera", (Parameter("k", "", 1.0),), "", "")
+    free = Effect("free", "line", (Parameter("f", "", 1.0),), "", "")
+
+    def one(*effects: Effect) -> Any:
+        numbers = tuple(np.ones(1) for _ in effects)
+        return SimpleNamespace(effects=effects, fitted=SimpleNamespace(hypothesis=SimpleNamespace(numbers=numbers)))
+
+    inference: Any = SimpleNamespace(simulator=SimpleNamespace(step_s=0.5))
+    ranking: Any = SimpleNamespace(
+        candidates=[one(seen), one(seen, free)],
+        probabilities=np.array([0.1, 0.2]),
+        free=one(free),
+        p_unknown=0.6,
+        base=None,
+    )
+    found = place.where(inference, ranking, None)
+    assert found.share == pytest.approx({"camera": 0.2, "clock": 0.0, "line": 0.7, "sway": 0.0, "yaw": 0.0})
+    assert found.stage == "line"
+    assert found.runs == pytest.approx({"a": 0.8, "b": 0.2})
+    assert found.span_s == (0.5, 1.0)
+    assert found.band_hz == (0.1, 0.2)
+    ranking.p_unknown, ranking.free = 0.0, None
+    calm = place.where(inference, ranking, None)
+    assert (calm.stage, calm.runs, calm.span_s) == ("", {}, (0.0, 0.0))
+
+
+def test_a_line_in_the_spectrum_of_all_runs_and_a_burst_in_one_are_where_they_are() -> None:
+    rng, step_s = np.random.default_rng(8), 0.5
+    t = step_s * np.arange(120)
+    rest = [rng.normal(size=(120, 2)) + 1.2 * np.sin(2 * np.pi * 0.25 * t + p)[:, None] for p in (0.1, 2.0, 4.0)]
+    narrow, wide = scan._bands(rest, step_s)
+    assert narrow.band_hz == pytest.approx((0.25, 0.25))
+    assert wide.band_hz[1] - wide.band_hz[0] == pytest.approx(2 / 60)
+    assert wide.band_hz[0] <= 0.25 <= wide.band_hz[1]
+    assert narrow.log_evidence > wide.log_evidence > 10
+    calm = [rng.normal(size=(120, 2)) for _ in range(2)]
+    calm[1][40:46] *= 4
+    bursts = scan._bursts(calm, ["a", "b"], step_s)
+    best = max(bursts, key=lambda b: b.log_evidence)
+    assert (best.run, best.span_s) == ("b", (20.0, 23.0))
+    assert max(b.log_evidence for b in bursts if b.run == "a") < 0

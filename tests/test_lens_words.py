@@ -14,6 +14,7 @@ from towline.geometry.lens.advice import _board, _coefficients, _missing, _pixel
 from towline.geometry.lens.boards import Board, BoardView, _nearest
 from towline.geometry.lens.coverage import Coverage, covered_cells, differ_px, uncovered
 from towline.geometry.lens.fit import _prior
+from towline.record import GeometryError
 
 SIZE = (800, 400)
 """Eight cells of 100 px across, four down."""
@@ -230,3 +231,19 @@ def test_a_boards_shape_is_held_within_it_and_across_it_by_their_own_deviations(
     """Weights of two corners' offsets along both sides and out of the plane, in units of a pixel's variance."""
     found = _prior(np.array([1e-4, 5e-4]), 0.04, 2)
     np.testing.assert_allclose(found, [4e6, 4e6, 1.6e5] * 2)
+
+
+def test_boards_too_small_to_tell_are_refused() -> None:
+    """Three by two inner corners of a chessboard, three by three squares of a ChArUco board; sides in metres."""
+    assert Board(3, 2, 0.03).grid == (3, 2)
+    assert Board(2, 3, 0.03).grid == (2, 3)
+    for wrong in ((2, 2), (3, 1)):
+        with pytest.raises(GeometryError, match="at least 3x2 are needed"):
+            Board(*wrong, 0.03)
+    assert Board(3, 3, 0.03, "DICT_4X4_50", 0.02).grid == (2, 2)
+    for wrong in ((3, 2), (2, 5)):
+        with pytest.raises(GeometryError, match="at least 3x3 are needed"):
+            Board(*wrong, 0.03, "DICT_4X4_50", 0.02)
+    for side in (0.0, -0.03, 11.0):
+        with pytest.raises(GeometryError, match="between 0 and 10 m"):
+            Board(5, 4, side)

@@ -143,6 +143,7 @@ def test_combinations_of_a_known_covariance() -> None:
     assert combination.value == pytest.approx(1.0, abs=1e-3)
     assert combination.sd == pytest.approx(np.sqrt(1.25e-4), rel=0.01)
     assert combination_name(combination) == "(Y_r - mU) + 0.5 (m - Y_vdot)"
+    assert parts.directions.shape == (1, 6)  # the one that is open, and no other
     np.testing.assert_allclose(
         np.abs(parts.directions[0][[0, 3]]), np.array([0.2, 0.25]) / np.hypot(0.2, 0.25), atol=1e-3
     )

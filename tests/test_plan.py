@@ -35,6 +35,7 @@ from towline.identify.plan import (
 )
 from towline.identify.plan.candidates import TOW_POINTS_LBP, default_tow_points
 from towline.identify.plan.checks import _excess
+from towline.identify.plan.plan import _usable, setting_of
 from towline.identify.reference import reference_set
 from towline.identify.response import linear_response
 from towline.record import EstimationError, Priors, read_result
@@ -627,3 +628,15 @@ def test_a_score_weighs_each_derivative_by_its_own_wish() -> None:
     covariance = correlation * sd[:, :, None] * sd[:, None, :]
     np.testing.assert_allclose(score("A", covariance, wish), np.log(((sd / wish) ** 2).mean(axis=1)))
     np.testing.assert_allclose(score("D", covariance, wish), [np.log(np.linalg.det(c)) for c in covariance])
+
+
+@pytest.mark.parametrize(("y_m", "beta_rad"), [(-0.15, 0.0), (0.0, -0.05), (0.15, 0.0)])
+def test_a_release_to_either_side_moves_the_tow(root: Path, tmp_path: Path, y_m: float, beta_rad: float) -> None:
+    request, _ = _page(root)
+    path = tmp_path / "plan.toml"
+    assert "release_y_m = 0.15" in request
+    path.write_text(
+        request.replace("release_y_m = 0.15", f"release_y_m = {y_m}\nrelease_beta_rad = {beta_rad}"), encoding="utf-8"
+    )
+    plan = read_toml(path, PlanRequest)
+    _usable(setting_of(plan, tmp_path), plan, path)

@@ -80,9 +80,7 @@ def of_reader(reader: Reader, count: int, from_seed: int) -> tuple[Counter, str]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         prepared(reader, folder)
-        return outcomes(
-            lambda data: judged(reader, folder, data), reader.damaged, max(1, round(reader.share * count)), from_seed
-        )
+        return outcomes(lambda data: judged(reader, folder, data), reader.damaged, count, from_seed)
 
 
 def of_estimator(estimator: Estimator, count: int, from_seed: int) -> tuple[Counter, str]:

@@ -44,7 +44,6 @@ class Reader:
     read : the path -> whatever the reader gives
     whole : of what was given, what promise it breaks; "" = none
     beside : files that stand beside it
-    share : of the cases asked for (slow readers take fewer)
     """
 
     name: str
@@ -53,7 +52,6 @@ class Reader:
     read: Callable[[Path], Any]
     whole: Callable[[Any], str]
     beside: tuple[tuple[str, str], ...] = ()
-    share: float = 1.0
 
 
 def judged(reader: Reader, folder: Path, data: bytes) -> str:
@@ -276,5 +274,5 @@ def readers() -> list[Reader]:
         _result("lens.json", LensFile, base.lens_example(LensFile), read_lens),
         Reader("reference set", "r.csv", tokens(base.REFERENCE), _reference, lambda found: finite(found.prime.tolist())),
         Reader("pictures of a board", "p.png", pictures(), _picture, _is_picture),
-        Reader("video (small clip)", "v.mkv", st.deferred(lambda: garbled(clip(), 3)), _clip, _is_clip, share=0.15),
+        Reader("video (small clip)", "v.mkv", st.deferred(lambda: garbled(clip(), 3)), _clip, _is_clip),
     ]  # fmt: skip

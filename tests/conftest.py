@@ -10,9 +10,13 @@ from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+
+if TYPE_CHECKING:
+    from towline.record import DerivativesFile
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared"
@@ -159,6 +163,47 @@ def write_runs() -> Callable[[list, Path], list[Path]]:
         return paths
 
     return written
+
+
+@pytest.fixture(scope="session")
+def derivatives_of() -> Callable[..., DerivativesFile]:
+    """(values (6,), their sd, (rho, L, U), mass, correlation, further keys) -> a derivatives.json."""
+    from towline.identify import prime_factors
+    from towline.record import Derivative, DerivativesFile
+    from towline.simulate import DERIVATIVE_UNITS
+
+    def made(
+        values: np.ndarray,
+        std: np.ndarray,
+        size: tuple[float, float, float] = (1000.0, 2.66, 1.28),
+        mass_kg: float = 78.0,
+        correlation: np.ndarray | None = None,
+        **more: Any,
+    ) -> DerivativesFile:
+        rows = zip(DERIVATIVE_UNITS.items(), values, std, prime_factors(*size), strict=True)
+        given: dict[str, Any] = {
+            "tool": "test",
+            "inputs": {},
+            "method": "output_error",
+            "form": "full",
+            "density_kg_m3": size[0],
+            "length_pp_m": size[1],
+            "speed_m_s": size[2],
+            "mass_kg": mass_kg,
+            "derivatives": {
+                name: Derivative(value=v, std=s, unit=unit, prime=v / f, prime_std=s / f)
+                for (name, unit), v, s, f in rows
+            },
+            "correlation": (np.eye(6) if correlation is None else correlation).tolist(),
+            "straight_line_stable": False,
+            "runs": {},
+            "failed": {},
+            "not_identifiable": [],
+            "notes": [],
+        }
+        return DerivativesFile(**{**given, **more})
+
+    return made
 
 
 @pytest.fixture(scope="session")

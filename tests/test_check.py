@@ -400,11 +400,7 @@ def test_what_only_a_pair_tells_is_said_as_the_sum_that_is_fixed() -> None:
         r"null direction, in shares of what is possible: (\+0\.6\d a \+0\.7\d b|-0\.6\d a -0\.7\d b)", said[3]
     )
     apart = np.diag([1e-6, 1e-6])
-    assert _words(["a", "b"], apart, wide, [told_(v) for v in values]) == []
-
-
-def told_(value: Refined) -> Refined:
-    return value.model_copy(update={"observable": True})
+    assert _words(["a", "b"], apart, wide, [v.model_copy(update={"observable": True}) for v in values]) == []
 
 
 @pytest.mark.parametrize(("gap_s", "seen"), [(0.15, True), (0.45, False)])

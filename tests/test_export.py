@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from towline.cli import main
 from towline.exporting import linear_model, state_space
 from towline.record.errors import InputError, TowlineError
 from towline.record.exports import read_state_space, to_control
-from towline.record.results import Derivative, DerivativesFile, RunFit, write_result
+from towline.record.results import DerivativesFile, RunFit, write_result
 from towline.simulate import DERIVATIVE_UNITS, Hull, Start, Tow, linear_system, simulate_linear
 
 SIX = {
@@ -36,35 +37,11 @@ STD = 0.01
 
 
 @pytest.fixture
-def derivatives() -> DerivativesFile:
+def derivatives(derivatives_of: Callable[..., DerivativesFile]) -> DerivativesFile:
     correlation = np.eye(6)
     correlation[2, 3] = correlation[3, 2] = 0.5
-    return DerivativesFile(
-        tool="test",
-        inputs={},
-        method="output_error",
-        form="linear",
-        speed_m_s=SPEED,
-        density_kg_m3=1000.0,
-        length_pp_m=2.66,
-        mass_kg=78.0,
-        derivatives={
-            name: Derivative(
-                value=value,
-                std=STD * abs(value),
-                unit=DERIVATIVE_UNITS[name],
-                prime=value / 100,
-                prime_std=abs(value) / 1e4,
-            )
-            for name, value in SIX.items()
-        },
-        correlation=correlation.tolist(),
-        straight_line_stable=False,
-        runs={},
-        failed={},
-        not_identifiable=[],
-        notes=[],
-    )
+    values = np.array(list(SIX.values()))
+    return derivatives_of(values, STD * np.abs(values), correlation=correlation, form="linear")
 
 
 RUN = """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -41,7 +42,7 @@ from towline.identify.response import linear_response
 from towline.record import EstimationError, Priors, read_result
 from towline.record.plan_file import ChoicesTable, LimitsTable, PlanFile, PlanNoise, PlanRequest
 from towline.record.priors import DerivativePriors, ValuePrior
-from towline.record.results import Derivative, DerivativesFile, write_result
+from towline.record.results import DerivativesFile, write_result
 from towline.record.toml import read_toml
 from towline.simulate import DERIVATIVE_UNITS, Hull, Start, simulate_full, simulate_linear
 
@@ -514,34 +515,13 @@ def test_bad_requests_are_named(
     assert not (tmp_path / "plan.json").exists()
 
 
-def test_a_guess_from_a_result_and_the_tow_points_that_follow(root: Path, tmp_path: Path) -> None:
+def test_a_guess_from_a_result_and_the_tow_points_that_follow(
+    root: Path, tmp_path: Path, derivatives_of: Callable[..., DerivativesFile]
+) -> None:
     """Primes of a derivatives.json; points from X_v on by shares of L_PP, to the centimetre."""
     request, _ = _page(root)
     begin, end = request.index("[guess.dimensional]"), request.index("[choices]")
-    primes = SIX / prime_factors(1000.0, 2.66, 1.28)
-    derivatives = {
-        name: Derivative(value=v, std=0.01 * abs(v), unit=unit, prime=p, prime_std=0.01 * abs(p))
-        for (name, unit), v, p in zip(DERIVATIVE_UNITS.items(), SIX, primes, strict=True)
-    }
-    file = DerivativesFile(
-        schema="towline/derivatives",
-        tool="t",
-        inputs={},
-        method="output_error",
-        form="full",
-        speed_m_s=1.28,
-        density_kg_m3=1000.0,
-        length_pp_m=2.66,
-        mass_kg=78.0,
-        derivatives=derivatives,
-        correlation=np.eye(6).tolist(),
-        straight_line_stable=True,
-        runs={},
-        failed={},
-        not_identifiable=[],
-        notes=[],
-    )
-    write_result(tmp_path / "derivatives.json", file)
+    write_result(tmp_path / "derivatives.json", derivatives_of(SIX, 0.01 * np.abs(SIX)))
     path = tmp_path / "plan.toml"
     path.write_text(request[:begin] + '[guess]\nderivatives = "derivatives.json"\n' + request[end:], encoding="utf-8")
     hull = guessed_hull(read_toml(path, PlanRequest), tmp_path)
@@ -596,13 +576,13 @@ def test_what_is_not_reached_and_what_stays_is_noted(root: Path, tmp_path: Path)
     text = re.sub(r"percent = [0-9.]+", "percent = 0.001", request)
     assert "[priors]" not in request
     path.write_text(text + PRIORS, encoding="utf-8")
-    request_ = read_toml(path, PlanRequest)
-    plan = make_plan(request_, path, "test", {})
+    asked = read_toml(path, PlanRequest)
+    plan = make_plan(asked, path, "test", {})
     assert not plan.chosen.reached
     missed = next(note for note in plan.notes if note.startswith("not reached with"))
     for name, value in plan.chosen.percent.items():
         assert f"{name} {value:.2f} % (wished " in missed
-    scatter = [np.hypot(0.01, request_.noise.tension_sd_n / r.tension_n) for r in plan.chosen.runs]
+    scatter = [np.hypot(0.01, asked.noise.tension_sd_n / r.tension_n) for r in plan.chosen.runs]
     floor = 100 / np.sqrt(sum(s**-2 for s in scatter))
     assert any(
         note.startswith(

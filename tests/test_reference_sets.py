@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from towline.identify.reference import (
     reference_set,
     set_of_result,
 )
-from towline.record import Derivative, DerivativesFile, InputError, write_result
+from towline.record import DerivativesFile, InputError, write_result
 from towline.simulate import DERIVATIVE_UNITS
 
 NAMES = list(DERIVATIVE_UNITS)
@@ -30,31 +31,10 @@ ITTC_SI = np.array([149.19, 62.11, -52.87, -66.33, -48.51, -57.60])
 MARINER = (1025.0, 2.66, 1.276)
 
 
-def result(
-    values: np.ndarray, std: np.ndarray, size=MARINER, mass_kg: float = 78.03, correlation=None
-) -> DerivativesFile:
-    factors = prime_factors(*size)
-    return DerivativesFile(
-        schema="towline/derivatives",
-        tool="test",
-        inputs={},
-        method="output_error",
-        form="full",
-        density_kg_m3=size[0],
-        length_pp_m=size[1],
-        speed_m_s=size[2],
-        mass_kg=mass_kg,
-        derivatives={
-            n: Derivative(value=v, std=s, unit=DERIVATIVE_UNITS[n], prime=v / f, prime_std=s / f)
-            for n, v, s, f in zip(NAMES, values, std, factors, strict=True)
-        },
-        correlation=(np.eye(6) if correlation is None else correlation).tolist(),
-        straight_line_stable=False,
-        runs={},
-        failed={},
-        not_identifiable=[],
-        notes=[],
-    )
+@pytest.fixture
+def result(derivatives_of: Callable[..., DerivativesFile]) -> Callable[..., DerivativesFile]:
+    """The thesis's model, where nothing else is said."""
+    return lambda values, std, size=MARINER, mass_kg=78.03, **more: derivatives_of(values, std, size, mass_kg, **more)
 
 
 def test_ittc_primes_give_table_8_2_back() -> None:
@@ -117,7 +97,7 @@ def test_the_mass_and_inertia_of_the_model_enter() -> None:
     np.testing.assert_allclose(change, [1, 1, 0, -1.276, 0, 0], atol=1e-9)
 
 
-def test_a_result_against_its_set() -> None:
+def test_a_result_against_its_set(result: Callable[..., DerivativesFile]) -> None:
     reference = reference_set("ittc")
     truth = reference.dimensional(*MARINER)[0]
     std = 0.01 * np.abs(truth)
@@ -138,7 +118,7 @@ def test_a_result_against_its_set() -> None:
     assert len(comparison_lines(found)) == 9
 
 
-def test_the_sets_own_uncertainty_counts() -> None:
+def test_the_sets_own_uncertainty_counts(result: Callable[..., DerivativesFile]) -> None:
     reference = reference_set("southampton")
     size = (1025.0, 2.5, 0.856)
     values, stds = reference.dimensional(*size)
@@ -150,7 +130,7 @@ def test_the_sets_own_uncertainty_counts() -> None:
     assert "the model's mass" in heavy.notes[0]
 
 
-def test_a_result_serves_as_a_set() -> None:
+def test_a_result_serves_as_a_set(result: Callable[..., DerivativesFile]) -> None:
     made = set_of_result(result(ITTC_SI, 0.01 * np.abs(ITTC_SI)))
     np.testing.assert_allclose(made.dimensional(*MARINER)[0], ITTC_SI, rtol=1e-12)
     np.testing.assert_allclose(made.hull(*MARINER, 78.03).six, ITTC_SI, rtol=1e-9)
@@ -196,7 +176,9 @@ def test_a_bad_row_is_named(tmp_path: Path, old: str, new: str, said: str) -> No
     assert "bad.csv" in str(caught.value)
 
 
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], result: Callable[..., DerivativesFile]
+) -> None:
     path = tmp_path / "derivatives.json"
     write_result(path, result(1.02 * ITTC_SI, 0.01 * np.abs(ITTC_SI)))
     assert main(["compare", str(path), "--reference", "ittc"]) == 0
@@ -208,7 +190,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert "itcc: no such file, and no built-in reference set; known: ittc, southampton" in capsys.readouterr().err
 
 
-def test_values_without_scatter_differ_by_nothing_or_without_bound() -> None:
+def test_values_without_scatter_differ_by_nothing_or_without_bound(result: Callable[..., DerivativesFile]) -> None:
     """Neither the result nor the set states a deviation."""
     exact = ReferenceSet("mine", "", ITTC_SI / prime_factors(*MARINER), np.zeros(6))
     values = exact.dimensional(*MARINER)[0] * [1, 1.1, 1, 0.9, 1, 1]
@@ -217,7 +199,7 @@ def test_values_without_scatter_differ_by_nothing_or_without_bound() -> None:
     assert [row.difference_percent for row in rows] == pytest.approx([0, 10, 0, 10, 0, 0], abs=1e-9)
 
 
-def test_the_chi_square_is_that_of_both_covariances_together() -> None:
+def test_the_chi_square_is_that_of_both_covariances_together(result: Callable[..., DerivativesFile]) -> None:
     """Correlated result, independent set: gaps' (C + D)^-1 gaps by hand, and its probability on six degrees."""
     rng = np.random.default_rng(2)
     root = rng.normal(size=(6, 12))

@@ -6,6 +6,7 @@ import io
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,6 @@ import pytest
 from towline.record.results import (
     CameraFile,
     DatumResidual,
-    Derivative,
     DerivativesFile,
     Measured,
     RunFit,
@@ -56,7 +56,6 @@ HULL = Hull(
     speed_m_s=1.28,
 )
 STDS = (0.57, 0.21, 0.21, 0.058, 0.19, 0.062)
-UNITS = ("kg", "kg m2", "N s/m", "N s", "N s", "N m s")
 LOST = slice(60, 80)
 
 
@@ -99,8 +98,7 @@ def _run(name: str, rng: np.random.Generator) -> RunPage:
     return RunPage(name, picture, tracks, motion, fitted, truth, camera)
 
 
-def _derivatives(names: list[str]) -> DerivativesFile:
-    six = dict(zip(("m_minus_y_vdot", "i_minus_n_rdot", "y_v", "y_r_minus_mu", "n_v", "n_r"), HULL.six, strict=True))
+def _derivatives(names: list[str], derivatives_of: Callable[..., DerivativesFile]) -> DerivativesFile:
     fit = RunFit(
         start={"y_m": Measured(value=-0.1742, std=0.0003), "r_rad_s": Measured(value=np.radians(0.5), std=0.001)},
         bias={"y_b_m": Measured(value=0.0031, std=0.00012)},
@@ -109,26 +107,18 @@ def _derivatives(names: list[str]) -> DerivativesFile:
         tests={"ljung_box_p_y": 0.43},
         samples=280,
     )
-    return DerivativesFile(
+    file = derivatives_of(
+        HULL.six + 2 * np.array(STDS),
+        np.array(STDS),
         tool="0",
-        inputs={},
-        method="output_error",
-        form="full",
-        speed_m_s=1.28,
-        density_kg_m3=1000.0,
-        length_pp_m=2.66,
-        mass_kg=78.0,
-        derivatives={
-            key: Derivative(value=v + 2 * s, std=s, unit=u, prime=v / 1e4, prime_std=s / 1e4, true_value=float(v))
-            for (key, v), s, u in zip(six.items(), STDS, UNITS, strict=True)
-        },
-        correlation=np.eye(6).tolist(),
         straight_line_stable=True,
         runs=dict.fromkeys(names, fit),
         failed={"short one": "only 3 s of <motion>"},
         not_identifiable=["a common factor of T"],
-        notes=[],
     )
+    true = dict(zip(file.derivatives, HULL.six, strict=True))
+    told = {key: d.model_copy(update={"true_value": float(true[key])}) for key, d in file.derivatives.items()}
+    return file.model_copy(update={"derivatives": told})
 
 
 def _steady(names: list[str]) -> SteadyFile:
@@ -163,13 +153,13 @@ def _steady(names: list[str]) -> SteadyFile:
 
 
 @pytest.fixture(scope="module")
-def inputs():
+def inputs(derivatives_of: Callable[..., DerivativesFile]):
     rng = np.random.default_rng(7)
     runs = [_run(HOSTILE, rng), _run("second", rng)]
     nothing = pd.DataFrame({"t_s": [], "y_cg_m": [], "beta_rad": [], "alpha_rad": []})
     runs.append(RunPage("third", None, None, nothing, None, None, None, problem="no frame could be read"))
     names = [run.name for run in runs[:2]]
-    return runs, _derivatives(names), _steady(names)
+    return runs, _derivatives(names, derivatives_of), _steady(names)
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ facts that hold whatever the water does, constant marker distances and the taut-
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -54,6 +54,10 @@ class Film:
     line_m: float | None
     tow_point_m: Array
     post_m: Array
+
+    def only(self, kept: slice) -> Film:
+        """With some of its frames."""
+        return replace(self, t_s=self.t_s[kept], pixel_px=self.pixel_px[kept], sigma_px=self.sigma_px[kept])
 
 
 @dataclass(frozen=True)

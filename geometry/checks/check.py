@@ -130,8 +130,9 @@ def bundle_of(runs: Sequence[Run], tracks: Sequence[pd.DataFrame], fit: DatumFit
     for run, table in zip(runs, tracks, strict=True):
         frames = poses_from_tracks(run, without_lags(table), fit.mapping)
         thin, own = (slice(None, None, max(1, -(-len(frames.t_s) * k // MOST_FRAMES))) for k in (len(runs), 1))
-        films.append(_film(run, frames.t_s[thin], frames.pixel_px[thin], frames.sigma_px[thin]))
-        close.append(_film(run, frames.t_s[own], frames.pixel_px[own], frames.sigma_px[own]))
+        film = _film(run, frames.t_s, frames.pixel_px, frames.sigma_px)
+        films.append(film.only(thin))
+        close.append(film.only(own))
         # as filmed: where marks on the post move through the picture, the pose itself is told from them
         pose = fit_rigid(frames.place_m, frames.covariance_m2, np.array([m.body_m for m in frames.markers])).pose
         poses.append(np.where(np.isfinite(pose), pose, 0.0)[thin])

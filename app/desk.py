@@ -207,17 +207,16 @@ class Desk:
 
     # picking -------------------------------------------------------------------------------------------------------------
 
-    def snap(self, click_px: tuple[float, float], zoom: float = 1.0) -> Snapped:
-        """The mark next to a click in the frame that is shown."""
+    def snap(self, index: int, click_px: tuple[float, float], zoom: float = 1.0, to_mark: bool = True) -> Snapped:
+        """Where a click into a frame landed: the mark next to it, or itself. Changes nothing, so it may run in a thread."""
         from ..stages import LOSSLESS
 
-        if not self.snapping or self.frames is None:
+        if not to_mark or self.frames is None:
             return as_clicked(click_px, zoom)
-        return snapped(self.frame(self.index), click_px, self.frames.info.codec not in LOSSLESS, zoom)
+        return snapped(self.frame(index), click_px, self.frames.info.codec not in LOSSLESS, zoom)
 
-    def pick_datum(self, click_px: tuple[float, float], zoom: float = 1.0) -> tuple[int, Snapped]:
-        """A click sets a new datum point, or moves the selected one; returns its number and where it landed."""
-        found = self.snap(click_px, zoom)
+    def pick_datum(self, found: Snapped) -> int:
+        """A click sets a new datum point, or moves the selected one; returns its number."""
         pixel = [round(float(c), DIGITS) for c in found.pixel_px]
         sigma = round(found.sigma_px, DIGITS)
         number, rows = self.selected["datum"], self.doc.rows("datum")
@@ -225,24 +224,23 @@ class Desk:
             name = rows[number].get("name") or f"point {number + 1}"
             places = [(("datum", number, "pixel_px"), pixel), (("datum", number, "sigma_px"), sigma)]
             self.doc.set_all(places, f"pick {name}")
-            return number, found
+            return number
         names = {row.get("name") for row in rows}
         name = next(f"point {k}" for k in range(1, len(rows) + 2) if f"point {k}" not in names)
         row = {"name": name, "pixel_px": pixel, "sigma_px": sigma}
-        return self.doc.add_row("datum", row, f"pick {name}"), found
+        return self.doc.add_row("datum", row, f"pick {name}")
 
-    def pick_marker(self, click_px: tuple[float, float], zoom: float = 1.0) -> tuple[int, Snapped]:
-        """A click says where the selected marker is in the first analysed frame, or adds one."""
-        found = self.snap(click_px, zoom)
+    def pick_marker(self, found: Snapped) -> int:
+        """A click says where the selected marker is in the first analysed frame, or adds one; returns its number."""
         pixel = [round(float(c), 2) for c in found.pixel_px]
         number, rows = self.selected["marker"], self.doc.rows("marker")
         if 0 <= number < len(rows):
             self.doc.set(("marker", number, "seen_at_px"), pixel, f"click {rows[number].get('name', number + 1)}")
-            return number, found
+            return number
         names = {row.get("name") for row in rows}
         name = next(n for n in ("bow", "stern", *(f"mark {k}" for k in range(3, len(rows) + 4))) if n not in names)
         row = {"name": name, "look": "led", "seen_at_px": pixel}
-        return self.doc.add_row("marker", row, f"click {name}"), found
+        return self.doc.add_row("marker", row, f"click {name}")
 
     def sight(self) -> Sight:
         """The camera as far as it is known; kept until run.toml changes."""

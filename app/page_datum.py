@@ -33,14 +33,12 @@ class DatumStep(Step):
     def build(self) -> None:
         desk = self.desk
         self._what = ui.label("").classes("big")
-        self._said = say("", "soft")
+        self._said = say("", "soft", lines=1)
         with ui.row().style("gap: 18px; align-items: center"):
             snap = ui.checkbox("Snap to the mark", value=desk.snapping, on_change=self._snap)
             grid = ui.checkbox("Grid", value=self.grid, on_change=self._set_grid)
             snap.props["aria-label"], grid.props["aria-label"] = "Snap", "Grid"
-        self._top = ui.element("img").classes("top")
-        self._top.props["alt"] = "view from above"
-        self._fit = say("")
+        self._fit = say("", lines=2)
         with ui.element("div").classes("rowhead datumrow").style("margin-top: 8px"):
             for word in ("point", "x, m", "y, m", "depth, m", "left over", "", ""):
                 ui.label(word)
@@ -52,6 +50,8 @@ class DatumStep(Step):
         with self._list:
             for number, row in enumerate(desk.doc.rows("datum")):
                 self._row(number, row)
+        self._top = ui.element("img").classes("top")
+        self._top.props["alt"] = "view from above"
         self._notes = ui.element("div")
         keys_line(("G", "grid"), ("S", "snap"), ("Esc", "new point"))
         self.changed()
@@ -124,10 +124,13 @@ class DatumStep(Step):
 
     async def pick(self, u_px: float, v_px: float, zoom: float) -> None:
         """A click sets or moves a point."""
+        found = await self.hall.snapped(u_px, v_px, zoom, self.desk.snapping)
+        if found is None:
+            return
         new = self.desk.selected["datum"] < 0
-        number, found = await self.hall.work(self.desk.pick_datum, (u_px, v_px), zoom)
+        number = self.desk.pick_datum(found)
         self.desk.selected["datum"] = -1
-        if new:
+        if new and self.hall.step is self:  # the person may have gone on meanwhile
             rows = self.desk.doc.rows("datum")
             with self._list:
                 self._row(number, rows[number])
@@ -192,8 +195,9 @@ class DatumStep(Step):
         k = seen.numbers.index(number)
         du, dv = seen.fit.residual_px[k]
         dx, dy = 1e3 * seen.fit.residual_m[k]
-        out = " LEFT OUT" if k in seen.fit.excluded else ""
-        return f"{(du**2 + dv**2) ** 0.5:.2f} px, {(dx**2 + dy**2) ** 0.5:.1f} mm{out}\n{text}"
+        out = "LEFT OUT " if k in seen.fit.excluded else ""
+        off_px, off_mm = (du**2 + dv**2) ** 0.5, (dx**2 + dy**2) ** 0.5
+        return f"{off_px:.{2 if off_px < 10 else 0}f} px, {off_mm:.{1 if off_mm < 100 else 0}f} mm\n{out}{text}"
 
     def tick(self) -> None:
         """The frame from above, once it stands still."""

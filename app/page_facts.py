@@ -116,7 +116,6 @@ class FactsStep(Step):
                     ui.label(field.unit).classes("unit")
             ui.label(field.words).classes("words")
             self._errors[field.key] = ui.label("").classes("error")
-            self._errors[field.key].set_visibility(False)
 
     def _put(self, field: FormField, text: str) -> None:
         if text == (shown(self.desk.doc.get(*field.where)) or (field.default if field.kind == "choice" else "")):
@@ -131,7 +130,6 @@ class FactsStep(Step):
         label = self._errors.get(field.key)
         if label is not None:
             label.text = words
-            label.set_visibility(bool(words))
 
     def _size(self) -> None:
         if self.desk.frames is not None:
@@ -158,7 +156,6 @@ class FactsStep(Step):
             words = faults.get(key, "")
             table_begun = "." not in key or self.desk.doc.get(*key.split(".")[:-1]) is not None
             label.text = words if table_begun else ""
-            label.set_visibility(bool(label.text))
 
 
 def _name(field: FormField) -> str:

@@ -11,6 +11,7 @@ from nicegui import run, ui
 from ..record.errors import TowlineError
 from .desk import Desk
 from .page_parts import Viewer, add_head, button
+from .snap import Snapped
 
 TICK_S = 0.2
 LARGE_STEP = 25
@@ -336,6 +337,12 @@ class Hall:
     async def work(self, call: Callable[..., Any], *arguments: Any) -> Any:
         """Call something that takes a moment, without holding up the page."""
         return await run.io_bound(call, *arguments)
+
+    async def snapped(self, u_px: float, v_px: float, zoom: float, to_mark: bool) -> Snapped | None:
+        """Where a click into the shown frame landed; None where another run was opened before that was known."""
+        opened = self.desk.opened
+        found = await self.work(self.desk.snap, self.desk.index, (u_px, v_px), zoom, to_mark)
+        return found if self.desk.opened == opened else None
 
     def _tick(self) -> None:
         frames = self.desk.frames

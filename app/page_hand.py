@@ -31,7 +31,7 @@ class HandStep(Step):
             self._what = None
             return
         self._what = ui.label("").classes("big")
-        self._said = say("", "soft")
+        self._said = say("", "soft", lines=1)
         say(
             "For a model without lights or discs: click each mark on every n-th frame; the frames go on by themselves.",
             "soft",
@@ -81,16 +81,18 @@ class HandStep(Step):
         """A click is the wanted mark."""
         if self._what is None:
             return
+        clicked, sigma = self.desk.index, self.sigma_px
+        if self._snapping:
+            found = await self.hall.snapped(u_px, v_px, zoom, True)
+            if found is None:
+                return
+            (u_px, v_px), sigma = found.pixel_px, found.sigma_px if found.found else sigma
+            self._said.text = found.words
         hand = self.desk.hand()
-        hand.frame = self.desk.index
-        sigma = self.sigma_px
+        hand.frame = clicked  # the person may have gone on meanwhile
         if not hand.wanted:
             self.hall.tell("This frame has all of its marks; undo one, or go on", "warning")
             return
-        if self._snapping:
-            found = await self.hall.work(self.desk.snap, (u_px, v_px), zoom)
-            (u_px, v_px), sigma = found.pixel_px, found.sigma_px if found.found else sigma
-            self._said.text = found.words
         done = hand.click(u_px, v_px, sigma)
         last = None if self.desk.frames is None else self.desk.frames.count - 1
         if done and not hand.next_frame(last):

@@ -35,12 +35,12 @@ class MarksStep(Step):
     def build(self) -> None:
         desk = self.desk
         self._what = ui.label("").classes("big")
-        self._said = say("", "soft")
+        self._said = say("", "soft", lines=1)
         with ui.row().style("gap: 18px; align-items: center"):
             snap = ui.checkbox("Snap to the mark", value=desk.snapping, on_change=self._snap)
             made = ui.checkbox("Show what the detector sees", value=self.detector, on_change=self._set_detector)
             snap.props["aria-label"], made.props["aria-label"] = "Snap", "Detector"
-        self._detector = say("")
+        self._detector = say("", lines=2)
         for number, row in enumerate(desk.doc.rows("marker")):
             self._row(number, row)
         with ui.row().style("margin-top: 12px"):
@@ -156,7 +156,10 @@ class MarksStep(Step):
             )
             self.hall.go(first)
             return
-        number, found = await self.hall.work(self.desk.pick_marker, (u_px, v_px), zoom)
+        found = await self.hall.snapped(u_px, v_px, zoom, self.desk.snapping)
+        if found is None:
+            return
+        number = self.desk.pick_marker(found)
         self.desk.selected["marker"] = -1
         self.hall.redraw()
         self._said.text = found.words

@@ -11,6 +11,8 @@ from nicegui import ui
 from nicegui.element import Element
 
 HOUSE = Path(__file__).parent
+LINE_EM = 1.35
+"""``line-height`` in page.css."""
 Handler = Callable[[], Any] | Callable[[], Awaitable[Any]]
 
 
@@ -49,9 +51,14 @@ def button(text: str, call: Handler, kind: str = "plain", label: str = "", tip: 
     return made
 
 
-def say(text: str, kind: str = "") -> ui.label:
-    """A sentence."""
-    return ui.label(text).classes(f"say {kind}")
+def say(text: str, kind: str = "", lines: int = 0) -> ui.label:
+    """A sentence.
+
+    Parameters
+    ----------
+    lines : that room is kept for. What changes by itself above things to click would move them from under the pointer.
+    """
+    return ui.label(text).classes(f"say {kind}").style(f"min-height: {LINE_EM * lines}em" if lines else "")
 
 
 def keys_line(*pairs: tuple[str, str]) -> None:

@@ -344,12 +344,46 @@ def test_clicks_on_a_sample_land_on_its_truth(run_folder: Path, samples: Path) -
     try:
         truth = read_tracks(samples / "mariner" / "x1446" / "truth" / "tracks.csv")
         for frame in (0, 250):
-            desk.go(frame)
             assert desk.frames is not None
             assert desk.frames.wait(frame, 60.0)
             for row in truth[truth["frame"] == frame].itertuples():
-                found = desk.snap((row.u_px + 1.3, row.v_px - 0.9))  # pyright: ignore
+                found = desk.snap(frame, (row.u_px + 1.3, row.v_px - 0.9))  # pyright: ignore
                 assert np.hypot(found.pixel_px[0] - row.u_px, found.pixel_px[1] - row.v_px) < CODEC_PX  # pyright: ignore
+    finally:
+        desk.close()
+
+
+def test_a_click_belongs_to_the_frame_it_was_made_in(run_folder: Path) -> None:
+    """The person goes on to another frame while the mark next to the click is looked for."""
+    pytest.importorskip("nicegui", reason="nicegui is not installed (the extra app)")
+    from types import SimpleNamespace
+
+    from towline.app.page_hand import HandStep
+    from towline.app.snap import as_clicked
+
+    desk = Desk(run_folder)
+    desk.open(run_folder)
+    try:
+        assert desk.frames is not None
+        assert desk.frames.wait(60, 60.0)
+        snapped_in = []
+
+        async def slowly(u_px: float, v_px: float, zoom: float, to_mark: bool) -> Any:
+            snapped_in.append(desk.index)
+            desk.hand().frame = desk.go(40)  # as HandStep.moved does
+            return as_clicked((u_px, v_px), zoom)
+
+        hall: Any = SimpleNamespace(
+            desk=desk, snapped=slowly, go=desk.go, state=lambda: None, overlay=lambda: None, tell=lambda *_: None
+        )
+        step: Any = HandStep(hall)
+        step._snapping = True
+        step._what, step._said, step._count, step._use, step._source = (SimpleNamespace(text="") for _ in range(5))
+        desk.go(15)
+        asyncio.run(step.pick(430.0, 188.0, 1.0))
+        assert snapped_in == [15]
+        assert [(c.frame, c.marker) for c in desk.hand().clicks] == [(15, "bow")]
+        assert desk.index == 15  # where the next click, the stern's, is expected
     finally:
         desk.close()
 
@@ -541,12 +575,12 @@ def test_a_desk_begins_a_run_where_there_is_only_a_video(run_folder: Path) -> No
         assert desk.dirty
         assert desk.doc.get("source", "video") == "video.mp4"
         assert not (run_folder / "run.toml").exists()
-        number, found = desk.pick_datum((261.5, 133.0))
-        assert number == 0
+        found = desk.snap(0, (261.5, 133.0))
         assert found.found
+        assert desk.pick_datum(found) == 0
         assert "tank_m" not in desk.doc.rows("datum")[0]  # nobody measured it yet
         desk.selected["datum"] = 0
-        desk.pick_datum((559.0, 142.0))
+        desk.pick_datum(desk.snap(0, (559.0, 142.0)))
         assert len(desk.doc.rows("datum")) == 1
         desk.doc.undo()
         assert desk.doc.rows("datum")[0]["pixel_px"] == pytest.approx(found.pixel_px, abs=1e-3)

@@ -36,6 +36,24 @@ SIGMAS = 5.0
 MOTION_M = 2e-3
 """y_CG of clicked datum points: 0.1 px of a pick is about 0.6 mm at the far points; the sample's own run is at 0.2 mm rms."""
 
+MOVED = """() => {
+  window.moved = [];
+  const tops = new WeakMap();
+  const look = () => {
+    const panel = document.querySelector('.side, .whole'), here = document.querySelector('.step.here')?.innerText;
+    for (const e of panel ? panel.querySelectorAll('input, button, .q-select') : []) {
+      const box = e.getBoundingClientRect(), top = box.top + panel.scrollTop, before = tops.get(e);
+      if (!box.height || box.width < 8) continue;  // not drawn
+      if (before !== undefined && Math.abs(top - before) > 1)
+        window.moved.push(`${here}: ${e.getAttribute('aria-label') || e.innerText || e.className}: ${before} -> ${top}`);
+      tops.set(e, top);
+    }
+    requestAnimationFrame(look);
+  };
+  look();
+}"""
+"""Notes all that can be clicked and has moved down or up; a click there may be lost between press and release."""
+
 pytest.importorskip("nicegui", reason="nicegui is not installed (the extra app)")
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (the extra test)")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
@@ -134,6 +152,7 @@ def test_from_a_video_to_derivatives(served: Served, tank: Path, samples: Path, 
         page.on("websocket", lambda w: asked.append(w.url))
         person = Person(page, shots)
         page.goto(served.address)
+        page.evaluate(MOVED)
         assert "token" not in page.url
         try:
             begin_a_run(person)
@@ -141,6 +160,7 @@ def test_from_a_video_to_derivatives(served: Served, tank: Path, samples: Path, 
             pick_the_datum(person, sample)
             pick_the_marks(person, sample)
             click_by_hand(person)
+            moved = page.evaluate("window.moved")
             track(person)
             results(person)
         except sync_api.Error:
@@ -148,6 +168,7 @@ def test_from_a_video_to_derivatives(served: Served, tank: Path, samples: Path, 
             raise
         browser.close()
     assert said == []
+    assert moved == []
     foreign = [url for url in asked if not re.match(r"(http|ws)://127\.0\.0\.1:\d+/|data:|blob:", url)]
     assert foreign == []
     for name, times in person.times.items():

@@ -11,8 +11,6 @@ from nicegui import ui
 from nicegui.element import Element
 
 HOUSE = Path(__file__).parent
-LINE_EM = 1.35
-"""``line-height`` in page.css."""
 Handler = Callable[[], Any] | Callable[[], Awaitable[Any]]
 
 
@@ -58,7 +56,7 @@ def say(text: str, kind: str = "", lines: int = 0) -> ui.label:
     ----------
     lines : that room is kept for. What changes by itself above things to click would move them from under the pointer.
     """
-    return ui.label(text).classes(f"say {kind}").style(f"min-height: {LINE_EM * lines}em" if lines else "")
+    return ui.label(text).classes(f"say {kind}").style(f"min-height: {lines}lh")
 
 
 def keys_line(*pairs: tuple[str, str]) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..simulate.model import Array, full_x_cg, full_y_cg, line_angle_rate
+from ..simulate.model import Array, full_x_cg, full_x_cg_rate, full_y_cg, full_y_cg_rate, line_angle_rate
 from .effects import Seen
 from .shooting import STATE_STEP
 from .tow_data import TowRun
@@ -126,11 +126,7 @@ class TowSeen:
         alpha, beta, v, r = path[:4]
         x, y = full_x_cg(alpha, beta, tow), full_y_cg(0.0, alpha, beta, tow)
         turn = line_angle_rate(tow, beta, v, r, np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None))
-        ahead = tow.tow_point_m * np.cos(beta) - tow.tow_point_offset_m * np.sin(beta)
-        aside = tow.tow_point_m * np.sin(beta) + tow.tow_point_offset_m * np.cos(beta)
-        x_rate = tow.line_length_m * np.sin(alpha) * turn + aside * r
-        y_rate = tow.line_length_m * np.cos(alpha) * turn - ahead * r
-        rates = (x_rate, y_rate, r)
+        rates = (full_x_cg_rate(alpha, beta, turn, r, tow), full_y_cg_rate(alpha, beta, turn, r, tow), r)
         return Seen(t_s, (x, y, beta), rates, np.sin(alpha + beta), alpha, tow.tension_n, self._shutter)
 
 

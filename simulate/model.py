@@ -233,6 +233,18 @@ def full_x_cg(alpha, beta, tow: Tow):
     )
 
 
+def full_y_cg_rate(alpha, beta, alpha_rate, beta_rate, tow: Tow):
+    """How ``full_y_cg`` changes as the angles do, the post standing still; per time or per anything else."""
+    arm = tow.tow_point_m * np.cos(beta) - tow.tow_point_offset_m * np.sin(beta)
+    return tow.line_length_m * np.cos(alpha) * alpha_rate - arm * beta_rate
+
+
+def full_x_cg_rate(alpha, beta, alpha_rate, beta_rate, tow: Tow):
+    """How ``full_x_cg`` changes as the angles do."""
+    arm = tow.tow_point_m * np.sin(beta) + tow.tow_point_offset_m * np.cos(beta)
+    return tow.line_length_m * np.sin(alpha) * alpha_rate + arm * beta_rate
+
+
 def alpha_from_y(y_cg, beta, tow: Tow, post_y: Array | float = 0.0):
     """The tow line angle that puts the LCG at ``y_cg`` (inverse of ``full_y_cg``), rad; NaN out of the line's reach."""
     lateral = y_cg - tow.post_m[1] - post_y + tow.tow_point_m * np.sin(beta) + tow.tow_point_offset_m * np.cos(beta)

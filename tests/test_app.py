@@ -13,6 +13,7 @@ import time
 import tomllib
 import urllib.error
 import urllib.request
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,15 @@ def run_folder(tmp_path: Path, samples: Path) -> Path:
     for name in ("video.mp4", "run.toml"):
         shutil.copy(samples / "mariner" / "x1446" / name, folder)
     return folder
+
+
+@pytest.fixture
+def desk(run_folder: Path) -> Iterator[Desk]:
+    """With that run open."""
+    made = Desk(run_folder)
+    made.open(run_folder)
+    yield made
+    made.close()
 
 
 # the document ---------------------------------------------------------------------------------------------------------
@@ -338,22 +348,17 @@ def test_a_click_beside_everything_stays_where_it_is() -> None:
     assert (found.pixel_px, found.sigma_px, found.found) == ((40.25, 41.75), CLICK_SIGMA_PX, False)
 
 
-def test_clicks_on_a_sample_land_on_its_truth(run_folder: Path, samples: Path) -> None:
-    desk = Desk(run_folder)
-    desk.open(run_folder)
-    try:
-        truth = read_tracks(samples / "mariner" / "x1446" / "truth" / "tracks.csv")
-        for frame in (0, 250):
-            assert desk.frames is not None
-            assert desk.frames.wait(frame, 60.0)
-            for row in truth[truth["frame"] == frame].itertuples():
-                found = desk.snap(frame, (row.u_px + 1.3, row.v_px - 0.9))  # pyright: ignore
-                assert np.hypot(found.pixel_px[0] - row.u_px, found.pixel_px[1] - row.v_px) < CODEC_PX  # pyright: ignore
-    finally:
-        desk.close()
+def test_clicks_on_a_sample_land_on_its_truth(desk: Desk, samples: Path) -> None:
+    truth = read_tracks(samples / "mariner" / "x1446" / "truth" / "tracks.csv")
+    for frame in (0, 250):
+        assert desk.frames is not None
+        assert desk.frames.wait(frame, 60.0)
+        for row in truth[truth["frame"] == frame].itertuples():
+            found = desk.snap(frame, (row.u_px + 1.3, row.v_px - 0.9))  # pyright: ignore
+            assert np.hypot(found.pixel_px[0] - row.u_px, found.pixel_px[1] - row.v_px) < CODEC_PX  # pyright: ignore
 
 
-def test_a_click_belongs_to_the_frame_it_was_made_in(run_folder: Path) -> None:
+def test_a_click_belongs_to_the_frame_it_was_made_in(desk: Desk) -> None:
     """The person goes on to another frame while the mark next to the click is looked for."""
     pytest.importorskip("nicegui", reason="nicegui is not installed (the extra app)")
     from types import SimpleNamespace
@@ -361,31 +366,26 @@ def test_a_click_belongs_to_the_frame_it_was_made_in(run_folder: Path) -> None:
     from towline.app.page_hand import HandStep
     from towline.app.snap import as_clicked
 
-    desk = Desk(run_folder)
-    desk.open(run_folder)
-    try:
-        assert desk.frames is not None
-        assert desk.frames.wait(60, 60.0)
-        snapped_in = []
+    assert desk.frames is not None
+    assert desk.frames.wait(60, 60.0)
+    snapped_in = []
 
-        async def slowly(u_px: float, v_px: float, zoom: float, to_mark: bool) -> Any:
-            snapped_in.append(desk.index)
-            desk.hand().frame = desk.go(40)  # as HandStep.moved does
-            return as_clicked((u_px, v_px), zoom)
+    async def slowly(u_px: float, v_px: float, zoom: float, to_mark: bool) -> Any:
+        snapped_in.append(desk.index)
+        desk.hand().frame = desk.go(40)  # as HandStep.moved does
+        return as_clicked((u_px, v_px), zoom)
 
-        hall: Any = SimpleNamespace(
-            desk=desk, snapped=slowly, go=desk.go, state=lambda: None, overlay=lambda: None, tell=lambda *_: None
-        )
-        step: Any = HandStep(hall)
-        step._snapping = True
-        step._what, step._said, step._count, step._use, step._source = (SimpleNamespace(text="") for _ in range(5))
-        desk.go(15)
-        asyncio.run(step.pick(430.0, 188.0, 1.0))
-        assert snapped_in == [15]
-        assert [(c.frame, c.marker) for c in desk.hand().clicks] == [(15, "bow")]
-        assert desk.index == 15  # where the next click, the stern's, is expected
-    finally:
-        desk.close()
+    hall: Any = SimpleNamespace(
+        desk=desk, snapped=slowly, go=desk.go, state=lambda: None, overlay=lambda: None, tell=lambda *_: None
+    )
+    step: Any = HandStep(hall)
+    step._snapping = True
+    step._what, step._said, step._count, step._use, step._source = (SimpleNamespace(text="") for _ in range(5))
+    desk.go(15)
+    asyncio.run(step.pick(430.0, 188.0, 1.0))
+    assert snapped_in == [15]
+    assert [(c.frame, c.marker) for c in desk.hand().clicks] == [(15, "bow")]
+    assert desk.index == 15  # where the next click, the stern's, is expected
 
 
 # camera and detector --------------------------------------------------------------------------------------------------
@@ -429,24 +429,19 @@ def test_the_detector_shows_what_tracking_will_take(run_folder: Path, samples: P
     assert "not complete" in nothing.words
 
 
-def test_a_look_ahead_is_a_look_at_that_frame(run_folder: Path) -> None:
+def test_a_look_ahead_is_a_look_at_that_frame(desk: Desk) -> None:
     """Whatever frame is on the screen; kept until run.toml changes, and a few at most."""
-    desk = Desk(run_folder)
-    desk.open(run_folder)
-    try:
-        assert desk.frames is not None
-        ahead = desk.detect(7)
-        there = detected(desk.frames.exact(7), desk.sight(), desk.run_or_none())
-        assert ahead.marks_px == there.marks_px != desk.detect(desk.index).marks_px
-        desk.go(7)
-        assert desk.detect(7) is ahead
-        desk.doc.set_all([(("marker", 0, "depth_m"), 0.4)], "deeper")
-        assert desk.detect(7) is not ahead
-        for index in range(EXACT + 1):
-            desk.detect(index)
-        assert len(desk._detected) == EXACT
-    finally:
-        desk.close()
+    assert desk.frames is not None
+    ahead = desk.detect(7)
+    there = detected(desk.frames.exact(7), desk.sight(), desk.run_or_none())
+    assert ahead.marks_px == there.marks_px != desk.detect(desk.index).marks_px
+    desk.go(7)
+    assert desk.detect(7) is ahead
+    desk.doc.set_all([(("marker", 0, "depth_m"), 0.4)], "deeper")
+    assert desk.detect(7) is not ahead
+    for index in range(EXACT + 1):
+        desk.detect(index)
+    assert len(desk._detected) == EXACT
 
 
 # by hand --------------------------------------------------------------------------------------------------------------
@@ -482,37 +477,32 @@ def test_clicks_go_on_by_n_and_are_taken_back() -> None:
         hand.table(float)
 
 
-def test_clicks_become_tracks_and_tracks_motion(run_folder: Path, samples: Path) -> None:
+def test_clicks_become_tracks_and_tracks_motion(desk: Desk, run_folder: Path, samples: Path) -> None:
     """Places of the truth clicked on every 10th frame with 0.5 px of scatter: the motion is off by what it says it is."""
     from towline.stages import moved
 
     truth = samples / "mariner" / "x1446" / "truth"
     places = read_tracks(truth / "tracks.csv")
     rng = np.random.default_rng(5)
-    desk = Desk(run_folder)
-    desk.open(run_folder)
-    try:
-        hand = desk.hand()
-        hand.every, hand.frame = 10, 0
-        assert desk.frames is not None
-        while True:
-            rows = places[places["frame"] == hand.frame].set_index("marker")
-            for name in ("bow", "stern"):
-                u, v = rows.loc[name, ["u_px", "v_px"]] + rng.normal(0, 0.5, 2)
-                hand.click(u, v, 0.5)
-            if not hand.next_frame(1199):
-                break
-        assert desk.dirty
-        desk.use_hand_tracks()
-        assert "tracks" in desk.doc.content["source"]
-        assert "video" not in desk.doc.content["source"]
-        assert desk.video_name() == "video.mp4"
-        desk.save()
-        assert not desk.dirty
-        again = begun(run_folder, ["bow", "stern"])
-        assert (len(again.clicks), again.every, again.frame) == (240, 10, 1200)
-    finally:
-        desk.close()
+    hand = desk.hand()
+    hand.every, hand.frame = 10, 0
+    assert desk.frames is not None
+    while True:
+        rows = places[places["frame"] == hand.frame].set_index("marker")
+        for name in ("bow", "stern"):
+            u, v = rows.loc[name, ["u_px", "v_px"]] + rng.normal(0, 0.5, 2)
+            hand.click(u, v, 0.5)
+        if not hand.next_frame(1199):
+            break
+    assert desk.dirty
+    desk.use_hand_tracks()
+    assert "tracks" in desk.doc.content["source"]
+    assert "video" not in desk.doc.content["source"]
+    assert desk.video_name() == "video.mp4"
+    desk.save()
+    assert not desk.dirty
+    again = begun(run_folder, ["bow", "stern"])
+    assert (len(again.clicks), again.every, again.frame) == (240, 10, 1200)
     made = moved(read_run(run_folder))
     table = read_tracks(run_folder / FILE)
     assert set(table["status"]) == {"measured"}
@@ -567,25 +557,21 @@ def test_folders_are_found_and_named(tmp_path: Path, run_folder: Path) -> None:
             place(wrong)
 
 
-def test_a_desk_begins_a_run_where_there_is_only_a_video(run_folder: Path) -> None:
+def test_a_desk_begins_a_run_where_there_is_only_a_video(desk: Desk, run_folder: Path) -> None:
     (run_folder / "run.toml").unlink()
-    desk = Desk(run_folder)
     desk.open(run_folder)
-    try:
-        assert desk.dirty
-        assert desk.doc.get("source", "video") == "video.mp4"
-        assert not (run_folder / "run.toml").exists()
-        found = desk.snap(0, (261.5, 133.0))
-        assert found.found
-        assert desk.pick_datum(found) == 0
-        assert "tank_m" not in desk.doc.rows("datum")[0]  # nobody measured it yet
-        desk.selected["datum"] = 0
-        desk.pick_datum(desk.snap(0, (559.0, 142.0)))
-        assert len(desk.doc.rows("datum")) == 1
-        desk.doc.undo()
-        assert desk.doc.rows("datum")[0]["pixel_px"] == pytest.approx(found.pixel_px, abs=1e-3)
-    finally:
-        desk.close()
+    assert desk.dirty
+    assert desk.doc.get("source", "video") == "video.mp4"
+    assert not (run_folder / "run.toml").exists()
+    found = desk.snap(0, (261.5, 133.0))
+    assert found.found
+    assert desk.pick_datum(found) == 0
+    assert "tank_m" not in desk.doc.rows("datum")[0]  # nobody measured it yet
+    desk.selected["datum"] = 0
+    desk.pick_datum(desk.snap(0, (559.0, 142.0)))
+    assert len(desk.doc.rows("datum")) == 1
+    desk.doc.undo()
+    assert desk.doc.rows("datum")[0]["pixel_px"] == pytest.approx(found.pixel_px, abs=1e-3)
 
 
 # jobs -----------------------------------------------------------------------------------------------------------------
@@ -599,7 +585,7 @@ def _wait(worker: Worker, until_s: float = 40.0) -> Any:
     return worker.poll()
 
 
-def test_jobs_run_beside_the_page_and_can_be_stopped(run_folder: Path, tmp_path: Path) -> None:
+def test_jobs_run_beside_the_page_and_can_be_stopped(desk: Desk, run_folder: Path, tmp_path: Path) -> None:
     worker = Worker()
     try:
         assert worker.start("track", [tmp_path / "nowhere"])
@@ -632,16 +618,11 @@ def test_jobs_run_beside_the_page_and_can_be_stopped(run_folder: Path, tmp_path:
     places, trails = marks_at(read_tracks(run_folder / "out" / "tracks.csv"), 50)
     assert set(places) == {"bow", "stern"}
     assert all(len(trail) == 40 for trail in trails.values())
-    desk = Desk(run_folder)
-    desk.open(run_folder)
-    try:
-        assert desk.shown().current
-        desk.doc.set(("tow", "tow_point_m"), 1.4)
-        desk.save()
-        assert not desk.shown().current
-        assert "track again" in desk.shown().words
-    finally:
-        desk.close()
+    assert desk.shown().current
+    desk.doc.set(("tow", "tow_point_m"), 1.4)
+    desk.save()
+    assert not desk.shown().current
+    assert "track again" in desk.shown().words
 
 
 # who may talk to it ---------------------------------------------------------------------------------------------------

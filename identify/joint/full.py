@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...simulate.model import Array, full_rates, full_y_cg
+from ...simulate.model import Array, full_rates, full_y_cg, full_y_cg_rate
 from ..data import RunData
 from .linear import linear_paths
 from .parameters import EVERY, LINE_LENGTH, STEEPEST_RAD, TOW_POINT
@@ -236,12 +236,10 @@ def _sampled(
 
     alpha, beta = between(np.ascontiguousarray(path[:2, :, run]), np.ascontiguousarray(rate[:2, :, run]))
     slope = between(np.ascontiguousarray(moved[:2, :, :, run]), np.ascontiguousarray(moved_rate[:, :, :, run]))
-    length, point = values[run, LINE_LENGTH], values[run, TOW_POINT]
-    offset = data.tow.tow_point_offset_m
-    own = replace(data.tow, tow_point_m=point, line_length_m=length)
+    own = replace(data.tow, tow_point_m=values[run, TOW_POINT], line_length_m=values[run, LINE_LENGTH])
     post = replace(own, post_phase_rad=float(np.atleast_1d(setting.tow.post_phase_rad)[run]))
     y = full_y_cg(times, alpha, beta, post)
-    slope[0] = length * np.cos(alpha) * slope[0] + (offset * np.sin(beta) - point * np.cos(beta)) * slope[1]
+    slope[0] = full_y_cg_rate(alpha, beta, slope[0], slope[1], own)
     for at, index in enumerate(wanted):
         if index == LINE_LENGTH:
             slope[0, at] += np.sin(alpha)

@@ -31,6 +31,30 @@ class DerivativePriors(Table):
     n_v: ValuePrior | None = Field(default=None, description="N_v, N s")
     n_r: ValuePrior | None = Field(default=None, description="N_r, N m s")
     k2_m2: ValuePrior | None = Field(default=None, description="K^2 = (I - N_rdot)/(m - Y_vdot), m2")
+    y_delta: ValuePrior | None = Field(default=None, description="Y_delta, N/rad; absent: free where a rudder is over")
+    n_delta: ValuePrior | None = Field(
+        default=None, description="N_delta, N m/rad; absent: free where a rudder is over"
+    )
+    y_bias_n: ValuePrior | None = Field(default=None, description="Y*, N; absent: none")
+    n_bias_n_m: ValuePrior | None = Field(default=None, description="N*, N m; absent: none")
+
+
+class SurgePriors(Table):
+    """What is known of the model along its way (line = "surge", theory.md 10); absent: usual for bare models of its mass."""
+
+    x_udot_kg: ValuePrior | None = Field(
+        default=None, description="X_udot, negative, kg; absent: -0.05 +- 0.03 of the mass"
+    )
+    x_vr_kg: ValuePrior | None = Field(
+        default=None, description="X_vr, kg, between 0 and -Y_vdot; absent: 0.45 +- 0.26 of the mass"
+    )
+    x_vv_kg_m: ValuePrior | None = Field(
+        default=None, description="X_vv, kg/m, mostly negative; absent: -0.4 +- 1.2 of mass over length_pp_m"
+    )
+    x_rr_kg_m: ValuePrior | None = Field(
+        default=None, description="X_rr, kg m; absent: 0 +- 0.02 of mass times length_pp_m"
+    )
+    resistance_exponent: ValuePrior | None = Field(default=None, description="n of R ~ u^n; absent: 1.85 +- 0.1")
 
 
 class Priors(Table):
@@ -50,6 +74,9 @@ class Priors(Table):
         default=0.0, description="error of each marker's depth_m, the same in all runs of a model"
     )
     marker_place_sd_m: _Sd = Field(default=0.0, description="error of each marker's body_m along and across")
+    tension_zero_sd_n: _Sd = Field(default=0.0, description="line = surge: zero error of a load cell's history, N")
+    tension_delay_sd_s: _Sd = Field(default=0.0, description="line = surge: error of tension_delay_s")
+    surge: SurgePriors = Field(default_factory=lambda: SurgePriors(), description="of the model along its way")
     derivatives: DerivativePriors = Field(
         default_factory=lambda: DerivativePriors(), description="priors on the derivatives themselves"
     )

@@ -55,19 +55,35 @@ class HullTable(Table):
     n_bias_n_m: Number = Field(
         default=0.0, description="N*, constant yaw moment of an asymmetric hull at speed_m_s, N m"
     )
+    x_udot_kg: Number | None = Field(default=None, description="X_udot, kg, negative; absent: -0.05 of model.mass_kg")
+    x_vr_kg: Number | None = Field(
+        default=None, description="X_vr, kg; absent: half of -Y_vdot = m_minus_y_vdot - mass_kg"
+    )
+    x_vv_kg_m: Number = Field(default=0.0, description="X_vv, kg/m")
+    x_rr_kg_m: Number = Field(default=0.0, description="X_rr, kg m")
+    resistance_exponent: Annotated[float, Field(ge=0.5, le=4)] = Field(default=1.85, description="n of R ~ u^n")
 
 
 class ScenarioTow(TowTable):
-    """[tow] as in run.toml; in addition the line may carry the resistance instead of a constant tension."""
+    """[tow] as in run.toml; in addition a line = constant may carry the resistance, and a line = surge may be a spring."""
 
     resistance_n: Tension | None = Field(
-        default=None, description="R: the line carries T = R/cos(alpha) instead of tension_n"
+        default=None,
+        description='R: the line carries T = R/cos(alpha) instead of tension_n (line = "constant"); the same as tension_n '
+        '(line = "surge")',
     )
+    line_stiffness_n_m: Positive | None = Field(
+        default=None,
+        description='line = "surge": the line is a spring, line_length_m long without load; absent: it does not stretch',
+    )
+    line_damping_n_s_m: NotNegative = Field(default=0.0, description="of that spring")
 
     @model_validator(mode="after")
     def _one_line(self) -> ScenarioTow:
         if self.resistance_n is not None and (self.tension_n is not None or self.tension is not None):
             raise ValueError("resistance_n and tension are both given; one of them is expected")
+        if self.line == "constant" and self.line_stiffness_n_m is not None:
+            raise ValueError('line_stiffness_n_m: a line = "constant" keeps its tension whatever its length')
         return self
 
 
@@ -173,6 +189,11 @@ class ScenarioFile(Table):
             tow = self.tow
             if tow.tension_n is None and tow.tension is None and tow.resistance_n is None:
                 raise ValueError("tow.tension_n: missing key (or tension, or resistance_n)")
+            if tow.tension is not None and tow.line == "surge":
+                raise ValueError(
+                    'tow.tension: with line = "surge" the tension follows from the motion; give tension_n (R), or line = '
+                    '"constant" to move the model with this history'
+                )
         elif self.start.alpha_rad is not None:
             raise ValueError("start.alpha_rad: a free model has no tow line; give start.y_cg_m")
         if self.form == "linear" and self.tow.resistance_n is not None:

@@ -16,6 +16,7 @@ from pydantic import AfterValidator, Field, model_validator
 from .priors import Priors
 from .toml import Table
 
+Line = Literal["surge", "constant"]
 Kind = Literal["tow", "forced", "free"]
 Colour = Literal["red", "green", "blue", "white", "yellow", "bright", "dark"]
 LOOK = re.compile(r"^(led|disc|template|aruco:\d+|apriltag:\d+)$")
@@ -181,8 +182,21 @@ class TowTable(Table):
     tow_point_m: Length | None = Field(default=None, description="X_T, ahead of LCG; needed unless kind is free")
     tow_point_offset_m: Length = Field(default=0.0, description="Y_T, to starboard")
     post_m: tuple[Length, Length] = Field(default=(0.0, 0.0), description="tow post in tank axes")
-    tension_n: Tension | None = Field(default=None, description="constant line tension T (or tension, not both)")
-    tension: str | None = Field(default=None, description="history of T (t_s, tension_n) on the load cell's own clock")
+    line: Line = Field(
+        default="surge",
+        description="surge: the line keeps its length, its tension is what the model's own inertia makes it (theory.md 10); "
+        "constant: a falling weight or a winch keeps its tension (the thesis's approximation)",
+    )
+    tension_n: Tension | None = Field(
+        default=None,
+        description="line = surge: R, the force of a straight tow at speed_m_s (may be left out where the model swings far "
+        "enough to be weighed); constant: T (or tension, not both)",
+    )
+    tension: str | None = Field(
+        default=None,
+        description="history of T (t_s, tension_n) on the load cell's own clock; line = surge: an observation, constant: what "
+        "moves the model",
+    )
     tension_delay_s: Delay = Field(default=0.0, description="t_video = t_tension + tension_delay_s")
     rudder_rad: Angle = Field(default=0.0, description="rudder angle, positive to port")
     rudder: str | None = Field(

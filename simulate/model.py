@@ -1,14 +1,17 @@
-"""The towed model's equations of motion: hull, line, kinematics. The only place where they stand (theory.md 2, 9.1).
+"""The towed model's equations of motion: hull, line, kinematics. The only place where they stand (theory.md 2, 9.1, 10).
 
 Every function takes arrays that broadcast; units are SI and radians. The linear form is this same equation evaluated
 on unit vectors with s = y/L + (1 + X_T/L) beta in place of sin(alpha + beta).
+
+``Tow.line`` says what the line does: "surge", it keeps its length and its tension is what the model's own inertia makes it
+(theory.md 10); "constant", it keeps its tension and the model's forward speed is the carriage's (the thesis's approximation).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +25,9 @@ DERIVATIVE_UNITS = {
     "n_v": "N s",
     "n_r": "N m s",
 }
+RESISTANCE_EXPONENT = 1.85
+"""n of R ~ u^n where nothing is said: 1.8-2 for bare models (theory.md 10)."""
+Line = Literal["constant", "surge"]
 
 
 @dataclass(frozen=True)
@@ -37,6 +43,10 @@ class Hull:
     y_rdot, n_vdot : cross added masses, kg m
     y_delta, n_delta : rudder force N/rad and moment N m/rad
     y_bias_n, n_bias_n_m : Y*, N* of an asymmetric hull
+    mass_kg : m, the displacement mass; needed for surge only
+    x_udot_kg : X_udot, negative: water that surges along
+    x_vr_kg, x_vv_kg_m, x_rr_kg_m : X_vr, X_vv, X_rr; they do not change with the speed
+    resistance_exponent : n of R ~ u^n
     """
 
     m_minus_y_vdot: float
@@ -52,6 +62,12 @@ class Hull:
     n_delta: float = 0.0
     y_bias_n: float = 0.0
     n_bias_n_m: float = 0.0
+    mass_kg: float | None = None
+    x_udot_kg: float = 0.0
+    x_vr_kg: float = 0.0
+    x_vv_kg_m: float = 0.0
+    x_rr_kg_m: float = 0.0
+    resistance_exponent: float = RESISTANCE_EXPONENT
 
     @property
     def six(self) -> Array:
@@ -94,10 +110,15 @@ class Tow:
     speed_m_s : U
     line_length_m : L
     tow_point_m, tow_point_offset_m : X_T ahead of LCG, Y_T to starboard
-    tension_n : T, constant; or None with ``resistance_n`` = R: T = R/cos(alpha)
+    tension_n : T of a "constant" line; of a "surge" line R, the force of a straight tow at the hull's ``speed_m_s``
+    resistance_n : "constant" line without tension_n: T = R/cos(alpha)
     rudder_rad : delta, positive to port
     post_m : tow post in tank axes, (x, y)
     post_amplitude_m, post_frequency_hz, post_phase_rad : y_o = amplitude sin(2 pi f t + phase) (3.7)
+    line : what the line keeps: its length ("surge") or its tension ("constant")
+    stiffness_n_m : of a "surge" line that is a spring, ``line_length_m`` long without load; None = it does not stretch
+    line_damping_n_s_m : of that spring
+    speed_rate_m_s2 : dU/dt, of a "surge" line
     """
 
     speed_m_s: float
@@ -111,6 +132,10 @@ class Tow:
     post_amplitude_m: float = 0.0
     post_frequency_hz: float = 0.0
     post_phase_rad: float = 0.0
+    line: Line = "constant"
+    stiffness_n_m: float | None = None
+    line_damping_n_s_m: float = 0.0
+    speed_rate_m_s2: float = 0.0
 
     def post_motion(self, t_s: Array | float) -> tuple[Array | float, Array | float]:
         """y_o and its rate at the times ``t_s``, m and m/s (3.7)."""
@@ -120,8 +145,18 @@ class Tow:
         phase = omega * np.asarray(t_s) + self.post_phase_rad
         return self.post_amplitude_m * np.sin(phase), self.post_amplitude_m * omega * np.cos(phase)
 
+    def post_acceleration(self, t_s: Array | float) -> Array | float:
+        """y_o'' at the times ``t_s``, m/s2."""
+        omega = 2 * np.pi * self.post_frequency_hz
+        return -(omega**2) * self.post_motion(t_s)[0]
+
+    @property
+    def resistance(self) -> float:
+        """R of a "surge" line, N."""
+        return self.tension_n if self.tension_n is not None else self.resistance_n  # pyright: ignore[reportReturnType]
+
     def tension(self, alpha):
-        """T at the tow line angle ``alpha``, N."""
+        """T of a "constant" line at the tow line angle ``alpha``, N."""
         if self.tension_n is not None:
             return self.tension_n
         assert self.resistance_n is not None
@@ -149,12 +184,17 @@ def sway_yaw_acceleration(hull: Hull, v, r, side_force, moment):
     """
     sway = hull.y_v * v + hull.y_r_minus_mu * r + side_force
     yaw = hull.n_v * v + hull.n_r * r + moment
+    return accelerated(hull, sway, yaw)
+
+
+def accelerated(hull: Hull, side_force, moment):
+    """v' and r' under the whole side force and moment; added masses and their cross terms only."""
     if not np.any(hull.y_rdot) and not np.any(hull.n_vdot):
-        return sway / hull.m_minus_y_vdot, yaw / hull.i_minus_n_rdot
+        return side_force / hull.m_minus_y_vdot, moment / hull.i_minus_n_rdot
     determinant = hull.m_minus_y_vdot * hull.i_minus_n_rdot - hull.y_rdot * hull.n_vdot
     return (
-        (hull.i_minus_n_rdot * sway + hull.y_rdot * yaw) / determinant,
-        (hull.n_vdot * sway + hull.m_minus_y_vdot * yaw) / determinant,
+        (hull.i_minus_n_rdot * side_force + hull.y_rdot * moment) / determinant,
+        (hull.n_vdot * side_force + hull.m_minus_y_vdot * moment) / determinant,
     )
 
 
@@ -168,6 +208,19 @@ def line_force(tow: Tow, tension, sine, cosine):
     return -tension * sine, -tension * (tow.tow_point_m * sine + tow.tow_point_offset_m * cosine)
 
 
+def surge_force(hull: Hull, resistance_n, speed_ratio, v, r):
+    """X without the line: -R (u/U_0)|u/U_0|^(n-1) + X_vv v^2 + X_vr v r + X_rr r^2 (theory.md 10), N.
+
+    Parameters
+    ----------
+    resistance_n : R at U_0
+    speed_ratio : u/U_0; complex values are differentiated as real ones
+    """
+    # sqrt(z^2) is |z| with a derivative, complex steps included
+    size = np.sqrt(speed_ratio * speed_ratio) ** (hull.resistance_exponent - 1)
+    return -resistance_n * speed_ratio * size + v * (hull.x_vv_kg_m * v + hull.x_vr_kg * r) + hull.x_rr_kg_m * r * r
+
+
 def line_angle_rate(tow: Tow, beta, v, r, cosine, post_rate: Array | float = 0.0):
     """a' = (v + X_T r + U sin b - y_o' cos b)/(L cos(a+b)) (theory.md 9.1), rad/s; ``cosine`` of alpha + beta."""
     return (v + tow.tow_point_m * r + tow.speed_m_s * np.sin(beta) - post_rate * np.cos(beta)) / (
@@ -175,29 +228,140 @@ def line_angle_rate(tow: Tow, beta, v, r, cosine, post_rate: Array | float = 0.0
     )
 
 
-def full_rates(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = None):
-    """Rates of (alpha, beta, v, r), full sine and kinematics (2.9), inextensible line (theory.md 9.1).
+def forward_speed(tow: Tow, alpha, beta, v, r, post_rate: Array | float = 0.0):
+    """u of a model on a line that keeps its length: U cos b + L a' sin(a+b) + Y_T r + y_o' sin b (theory.md 10), m/s."""
+    turn = line_angle_rate(tow, beta, v, r, np.cos(alpha + beta), post_rate)
+    along = tow.speed_m_s * np.cos(beta) + post_rate * np.sin(beta)
+    return along + tow.line_length_m * turn * np.sin(alpha + beta) + tow.tow_point_offset_m * r
 
-    a' = (v + X_T r + U sin b - y_o' cos b)/(L cos(a+b)), b' = r; singular at a + b = 90 degrees.
+
+@dataclass(frozen=True)
+class Taut:
+    """A tow at one time: ``full_state``.
+
+    Attributes
+    ----------
+    rates : (4, ...), of alpha, beta, v, r
+    tension_n : T, N; of a "surge" line it may be below 0: there the line is slack and these equations do not hold
+    u_m_s : forward speed through the water
+    """
+
+    rates: Array
+    tension_n: Any
+    u_m_s: Any
+
+
+def full_state(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = None) -> Taut:
+    """Rates of (alpha, beta, v, r), tension and forward speed: full sine and kinematics (2.9), a line that does not stretch.
+
+    a' = (v + X_T r + U sin b - y_o' cos b)/(L cos(a+b)), b' = r; singular at a + b = 90 degrees. With ``tow.line`` = "surge"
+    T follows from the constraint in closed form (theory.md 10); with "constant" u = U and T is given.
 
     Parameters
     ----------
     t_s : time
     state : (4, ...) alpha rad, beta rad, v m/s, r rad/s
-    hull : at the run's speed
+    hull : at the carriage's speed ("constant") or at the speed at which R is quoted ("surge")
     """
     alpha, beta, v, r = state
     _, post_rate = tow.post_motion(t_s)
     sine, cosine = np.sin(alpha + beta), np.cos(alpha + beta)
-    alpha_rate = line_angle_rate(tow, beta, v, r, cosine, post_rate)
-    side, moment = line_force(tow, tow.tension(alpha), sine, cosine)
-    y_0, n_0 = constant_force(hull, tow.rudder_rad)
-    side, moment = side + y_0, moment + n_0
-    if extra is not None:
-        more = extra(t_s, full_y_cg(t_s, alpha, beta, tow), beta, v, r, alpha)
-        side, moment = side + more[0], moment + more[1]
-    v_rate, r_rate = sway_yaw_acceleration(hull, v, r, side, moment)
-    return np.array([alpha_rate, r, v_rate, r_rate])
+    turn = line_angle_rate(tow, beta, v, r, cosine, post_rate)
+    more = (0.0, 0.0) if extra is None else extra(t_s, full_y_cg(t_s, alpha, beta, tow), beta, v, r, alpha)
+    if tow.line == "constant":
+        tension, u = tow.tension(alpha), tow.speed_m_s
+        side, moment = line_force(tow, tension, sine, cosine)
+        y_0, n_0 = constant_force(hull, tow.rudder_rad)
+        v_rate, r_rate = sway_yaw_acceleration(hull, v, r, side + y_0 + more[0], moment + n_0 + more[1])
+        return Taut(np.array([turn, r, v_rate, r_rate]), tension, u)
+    u = forward_speed(tow, alpha, beta, v, r, post_rate)
+    v_free, r_free, push = _coasting(hull, tow, u, v, r, more)
+    v_pull, r_pull = accelerated(hull, *line_force(tow, 1.0, sine, cosine))
+    by_v, by_r = sine / cosine, tow.tow_point_m * sine / cosine + tow.tow_point_offset_m
+    mass = hull.mass_kg - hull.x_udot_kg
+    needed = surge_rate_of_line(t_s, state, turn, sine, cosine, tow, post_rate) + by_v * v_free + by_r * r_free
+    tension = (mass * needed - push) / (cosine - mass * (by_v * v_pull + by_r * r_pull))
+    rates = np.array([turn, r, v_free + tension * v_pull, r_free + tension * r_pull])
+    return Taut(rates, tension, u)
+
+
+def full_rates(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = None):
+    """Rates of (alpha, beta, v, r), (4, ...): ``full_state``."""
+    return full_state(t_s, state, hull, tow, extra).rates
+
+
+def _coasting(hull: Hull, tow: Tow, u, v, r, more):
+    """v', r' without the line, and X + m v r, at the forward speed u."""
+    here = hull.at_speed(u)
+    y_0, n_0 = constant_force(here, tow.rudder_rad)
+    v_free, r_free = sway_yaw_acceleration(here, v, r, y_0 + more[0], n_0 + more[1])
+    return v_free, r_free, surge_force(hull, tow.resistance, u / hull.speed_m_s, v, r) + hull.mass_kg * v * r
+
+
+def surge_rate_of_line(t_s, state, turn, sine, cosine, tow: Tow, post_rate):
+    """K_0: u' of a line that keeps its length, at v' = r' = 0 (theory.md 10), m/s2; ``turn``: alpha'."""
+    _, beta, _, r = state
+    sin_b, cos_b, speed, by_v = np.sin(beta), np.cos(beta), tow.speed_m_s, sine / cosine
+    found = tow.speed_rate_m_s2 * (cos_b + by_v * sin_b) + speed * r * (by_v * cos_b - sin_b)
+    found = found + tow.line_length_m * turn * (turn + r) / cosine
+    if np.any(post_rate) or np.any(tow.post_amplitude_m):
+        gust = tow.post_acceleration(t_s)
+        found = found + gust * (sin_b - by_v * cos_b) + post_rate * r * (cos_b + by_v * sin_b)
+    return found
+
+
+def loose_rates(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = None):
+    """Rates of (x_CG, y_CG, beta, u, v, r) of a model whose line is slack or a spring (theory.md 10), carriage axes.
+
+    Parameters
+    ----------
+    state : (6, ...), m, m, rad, m/s, m/s, rad/s
+    """
+    x, y, beta, u, v, r = state
+    sin_b, cos_b = np.sin(beta), np.cos(beta)
+    tension, sine, cosine, alpha = spring_tension(t_s, state, tow)
+    more = (0.0, 0.0) if extra is None else extra(t_s, y, beta, v, r, alpha)
+    v_free, r_free, push = _coasting(hull, tow, u, v, r, more)
+    v_pull, r_pull = accelerated(hull, *line_force(tow, tension, sine, cosine))
+    u_rate = (push + tension * cosine) / (hull.mass_kg - hull.x_udot_kg)
+    ahead, aside = u * cos_b - v * sin_b - tow.speed_m_s, u * sin_b + v * cos_b
+    return np.array([ahead, aside, r, u_rate, v_free + v_pull, r_free + r_pull])
+
+
+def spring_tension(t_s, state, tow: Tow):
+    """T of a spring line (0 without ``stiffness_n_m``, and never a push), sin and cos of alpha + beta, alpha."""
+    away, rate, alpha = line_reach(t_s, state, tow)
+    angle = alpha + state[2]
+    tension = 0.0 * away
+    if tow.stiffness_n_m is not None:
+        pull = tow.stiffness_n_m * (away - tow.line_length_m) + tow.line_damping_n_s_m * rate
+        tension = np.where(away > tow.line_length_m, np.maximum(pull, 0.0), 0.0)
+    return tension, np.sin(angle), np.cos(angle), alpha
+
+
+def line_reach(t_s, state, tow: Tow):
+    """Distance of the tow point from the post, its rate, and alpha, from (x_CG, y_CG, beta, u, v, r); m, m/s, rad."""
+    x, y, beta, u, v, r = state
+    sin_b, cos_b = np.sin(beta), np.cos(beta)
+    post_y, post_rate = tow.post_motion(t_s)
+    point, offset = tow.tow_point_m, tow.tow_point_offset_m
+    ahead = x + point * cos_b - offset * sin_b - tow.post_m[0]
+    aside = y + point * sin_b + offset * cos_b - tow.post_m[1] - post_y
+    away = np.hypot(ahead, aside)
+    ahead_rate = u * cos_b - v * sin_b - tow.speed_m_s - r * (point * sin_b + offset * cos_b)
+    aside_rate = u * sin_b + v * cos_b + r * (point * cos_b - offset * sin_b) - post_rate
+    return away, (ahead * ahead_rate + aside * aside_rate) / away, np.arctan2(aside, -ahead)
+
+
+def jerk_of_line(hull: Hull, tow: Tow, alpha, beta, parting_m_s):
+    """Changes of u, v, r as a slack line becomes taut: it takes the separating speed away at once (theory.md 10), m/s, rad/s."""
+    sine, cosine = np.sin(alpha + beta), np.cos(alpha + beta)
+    arm = tow.tow_point_m * sine + tow.tow_point_offset_m * cosine
+    assert hull.mass_kg is not None
+    mass = hull.mass_kg - hull.x_udot_kg
+    v_pull, r_pull = accelerated(hull, -sine, -arm)
+    impulse = parting_m_s / (cosine**2 / mass - sine * v_pull - arm * r_pull)
+    return impulse * cosine / mass, impulse * v_pull, impulse * r_pull
 
 
 def free_rates(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = None):

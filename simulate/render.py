@@ -7,6 +7,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from fractions import Fraction
 from pathlib import Path
 
@@ -197,7 +198,7 @@ def _histories(file: ScenarioFile, where: Path) -> list[str]:
 def _truth(file: ScenarioFile, where: Path) -> TruthFile:
     """What the run was made from."""
     hull = hull_of(file)
-    derivatives = file.hull.model_dump()
+    derivatives = {name: value for name, value in asdict(hull).items() if value is not None}
     speed = derivatives.pop("speed_m_s")
     return TruthFile(
         schema="towline/truth",
@@ -250,7 +251,10 @@ def _run_toml(file: ScenarioFile, video: str, picks: NDArray[np.float64]) -> str
         {**marker.model_dump(exclude=extra, exclude_none=True, exclude_defaults=True), "look": marker.look}
         for marker in file.marker
     ]
-    tables["tow"] = file.tow.model_dump(exclude={"resistance_n"}, exclude_none=True, exclude_defaults=True)
+    not_stated = {"resistance_n", "line_stiffness_n_m", "line_damping_n_s_m"}
+    tables["tow"] = file.tow.model_dump(exclude=not_stated, exclude_none=True, exclude_defaults=True)
+    if file.tow.line == "surge" and file.tow.resistance_n is not None:
+        tables["tow"]["tension_n"] = file.tow.resistance_n
     tables["model"] = file.model.model_dump(exclude_none=True)
     tables["water"] = file.water.model_dump(exclude_none=True)
     for name, content in tables.items():

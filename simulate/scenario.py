@@ -17,6 +17,9 @@ from .characteristic import Stability, stability
 from .model import Array, ExtraForce, Hull, Tow
 from .motion import Histories, Start, simulate_full, simulate_linear
 
+USUAL_X_UDOT, USUAL_X_VR = -0.05, 0.5
+"""Of the mass, and of -Y_vdot (theory.md 10)."""
+
 
 def read_scenario(path: str | Path) -> ScenarioFile:
     """Read and check a scenario.toml."""
@@ -24,18 +27,29 @@ def read_scenario(path: str | Path) -> ScenarioFile:
 
 
 def hull_of(file: ScenarioFile) -> Hull:
-    """The hull of a scenario."""
-    return Hull(**file.hull.model_dump())
+    """The hull of a scenario; what is not said of its surge is usual for its mass (``HullTable``)."""
+    table, mass = file.hull, file.model.mass_kg
+    along = {
+        "x_udot_kg": USUAL_X_UDOT * mass if table.x_udot_kg is None else table.x_udot_kg,
+        "x_vr_kg": USUAL_X_VR * max(table.m_minus_y_vdot - mass, 0.0) if table.x_vr_kg is None else table.x_vr_kg,
+    }
+    return Hull(**(table.model_dump() | along), mass_kg=mass)
 
 
 def tow_from_table(table: TowTable) -> Tow:
     """The tow of a run.toml or scenario.toml; a model without a line gets one of no tension."""
+    resistance = getattr(table, "resistance_n", None)
+    if table.line == "surge" and resistance is not None:
+        table, resistance = table.model_copy(update={"tension_n": resistance}), None
     return Tow(
         speed_m_s=table.speed_m_s,
         line_length_m=table.line_length_m or 1.0,
         tow_point_m=table.tow_point_m or 0.0,
-        tension_n=None if getattr(table, "resistance_n", None) is not None else (table.tension_n or 0.0),
-        resistance_n=getattr(table, "resistance_n", None),
+        tension_n=None if resistance is not None else (table.tension_n or 0.0),
+        resistance_n=resistance,
+        line=table.line,
+        stiffness_n_m=getattr(table, "line_stiffness_n_m", None),
+        line_damping_n_s_m=getattr(table, "line_damping_n_s_m", 0.0),
         tow_point_offset_m=table.tow_point_offset_m,
         rudder_rad=table.rudder_rad,
         post_m=table.post_m,

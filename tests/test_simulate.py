@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from towline.simulate import (
     simulate_scenario,
     stability,
 )
-from towline.simulate.model import free_rates, full_rates
+from towline.simulate.model import forward_speed, free_rates, full_rates, jerk_of_line
 from towline.simulate.scenario import read_scenario
 
 SIX = {
@@ -283,4 +284,137 @@ def test_scenarios_of_the_samples_reproduce_their_truth(samples: Path, tmp_path:
     assert "resistance_n" in text
     assert 'form = "linear"' in text
     with pytest.raises(InputError, match="constant tension only"):
+        read_scenario(tmp_path / "scenario.toml")
+
+
+SURGE = {"mass_kg": 78.0, "x_udot_kg": -4.0}
+GOLDEN_RAD, GOLDEN_N = 1e-6, 1e-5
+
+
+@pytest.mark.parametrize(
+    ("name", "x_t", "side", "hull", "offset"),
+    [
+        ("xT1.446_y0.25_xvr_xvv", 1.446, 0.25, {"x_vr_kg": 40.0, "x_vv_kg_m": -25.0}, 0.0),
+        ("xT1.548_y0.30", 1.548, 0.30, {}, 0.0),
+        ("xT1.649_y0.20_offset", 1.649, 0.20, {}, 0.02),
+        ("xT1.751_y0.15", 1.751, 0.15, {}, 0.0),
+    ],
+)
+def test_golden_motions_with_surge(
+    shared: Path, name: str, x_t: float, side: float, hull: dict[str, float], offset: float
+) -> None:
+    golden = pd.read_csv(shared / "golden" / f"surge_{name}.csv")
+    towed = replace(tow(x_t), line="surge", tow_point_offset_m=offset)
+    start = Start(alpha_rad=float(np.arcsin(side / 0.91)))
+    motion = simulate_full(mariner(**SURGE, **hull), towed, start, golden["t_s"].to_numpy())
+    for column in ("y_cg_m", "x_cg_m", "v_m_s"):
+        assert np.abs(motion[column] - golden[column]).max() < GOLDEN_M, column
+    for column in ("beta_rad", "r_rad_s"):
+        assert np.abs(motion[column] - golden[column]).max() < GOLDEN_RAD, column
+    assert np.abs(motion["tension_n"] - golden["tension_n"]).max() < GOLDEN_N
+
+
+def test_a_stiff_spring_differs_from_the_constraint_by_its_own_stretch() -> None:
+    """As it is made stiffer the difference falls like 1/k; at one stiffness it is of the stretch's order (T/k)."""
+    times = np.linspace(0, 30, 301)
+    towed = replace(tow(1.649), line="surge")
+    rigid = simulate_full(mariner(**SURGE), towed, Start(alpha_rad=0.2), times)
+    apart = []
+    for stiffness in (5e3, 2e4):
+        spring = replace(towed, stiffness_n_m=stiffness, line_damping_n_s_m=0.1 * np.sqrt(stiffness * 82))
+        motion = simulate_full(mariner(**SURGE), spring, Start(alpha_rad=0.2), times)
+        longer = np.hypot(  # of the tow point from the post, beyond the line's length
+            motion["x_cg_m"] + 1.649 * np.cos(motion["beta_rad"]), motion["y_cg_m"] + 1.649 * np.sin(motion["beta_rad"])
+        )
+        np.testing.assert_allclose(longer - 0.91, motion["tension_n"] / stiffness, atol=0.1 * 3.96 / stiffness)
+        apart.append(np.abs(motion["y_cg_m"] - rigid["y_cg_m"]).max())
+    assert apart[0] / apart[1] == pytest.approx(4.0, rel=0.1)
+    assert apart[1] < 4 * 3.96 / 2e4  # swings of another length: a few times the stretch
+
+
+def test_a_straight_tow_weighs_the_model_while_the_carriage_gains_speed() -> None:
+    """u = U on the axis, so T = R (U/U_0)^n + (m - X_udot) U': the closed form."""
+    times = np.linspace(0, 8, 81)
+    history = Histories(speed_m_s=lambda t: 1.28 + 0.02 * t)
+    motion = simulate_full(mariner(**SURGE), replace(tow(), line="surge"), Start(), times, histories=history)
+    speed = 1.28 + 0.02 * times
+    np.testing.assert_allclose(motion["tension_n"], 3.96 * (speed / 1.28) ** 1.85 + 82.0 * 0.02, rtol=1e-9)
+
+
+def test_a_carriage_that_brakes_harder_than_the_water_slackens_the_line() -> None:
+    """On the axis everything is known: the model coasts by (m - X_udot) u' = -R (u/U_0)^n until the carriage's lead is eaten up."""
+    speed_0, end_s, braked = 1.28, 1.0, 0.15
+    history = Histories(speed_m_s=lambda t: speed_0 - braked * np.clip(t / end_s, 0, 1))
+    hull, towed = mariner(**SURGE), replace(tow(), line="surge")
+    times = np.linspace(0.01, 12, 1200)
+    motion = simulate_full(hull, towed, Start(), np.concatenate([[0.0], times]), histories=history).iloc[1:]
+    # u^(1-n) grows evenly while coasting
+    n, gain = 1.85, 3.96 / 82.0 / speed_0**1.85
+    u = (speed_0 ** (1 - n) + (n - 1) * gain * times) ** (1 / (1 - n))
+    way = (speed_0 ** (2 - n) - u ** (2 - n)) / (gain * (2 - n))
+    fallen = np.minimum(times, end_s)
+    carriage = speed_0 * times - braked * (fallen**2 / 2 / end_s + np.maximum(times - end_s, 0))
+    lead = way - carriage
+    taut_at = times[1:][(lead[1:] <= 0) & (lead[:-1] > 0)][0]
+    slack = motion["tension_n"].to_numpy() == 0
+    np.testing.assert_allclose(motion["x_cg_m"][slack] + 0.91 + 1.548, lead[slack], atol=1e-7)
+    assert slack[times < taut_at - 0.02].all()
+    assert not slack[times > taut_at + 0.02].any()
+
+
+def test_the_jerk_of_a_line_keeps_momentum_and_takes_the_parting_speed() -> None:
+    """At an angle: after the jerk the tow point does not leave the circle, and the impulse acts along the line only."""
+    hull, towed, alpha, beta, parting = mariner(**SURGE), tow(), 0.4, 0.15, 0.03
+    surge, sway, yaw = jerk_of_line(hull, towed, alpha, beta, parting)
+    sine, cosine = np.sin(alpha + beta), np.cos(alpha + beta)
+    # speed of the tow point along the line, away from the post
+    assert -(surge * cosine - (sway + towed.tow_point_m * yaw) * sine) == pytest.approx(-parting)
+    impulse = surge * 82.0 / cosine
+    assert impulse > 0
+    assert sway * hull.m_minus_y_vdot == pytest.approx(-impulse * sine)
+    assert yaw * hull.i_minus_n_rdot == pytest.approx(-impulse * sine * towed.tow_point_m)
+
+
+def test_work_of_the_line_is_what_the_water_takes_and_the_model_gains() -> None:
+    """Energy of surge, sway and yaw in the carriage's axes moves at constant speed, so it is balanced in the tank's at rest."""
+    hull, towed = mariner(**SURGE, x_vr_kg=71.19), replace(tow(1.649), line="surge")
+    times = np.linspace(0, 20, 4001)
+    motion = simulate_full(hull, towed, Start(alpha_rad=0.25), times)
+    alpha, beta, v, r = (motion[c].to_numpy() for c in ("alpha_rad", "beta_rad", "v_m_s", "r_rad_s"))
+    u = forward_speed(towed, alpha, beta, v, r)
+    energy = 0.5 * (82.0 * u**2 + hull.m_minus_y_vdot * v**2 + hull.i_minus_n_rdot * r**2)
+    tension = motion["tension_n"].to_numpy()
+    ratio = u / 1.28
+    side = ratio * (hull.y_v * v + hull.y_r_minus_mu * r)
+    turn = ratio * (hull.n_v * v + hull.n_r * r)
+    # the line's point moves with the carriage: its pull works along the tank only
+    line = tension * (u * np.cos(alpha + beta) - (v + 1.649 * r) * np.sin(alpha + beta))
+    power = -3.96 * ratio**1.85 * u + (71.19 + 78.0) * v * r * u + side * v + turn * r + line
+    done = np.concatenate([[0.0], np.cumsum((power[1:] + power[:-1]) / 2 * np.diff(times))])
+    np.testing.assert_allclose(energy - energy[0], done, atol=2e-5 * energy[0])
+
+
+def test_surge_without_a_mass_is_said() -> None:
+    with pytest.raises(TowlineError, match="mass_kg: missing"):
+        simulate_full(mariner(), replace(tow(), line="surge"), Start(), np.linspace(0, 1, 5))
+    with pytest.raises(TowlineError, match="follows from the motion"):
+        simulate_full(
+            mariner(**SURGE),
+            replace(tow(), line="surge"),
+            Start(),
+            np.linspace(0, 1, 5),
+            histories=Histories(tension_n=lambda _: 4.0),
+        )
+
+
+def test_a_scenario_says_what_its_line_keeps(samples: Path, tmp_path: Path) -> None:
+    text = re.sub(r'line = "\w+"\n', "", (samples / "mariner" / "x1548" / "scenario.toml").read_text())
+    swung = {}
+    for line, said in (("surge", ""), ("constant", 'line = "constant"\n')):
+        (tmp_path / "scenario.toml").write_text(text.replace("[tow]\n", f"[tow]\n{said}"))
+        swung[line] = simulate_scenario(read_scenario(tmp_path / "scenario.toml"), tmp_path)
+    np.testing.assert_allclose(swung["constant"]["tension_n"], 3.96)
+    assert np.ptp(swung["surge"]["tension_n"]) > 0.5
+    (tmp_path / "scenario.toml").write_text(re.sub(r"tension_n = .*", 'tension = "t.csv"', text))
+    with pytest.raises(InputError, match="follows from the motion"):
         read_scenario(tmp_path / "scenario.toml")

@@ -317,7 +317,7 @@ def loose_rates(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = Non
     ----------
     state : (6, ...), m, m, rad, m/s, m/s, rad/s
     """
-    x, y, beta, u, v, r = state
+    _, y, beta, u, v, r = state
     sin_b, cos_b = np.sin(beta), np.cos(beta)
     tension, sine, cosine, alpha = spring_tension(t_s, state, tow)
     more = (0.0, 0.0) if extra is None else extra(t_s, y, beta, v, r, alpha)

@@ -253,8 +253,6 @@ def _run_toml(file: ScenarioFile, video: str, picks: NDArray[np.float64]) -> str
     ]
     not_stated = {"resistance_n", "line_stiffness_n_m", "line_damping_n_s_m"}
     tables["tow"] = file.tow.model_dump(exclude=not_stated, exclude_none=True, exclude_defaults=True)
-    if file.tow.line == "surge" and file.tow.resistance_n is not None:
-        tables["tow"]["tension_n"] = file.tow.resistance_n
     tables["model"] = file.model.model_dump(exclude_none=True)
     tables["water"] = file.water.model_dump(exclude_none=True)
     for name, content in tables.items():

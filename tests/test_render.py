@@ -303,6 +303,7 @@ def test_unmeasured_tension_is_left_out(tmp_path: Path):
 def test_history_travels_with_the_run(tmp_path: Path):
     (tmp_path / "tension.csv").write_text("t_s,tension_n\n0,3.9\n10,4.1\n")
     tow = {"speed_m_s": 1.28, "line_length_m": 0.91, "tow_point_m": 1.548, "tension": "tension.csv"}
+    tow["line"] = "constant"
     render_scenario(scenario(tow=tow), tmp_path, tmp_path / "run")
     assert read_run(tmp_path / "run").tow.tension == "tension.csv"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
@@ -16,8 +16,10 @@ from ..simulate.model import Array, Tow
 from ..simulate.scenario import tow_from_table
 from .still import Still
 
+SHORTEST_LOG_S = 2.0
 LONGEST_S = 1e6
 """No record is longer: its times are in another unit."""
+WATER_KG_M3 = 1000.0
 ASSUMED_SIGMA_Y_M = 1e-3
 ASSUMED_SIGMA_BETA_RAD = np.radians(0.1)
 """Weights of a motion without sigma columns; the fit measures the noise itself, these only start it."""
@@ -37,12 +39,16 @@ class RunData:
     common_key : runs with the same key share their modes (same camera, datum, markers)
     lag, lag_key : (l, n, 2), the same of the codec's modes, which go with the way and the speed and not with the place
         (``geometry.lag``); shared by runs of one camera wherever it stood
-    tow : Tow; tension_n is the mean of a history
-    tension : (times, values) of a history on the run's clock, or None
+    tow : Tow; tension_n is the mean of a history, speed_m_s too; of a line that keeps its length tension_n is R
+    tension : (times, values) of a history that moves a line of given tension, on the run's clock, or None
     speed : the same of the carriage speed
     priors : of the run
     assumed_sigma : the motion came without sigma
     still : the model held still, as the same camera sees it; None: no such record
+    mass_kg, length_pp_m : of the model; the mass is needed where the line keeps its length
+    rudder : (times, rad) of a history; else tow.rudder_rad
+    gauge : (times, N) of a load cell on a line that keeps its length: an observation of its tension
+    tension_stated : R or T is known beside the motion; False: tow.tension_n is a guess of the right order
     """
 
     name: str
@@ -60,6 +66,16 @@ class RunData:
     still: Still | None = None
     lag: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
     lag_key: str = ""
+    mass_kg: float | None = None
+    length_pp_m: float = float("nan")
+    rudder: tuple[Array, Array] | None = None
+    gauge: tuple[Array, Array] | None = None
+    tension_stated: bool = True
+
+    @property
+    def steered(self) -> bool:
+        """Its rudder is over, or moves."""
+        return self.rudder is not None or self.tow.rudder_rad != 0.0
 
     @property
     def shared(self) -> tuple[tuple[str, Array], ...]:
@@ -88,7 +104,7 @@ def run_data(
 
     Raises
     ------
-    InputError : a free run, no tension, an unsupported history, or fewer than 20 measured samples
+    InputError : a free run, no tension (line = "constant"), or fewer than 20 measured samples
     """
     where = run.folder / RUN_FILE
     if run.file.kind == "free":
@@ -96,10 +112,6 @@ def run_data(
             where, "kind", '"free": this estimator needs the line\'s force; kind "tow" or "forced" is expected'
         )
     table = run.tow
-    if table.rudder is not None:
-        raise InputError(
-            where, "tow.rudder", "a rudder history is not evaluated by this version; a constant rudder_rad is"
-        )
     span = run.file.source.span_s
     measured = (motion["status"] == "measured").to_numpy() & np.isfinite(motion[["y_cg_m", "beta_rad"]].to_numpy()).all(
         axis=1
@@ -112,18 +124,25 @@ def run_data(
     times = rows["t_s"].to_numpy()
     check_times(run, times)
     tow = tow_from_table(table)
-    tension = speed = None
+    tension = speed = gauge = None
     if table.tension is not None:
-        tension = _history(run, table.tension, "tension_n", table.tension_delay_s, times)
+        whole = table.line == "constant"
+        tension = _history(run, table.tension, "tension_n", table.tension_delay_s, times, whole)
     elif "tension_n" in rows and rows["tension_n"].notna().all():
         tension = (times, rows["tension_n"].to_numpy())
-    elif table.tension_n is None:
+    elif table.tension_n is None and table.line == "constant":
         raise InputError(where, "tow.tension_n", "missing key; the derivatives are proportional to the tension")
     if tension is not None:
-        tow = _with(tow, tension_n=float(np.interp(times, *tension).mean()), resistance_n=None)
+        there = times[(times >= tension[0][0]) & (times <= tension[0][-1])]
+        tow = replace(tow, tension_n=float(np.interp(there, *tension).mean()), resistance_n=None)
+    elif table.tension_n is None:
+        tow = replace(tow, tension_n=usual_resistance(run.model.mass_kg, run.model.length_pp_m, tow.speed_m_s))
+    stated = tension is not None or table.tension_n is not None
+    if table.line == "surge":
+        tension, gauge = None, tension
     if table.speed is not None:
         speed = _history(run, table.speed, "speed_m_s", table.speed_delay_s, times)
-        tow = _with(tow, speed_m_s=float(np.interp(times, *speed).mean()))
+        tow = replace(tow, speed_m_s=float(np.interp(times, *speed).mean()))
     if tow.tension_n is not None and tow.tension_n <= 0:
         raise InputError(where, "tow.tension_n", f"{tow.tension_n:g} N; a tow needs a tension above 0")
     if tow.speed_m_s <= 0:
@@ -138,7 +157,7 @@ def run_data(
         covariance=covariance,
         common=modes,
         common_key=common_key(run),
-        tow=_with(tow, post_m=(tow.post_m[0], 0.0)),
+        tow=replace(tow, post_m=(tow.post_m[0], 0.0)),
         tension=tension,
         speed=speed,
         priors=run.file.priors if priors is None else priors,
@@ -146,7 +165,21 @@ def run_data(
         still=None if still is None else _still(still),
         lag=lags,
         lag_key=sha256_of_texts("lag", repr(run.file.camera), *(m.name for m in run.file.marker)),
+        mass_kg=run.model.mass_kg,
+        length_pp_m=run.model.length_pp_m,
+        rudder=None if table.rudder is None else _history(run, table.rudder, "rudder_rad", table.rudder_delay_s, times),
+        gauge=gauge,
+        tension_stated=stated,
     )
+
+
+def usual_resistance(mass_kg: float, length_pp_m: float, speed_m_s: float) -> float:
+    """R of a bare hull of this size, N: where a fit begins that weighs the model and knows no tension.
+
+    rho/2 S U^2 C_T with C_T 0.0045 and the wetted surface S = 2.6 sqrt(displacement length) (Taylor).
+    """
+    surface = 2.6 * np.sqrt(mass_kg / WATER_KG_M3 * length_pp_m)
+    return float(0.5 * WATER_KG_M3 * surface * speed_m_s**2 * 0.0045)
 
 
 def check_times(run: Run, times: Array) -> None:
@@ -164,16 +197,12 @@ def _still(motion: pd.DataFrame) -> Still:
     return Still(rows["t_s"].to_numpy(), rows[["y_cg_m", "beta_rad"]].to_numpy(), _covariance(rows)[0])
 
 
-def _with(tow: Tow, **changes) -> Tow:
-    from dataclasses import replace
-
-    return replace(tow, **changes)
-
-
-def _history(run: Run, name: str, column: str, delay_s: float, times: Array) -> tuple[Array, Array]:
+def _history(run: Run, name: str, column: str, delay_s: float, times: Array, whole: bool = True) -> tuple[Array, Array]:
+    """A history on the recording's clock; ``whole``: it must cover all of the record, else ``SHORTEST_LOG_S`` of it."""
     table = read_history(run.path(name), column)
     clock = table["t_s"].to_numpy() + delay_s
-    if clock[0] > times[0] or clock[-1] < times[-1]:
+    together = min(clock[-1], times[-1]) - max(clock[0], times[0])
+    if (whole and (clock[0] > times[0] or clock[-1] < times[-1])) or together < SHORTEST_LOG_S:
         raise InputError(
             run.path(name),
             "column t_s",

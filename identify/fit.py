@@ -22,6 +22,7 @@ from .colour.disturbance import Disturbance
 from .colour.leftover import Whitened, leftover
 from .data import RunData
 from .joint.begin import knows_full_only, rough_optimum
+from .joint.common import needs_full
 from .joint.parameters import RUN_PARAMETERS
 from .joint.problem import OWN, Answer, Problem
 from .joint.solve import Optimum, minimise
@@ -49,7 +50,10 @@ class Fit:
     speed_m_s : reference speed
     own : (runs, 8), ``OWN``; sides: y m (linear) or alpha rad (full)
     own_sd : (runs, 8); 0 where a value stands as stated
-    common : errors of tension, line_length, speed common to all runs, in their prior's sd: {name: (value, sd)}
+    common : errors of tension, line_length, speed common to all runs, in their prior's sd: {name: (value, sd)}; a tension that
+        nobody stated: logarithm of its factor to the guess
+    beside : numbers of the hull beside the six, at ``speed_m_s``: model along its way, rudder, asymmetry: {name: (value, sd)}
+    tension_n : per run (n,), T from the motion at the samples, of a line that keeps its length; else empty
     modes : common modes' sizes by camera key, in their standard deviations
     response : per run (n, 2), fitted y_m and beta_rad with biases and common modes
     residual : per run (n, 2), measured minus response
@@ -85,6 +89,8 @@ class Fit:
     converged: bool
     theta: Array = field(default_factory=lambda: np.zeros(0))
     naive_covariance: Array | None = None
+    beside: dict[str, tuple[float, float]] = field(default_factory=dict)
+    tension_n: list[Array] = field(default_factory=list)
     method: str = "output_error"
     disturbance: Disturbance | None = None
     notes: tuple[str, ...] = ()
@@ -159,7 +165,13 @@ def check_runs(runs: list[RunData], form: str, speed_m_s: float | None) -> float
     needs_full = [d.name for d in runs if knows_full_only(d)]
     if needs_full and form == "linear":
         raise EstimationError(
-            f"run {needs_full[0]!r}: a moving post and histories of tension or speed are known to the full form only"
+            f"run {needs_full[0]!r}: a moving post and histories of tension, speed or rudder are known to the full form only"
+        )
+    lines = {d.tow.line: d.name for d in runs}
+    if len(lines) > 1:
+        said = ", ".join(f"{name!r} line = {line!r}" for line, name in lines.items())
+        raise EstimationError(
+            f"tow.line: {said}; the runs of one fit share one equation of motion (or choose it with --line)"
         )
     return float(np.mean([d.tow.speed_m_s for d in runs])) if speed_m_s is None else speed_m_s
 
@@ -231,6 +243,8 @@ def _report(
         white.append(Whitened(e, j, answer.columns, float(np.median(np.diff(data.t_s)))))
         place = np.ix_(answer.columns, answer.columns)
         information[place] += j[0] @ j[0].T + j[1] @ j[1].T
+        if answer.gauge is not None:
+            information[place] += answer.gauge[1] @ answer.gauge[1].T
         plain[place] += information_as_white(w, answer)
     inverse = inverse_information(information, problem.free)
     slow = leftover([run for run, colour in zip(white, known, strict=True) if colour is None], inverse)
@@ -249,7 +263,9 @@ def _report(
         speed_m_s=problem.speed,
         own=theta[6 : problem.own_end].reshape(count, len(OWN)),
         own_sd=sd[6 : problem.own_end].reshape(count, len(OWN)),
-        common={name: (float(theta[at]), float(sd[at])) for name, at in problem.common_at.items()},
+        common=common_errors(problem, theta, sd),
+        beside=beside_of(problem, theta, sd),
+        tension_n=[a.tension_n for a in optimum.answers if a.tension_n is not None],
         modes={key: theta[at] for key, at in problem.mode_at.items()},
         response=[a.response.T for a in optimum.answers],
         residual=[a.residual.T for a in optimum.answers],
@@ -262,6 +278,26 @@ def _report(
         theta=theta,
         naive_covariance=inverse_information(plain, problem.free)[:6, :6],
     )
+
+
+def common_errors(problem: Problem, theta: Array, sd: Array) -> dict[str, tuple[float, float]]:
+    """``Fit.common``."""
+    at = problem.common_at
+    return {
+        c.name: (float(theta[at[c.name]]), float(sd[at[c.name]])) for c in problem.commons if not needs_full(c.name)
+    }
+
+
+def beside_of(problem: Problem, theta: Array, sd: Array) -> dict[str, tuple[float, float]]:
+    """``Fit.beside``; nothing of it is known to the linear form."""
+    if problem.form == "linear":
+        return {}
+    found = {}
+    for c in problem.commons:
+        if needs_full(c.name):
+            at = problem.common_at[c.name]
+            found[c.name] = (float(c.base[0] + theta[at] * c.sd[0]), float(sd[at] * c.sd[0]))
+    return found
 
 
 def information_as_white(weight: Whitener, answer: Answer) -> Array:

@@ -53,6 +53,30 @@ def weak_form_start(runs: list[RunData], reference_speed_m_s: float) -> Array:
     return np.array([mass, inertia, y_v, sway[2], yaw[1], n_r])
 
 
+def rudder_start(runs: list[RunData], six: Array, reference_speed_m_s: float) -> tuple[float, float]:
+    """(Y_delta, N_delta) at ``reference_speed_m_s`` that hold the steered runs at their mean angles (5.1), N/rad and N m/rad."""
+    rows, side, moment = [], [], []
+    for data in runs:
+        if not data.steered:
+            continue
+        tow, ratio = data.tow, data.tow.speed_m_s / reference_speed_m_s
+        delta = tow.rudder_rad if data.rudder is None else float(np.interp(data.t_s, *data.rudder).mean())
+        alpha = alpha_from_y(data.y_m, data.beta_rad, tow)
+        good = np.isfinite(alpha)
+        if not good.any():
+            continue
+        angle = float(np.mean(np.sin(alpha[good] + data.beta_rad[good])))
+        v = -tow.speed_m_s * float(np.sin(data.beta_rad[good]).mean())
+        assert tow.tension_n is not None
+        rows.append(delta * ratio**2)
+        side.append(tow.tension_n * angle - six[2] * ratio * v)
+        moment.append(tow.tension_n * (tow.tow_point_m * angle + tow.tow_point_offset_m) - six[4] * ratio * v)
+    weight = float(np.dot(rows, rows)) if rows else 0.0
+    if weight == 0.0:
+        return 0.0, 0.0
+    return float(np.dot(rows, side)) / weight, float(np.dot(rows, moment)) / weight
+
+
 def start_state(data: RunData) -> tuple[float, float, float, float]:
     """(y, beta, v, r) at the first sample from quadratics through the first part of the record."""
     span = max(1.0, 4.0 * np.median(np.diff(data.t_s)))

@@ -364,11 +364,14 @@ def test_unusable_runs_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="kind"):
         run_data(free, motion, None)
     no_force = {k: v for k, v in RUN["tow"].items() if k != "tension_n"}
-    slack = Run(tmp_path, check_tables({**RUN, "tow": no_force}, RunFile, tmp_path / "run.toml"))
+    slack = Run(tmp_path, check_tables({**RUN, "tow": no_force | CONSTANT}, RunFile, tmp_path / "run.toml"))
     with pytest.raises(InputError, match=r"tow\.tension_n: missing key"):
         run_data(slack, motion, None)
+    weighed = Run(tmp_path, check_tables({**RUN, "tow": no_force}, RunFile, tmp_path / "run.toml"))
+    assert not run_data(weighed, motion, None).tension_stated
 
 
+CONSTANT = {"line": "constant"}
 RUN = {
     "name": "r",
     "source": {"motion": "motion.csv"},
@@ -493,7 +496,7 @@ def _moved(span_s: tuple[float, float] = (0.0, 30.0)) -> pd.DataFrame:
 def test_a_force_log_is_read_on_the_recordings_clock(tmp_path: Path) -> None:
     """Its clock begins 2.5 s late: what it holds at its 10 s happened at 12.5 s of the film."""
     clock = np.arange(-5, 40, 0.25)
-    run = _logged(tmp_path, "tension_n", 4.0 + 0.01 * clock, clock, tension_delay_s=2.5)
+    run = _logged(tmp_path, "tension_n", 4.0 + 0.01 * clock, clock, tension_delay_s=2.5, **CONSTANT)
     found = run_data(run, _moved(), None)
     assert found.tension is not None
     assert np.interp(12.5, *found.tension) == pytest.approx(4.1, rel=1e-12)
@@ -503,10 +506,10 @@ def test_a_force_log_is_read_on_the_recordings_clock(tmp_path: Path) -> None:
     steady = steady_state(run, _moved(), None)
     inside = (clock + 2.5 >= steady.span_s[0]) & (clock + 2.5 <= steady.span_s[1])
     assert steady.tension_n == pytest.approx((4.0 + 0.01 * clock)[inside].mean(), rel=1e-12)
-    late = _logged(tmp_path, "tension_n", 4.0 + 0 * clock, clock, tension_delay_s=6.0)
+    late = _logged(tmp_path, "tension_n", 4.0 + 0 * clock, clock, tension_delay_s=6.0, **CONSTANT)
     with pytest.raises(InputError, match=r"covers 1.00 .. 45.75 s .* 0.00 .. 29.90 s is needed"):
         run_data(late, _moved(), None)
-    early = _logged(tmp_path, "tension_n", 4.0 + 0 * clock, clock, tension_delay_s=-20.0)
+    early = _logged(tmp_path, "tension_n", 4.0 + 0 * clock, clock, tension_delay_s=-20.0, **CONSTANT)
     with pytest.raises(InputError, match=r"covers -25.00 .. 19.75 s"):
         run_data(early, _moved(), None)
     with pytest.raises(InputError, match="holds nothing between"):
@@ -545,7 +548,7 @@ def test_samples_outside_the_span_or_not_measured_are_left_out(tmp_path: Path) -
     folder = Run(tmp_path, check_tables(RUN | {"source": {"motion": "motion.csv"}}, RunFile, tmp_path / "run.toml"))
     with_own = run_data(folder, _moved().assign(tension_n=3.5), None)
     assert with_own.tow.tension_n == pytest.approx(3.5)
-    none = {"tow": {k: v for k, v in RUN["tow"].items() if k != "tension_n"}}
+    none = {"tow": {k: v for k, v in RUN["tow"].items() if k != "tension_n"} | CONSTANT}
     with pytest.raises(InputError, match="proportional to the tension"):
         run_data(Run(tmp_path, check_tables(RUN | none, RunFile, tmp_path / "run.toml")), _moved(), None)
 

@@ -12,7 +12,7 @@ from scipy.linalg import expm
 from towline.identify import fit_runs
 from towline.identify.criteria import fit_criterion
 from towline.identify.joint.linear import exponential, linear_paths, system_matrices
-from towline.identify.joint.parameters import COUNT, EVERY, hull_from, run_tow
+from towline.identify.joint.parameters import COUNT, hull_from, run_tow
 from towline.identify.joint.partials import linearise
 from towline.identify.joint.thin import thinned
 from towline.identify.limits.bound import cramer_rao
@@ -20,7 +20,7 @@ from towline.identify.multistart import multistart
 from towline.identify.response import full_response, linear_response
 from towline.record import EstimationError, Priors
 from towline.simulate import Start, Tow, linear_system, simulate_full
-from towline.simulate.model import alpha_from_y, full_rates
+from towline.simulate.model import Hull, Line, alpha_from_y, full_state
 
 
 @pytest.mark.parametrize("norm", [0.02, 3.0, 40.0])
@@ -41,8 +41,9 @@ def test_the_exponential_and_its_derivatives_against_scipys_of_the_block_matrix(
             np.testing.assert_allclose(change[b, k], exact[:5, 5:], atol=1e-13 * scale)
 
 
-def test_partials_against_the_complex_step_of_the_one_equation_of_motion() -> None:
-    """Any state and tow, with an off-centre tow point and a moving post: equal to rounding."""
+@pytest.mark.parametrize("line", ["constant", "surge"])
+def test_partials_against_the_complex_step_of_the_one_equation_of_motion(line: Line) -> None:
+    """Any state and tow, off-centre tow point, moving post, rudder over, carriage gaining speed: equal to rounding."""
     rng = np.random.default_rng(2)
     for _ in range(20):
         values = np.array(
@@ -50,6 +51,8 @@ def test_partials_against_the_complex_step_of_the_one_equation_of_motion() -> No
                 *rng.uniform([100, 40, -70, -90, -70, -80], [200, 80, -30, -40, -30, -30]),
                 *rng.uniform(-0.6, 0.6, 4),
                 *rng.uniform([2, 1.2, 0.6, 0.8], [6, 1.9, 1.4, 1.6]),
+                *rng.uniform([-7, 0, -40, -5, 1.5], [-1, 80, 10, 5, 2.2]),
+                *rng.uniform([10, -30, -0.5, -0.5], [30, -10, 0.5, 0.5]),
             ]
         )
         tow = replace(
@@ -58,24 +61,36 @@ def test_partials_against_the_complex_step_of_the_one_equation_of_motion() -> No
             post_amplitude_m=0.05,
             post_frequency_hz=0.2,
             post_phase_rad=0.7,
+            rudder_rad=0.2,
+            line=line,
         )
+        # the carriage at 1.03 of its nominal speed and gaining 0.02 of it in a second
+        share, late = (1.03, 0.02) if line == "surge" else (1.0, 0.0)
 
-        def rates(moved: np.ndarray, tow: Tow = tow) -> np.ndarray:
-            here = run_tow(tow, moved)
-            return full_rates(1.3, moved[6:10], hull_from(moved, 1.1).at_speed(here.speed_m_s), here)
+        def there(moved: np.ndarray, tow: Tow = tow, share: float = share, late: float = late) -> tuple[Hull, Tow]:
+            nominal = run_tow(tow, moved).speed_m_s
+            now = replace(run_tow(tow, moved), speed_m_s=nominal * share, speed_rate_m_s2=nominal * late)
+            return hull_from(moved, 1.1, 78.0).at_speed(nominal), now
 
-        here = run_tow(tow, values)
-        hull = hull_from(values, 1.1).at_speed(here.speed_m_s)
-        found = linearise(full_rates, 1.3, values[6:10, None], _columns(hull), here, EVERY, 1.1)
+        def both(moved: np.ndarray) -> np.ndarray:
+            found = full_state(1.3, moved[6:10], *there(moved))  # noqa: B023
+            return np.append(found.rates, found.tension_n)
+
+        hull, here = there(values)
+        every = tuple(range(COUNT))
+        found = linearise(1.3, values[6:10, None], _columns(hull), here, every, 1.1)
         moved = np.zeros((4, 4 + COUNT, 1))
         moved[range(4), range(4)] = 1.0
-        slopes = found.along(moved, 4, EVERY)[:, :, 0]
+        slopes = found.along(moved, 4, every)[:, :, 0]
+        pulls = found.tension_along(moved[:, 4:], every)[:, 0] if line == "surge" else None
         for index in range(COUNT):
             column = values.astype(complex)
             column[index] += 1e-30j
-            exact = np.imag(rates(column)) / 1e-30
+            exact = np.imag(both(column)) / 1e-30
             at = index - 6 if 6 <= index < 10 else 4 + index
-            np.testing.assert_allclose(slopes[:, at], exact, rtol=1e-12, atol=1e-14)
+            np.testing.assert_allclose(slopes[:, at], exact[:4], rtol=1e-11, atol=1e-13)
+            if pulls is not None and not 6 <= index < 10:
+                assert pulls[index] == pytest.approx(exact[4], rel=1e-11, abs=1e-12)
 
 
 def _columns(hull):

@@ -11,7 +11,7 @@ from ...processes import Each, in_turn
 from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..data import RunData
-from ..fit import Fit, fit_runs, modes_along
+from ..fit import Fit, beside_of, common_errors, fit_runs, modes_along
 from ..joint.problem import OWN, Problem
 from ..joint.thin import thinned
 from ..noise import ljung_box_p, measured, stated
@@ -154,7 +154,8 @@ def as_fit(runs: list[RunData], fit: Fit, found: LikelihoodFit, notes: tuple[str
         filtered_covariance=found.covariance[:6, :6],
         own=found.theta[6 : problem.own_end].reshape(count, len(OWN)),
         own_sd=sd[6 : problem.own_end].reshape(count, len(OWN)),
-        common={name: (float(found.theta[at]), float(sd[at])) for name, at in problem.common_at.items()},
+        common=common_errors(problem, found.theta, sd),
+        beside=beside_of(problem, found.theta, sd),
         modes={key: found.theta[at] for key, at in problem.mode_at.items()},
         response=[a.response.T for a in answers],
         residual=[a.residual.T for a in answers],

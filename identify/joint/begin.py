@@ -19,8 +19,9 @@ from .solve import Optimum, Progress, minimise, normal
 from .thin import thinned
 
 ROUGH_CONVERGED = 1e-5
-POOR = 30.0
-"""A start whose chi-square per residual exceeds this is led in by growing records."""
+POOR = {"constant": 30.0, "surge": 3000.0}
+"""A start whose chi-square per residual exceeds this is led in by growing records; the linear form, whose tension is constant, leaves
+more of a tow that swings on a line of constant length."""
 SHARES = (0.25, 0.5, 1.0)
 LEADING_CONVERGED = 1e-3
 FEWEST_SAMPLES = 40
@@ -48,27 +49,28 @@ def rough_optimum(
     EstimationError : no motion near the records can be simulated
     """
     few = [thinned(d) for d in runs]
-    problem = Problem(few, "linear", speed_m_s, hold, extra)
+    # the linear form knows no rudder: what a rudder holds the model aside by is a bias to it
+    problem = Problem([_biased(d) for d in few], "linear", speed_m_s, hold, extra)
     weights = [stated(d.covariance, d.t_s) for d in few]
     first = problem.start() if start is None else problem.from_six(start)
     linear_too = not any(knows_full_only(d) for d in runs)
     if form == "linear":
         found = minimise(problem, first, weights, progress, converged=ROUGH_CONVERGED)
         return found.theta, found.steps
-    begins, steps = [problem.sides_to_full(first)], 0
+    whole = Problem(few, "full", speed_m_s, hold, extra, rough=True)
+    begins, steps = [whole.from_linear(first)], 0
     if linear_too:
         try:
             found = minimise(problem, first, weights, progress, converged=ROUGH_CONVERGED)
-            begins.insert(0, problem.sides_to_full(found.theta))
+            begins.insert(0, whole.from_linear(found.theta))
             steps = found.steps
         except EstimationError:
             pass
-    whole = Problem(few, "full", speed_m_s, hold, extra)
     scores = []
     for theta in begins:
         scores.append(_per_residual(whole, theta, weights))
-        if scores[-1] < POOR:
-            if linear_too and len(scores) == 1:
+        if scores[-1] < POOR[runs[0].tow.line]:
+            if linear_too and len(scores) == 1 and runs[0].tow.line == "constant":
                 return theta, steps
             found = minimise(whole, theta, weights, progress, converged=ROUGH_CONVERGED)
             return found.theta, steps + found.steps
@@ -78,7 +80,14 @@ def rough_optimum(
 
 def knows_full_only(data: RunData) -> bool:
     """The run holds what the linear form does not know."""
-    return bool(data.tow.post_amplitude_m) or data.tension is not None or data.speed is not None
+    return (
+        bool(data.tow.post_amplitude_m) or data.tension is not None or data.speed is not None or data.rudder is not None
+    )
+
+
+def _biased(data: RunData) -> RunData:
+    free = {"y_bias_sd_m": None, "beta_bias_sd_rad": None}
+    return replace(data, priors=data.priors.model_copy(update=free)) if data.steered else data
 
 
 def _per_residual(problem: Problem, theta: Array, weights) -> float:
@@ -95,7 +104,7 @@ def _led_in(
     theta = begins[-1]
     for share in SHARES:
         parts = [_first_part(d, share) for d in runs]
-        problem = Problem(parts, "full", speed_m_s, hold, extra)
+        problem = Problem(parts, "full", speed_m_s, hold, extra, rough=True)
         some = [stated(d.covariance, d.t_s) for d in parts]
         if found is None:
             theta = min(begins, key=lambda t: _per_residual(problem, t, some))

@@ -4,7 +4,7 @@ The path is found by Newton's method on all steps together: every step of every 
 side, with its derivatives; a recursion of 4 x 4 matrices then carries what each step lacks to the next. The answer is that
 of the step-by-step method, with its sensitivities, in two or three passes; where Newton fails, the steps go one by one.
 
-Step h = 0.05 s at most: Runge-Kutta and the cubic interpolation between steps err by about 1e-7 of the amplitude.
+Step h = 0.05 s at most: Runge-Kutta and the cubic interpolation between steps err by about 1e-6 of the amplitude.
 """
 
 from __future__ import annotations
@@ -34,10 +34,12 @@ class Guess:
     Attributes
     ----------
     step_s : of the grid
-    values : (runs, 14), of the path
+    values : (runs, ``COUNT``), of the path
     path : (4, steps + 1, runs), (alpha, beta, v, r)
     moved : (4, wanted, steps + 1, runs), its sensitivities
     wanted : their parameters
+    tension : (steps + 1, runs), T along it, N
+    tension_moved : (wanted, steps + 1, runs), its sensitivities; None where the line's tension is given
     """
 
     step_s: float
@@ -45,6 +47,18 @@ class Guess:
     path: Array
     moved: Array
     wanted: tuple[int, ...]
+    tension: Array | None = None
+    tension_moved: Array | None = None
+
+    def tension_at(self, run: int, t_s: Array) -> tuple[Array, Array]:
+        """T of a run, (n,), and its sensitivities (wanted, n), at times from the run's first sample; straight between steps."""
+        assert self.tension is not None and self.tension_moved is not None
+        place = np.clip(t_s / self.step_s, 0.0, len(self.tension) - 1 - 1e-9)
+        node = place.astype(int)
+        share = place - node
+        both = np.concatenate([self.tension[None, :, run], self.tension_moved[:, :, run]])
+        found = both[:, node] * (1 - share) + both[:, node + 1] * share
+        return found[0], found[1:]
 
 
 def full_paths(
@@ -53,21 +67,23 @@ def full_paths(
     reference_speed_m_s: float,
     wanted: tuple[int, ...] = EVERY,
     guess: Guess | None = None,
+    rough: bool = False,
 ) -> tuple[list[tuple[Array, Array]], Guess]:
     """(y, beta) of all runs at their samples with sensitivities, all runs side by side.
 
     Parameters
     ----------
-    values : (runs, 14), ``RUN_PARAMETERS``; side = alpha rad
+    values : (runs, ``COUNT``), ``RUN_PARAMETERS``; side = alpha rad. With lines of given tension the first 14 will do
     wanted : parameters whose sensitivities are asked for, rising
     guess : of an earlier call with other values; makes it faster
+    rough : longer steps
 
     Returns
     -------
     per run response (2, n) and sensitivity (2, len(wanted), n); and the guess for the next call.
     NaN where the motion leaves the equations' range (alpha + beta beyond 90 degrees)
     """
-    setting = setting_of(runs, values, reference_speed_m_s)
+    setting = setting_of(runs, values, reference_speed_m_s, rough)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         path = _first_path(runs, values, reference_speed_m_s, setting, guess)
         solved = _newton(setting, values, path, wanted)
@@ -83,7 +99,9 @@ def full_paths(
         ends = setting.linearised(0, path, wanted, everywhere)
         rates = ends.along(moved, 0, wanted)[:2]
         answers = [_sampled(d, i, setting, values, path, moved, ends.rates, rates, wanted) for i, d in enumerate(runs)]
-    return answers, Guess(setting.step, values, path, moved, wanted)
+        pulled = ends.tension_along(moved, wanted) if setting.tow.line == "surge" else None
+        tension = np.broadcast_to(ends.tension_n, path.shape[1:])
+    return answers, Guess(setting.step, values, path, moved, wanted, tension, pulled)
 
 
 def _first_path(runs: list[RunData], values: Array, reference: float, setting: Setting, guess: Guess | None) -> Array:

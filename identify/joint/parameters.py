@@ -1,28 +1,38 @@
 """What one run's response depends on, in one order.
 
-Parameters of a run (``RUN_PARAMETERS``): the six derivatives, the start (side, beta, v, r), T, X_T, L, U.
-The side is y for the linear form and alpha for the full one.
+Parameters of a run (``RUN_PARAMETERS``): the six derivatives, the start (side, beta, v, r), T, X_T, L, U; then what the full form
+knows beside: the model along its way (theory.md 10), rudder and asymmetry. The side is y for the linear form and alpha for the
+full one; T of a line that keeps its length is R.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ...simulate.model import DERIVATIVE_UNITS, Array, Hull, Tow, alpha_from_y
 from ..data import RunData
 
-RUN_PARAMETERS = (*DERIVATIVE_UNITS, "side", "beta", "v", "r", "tension", "tow_point", "line_length", "speed")
+ALONG = ("x_udot_kg", "x_vr_kg", "x_vv_kg_m", "x_rr_kg_m", "resistance_exponent")
+"""Numbers of the model along its way, as ``Hull`` and [priors.surge] call them."""
+ACROSS = ("y_delta", "n_delta", "y_bias_n", "n_bias_n_m")
+"""Constant forces, as ``Hull`` and [priors.derivatives] call them."""
+BOTH_FORMS = (*DERIVATIVE_UNITS, "side", "beta", "v", "r", "tension", "tow_point", "line_length", "speed")
+RUN_PARAMETERS = (*BOTH_FORMS, *ALONG, *ACROSS)
 COUNT = len(RUN_PARAMETERS)
+LINEAR_COUNT = len(BOTH_FORMS)
 TENSION, TOW_POINT, LINE_LENGTH, SPEED = range(10, 14)
+X_UDOT, X_VR, X_VV, X_RR, EXPONENT, Y_DELTA, N_DELTA, Y_BIAS, N_BIAS = range(LINEAR_COUNT, COUNT)
 """Places in a run's parameter vector."""
-EVERY = tuple(range(COUNT))
+EVERY = tuple(range(LINEAR_COUNT))
+"""What the linear form depends on."""
 STEEPEST_RAD = np.radians(80.0)
 
 
 def run_tow(tow: Tow, values: Array) -> Tow:
-    """The tow with T, X_T, L and U of a run's parameter vector (14,)."""
+    """The tow with T, X_T, L and U of a run's parameter vector (``COUNT``,)."""
     return replace(
         tow,
         tension_n=values[TENSION],
@@ -32,9 +42,10 @@ def run_tow(tow: Tow, values: Array) -> Tow:
     )
 
 
-def hull_from(values: Array, speed_m_s: float) -> Hull:
-    """A hull from the first six of a parameter vector, real or complex, quoted at ``speed_m_s``."""
-    return Hull(*values[:6], speed_m_s=speed_m_s)
+def hull_from(values: Array, speed_m_s: float, mass_kg: Any = None) -> Hull:
+    """A hull from a parameter vector (six or ``COUNT`` long), real or complex, quoted at ``speed_m_s``."""
+    rest = dict(zip((*ALONG, *ACROSS), values[LINEAR_COUNT:COUNT], strict=True)) if len(values) > LINEAR_COUNT else {}
+    return Hull(*values[:6], speed_m_s=speed_m_s, mass_kg=mass_kg, **rest)
 
 
 def side_from_y(form: str, data: RunData, y_m: float, beta_rad: float) -> float:

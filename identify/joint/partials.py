@@ -1,37 +1,54 @@
-"""Partial derivatives of ``simulate.model.full_rates`` by hand, in the arrangement that the integrator wants.
+"""Partial derivatives of ``simulate.model.full_state`` by hand, in the arrangement that the integrator wants.
 
-The rates themselves come from ``full_rates``; a test compares these derivatives with its complex step.
+Rates, tension and forward speed themselves come from ``full_state``; a test compares these derivatives with its complex step.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ...simulate.model import Array, Hull, Tow
-from .parameters import LINE_LENGTH, SPEED, TENSION, TOW_POINT
+from ...simulate.model import Array, Hull, Taut, Tow, full_state, surge_rate_of_line
+from .parameters import (
+    EXPONENT,
+    LINE_LENGTH,
+    N_BIAS,
+    N_DELTA,
+    SPEED,
+    TENSION,
+    TOW_POINT,
+    X_RR,
+    X_UDOT,
+    X_VR,
+    X_VV,
+    Y_BIAS,
+    Y_DELTA,
+)
+
+TURN, SWAY, YAW, PULL = range(4)
+"""Rows of the slopes: alpha', v', r' and T."""
+Column = dict[int, Any]
+"""How the rows change with one thing; rows that do not change are left out."""
 
 
 @dataclass(frozen=True)
 class Linearised:
-    """The rates (alpha', beta', v', r') at one or many places, and how they change.
+    """The rates (alpha', beta', v', r') and T at one or many places, and how they change.
 
     Attributes
     ----------
     rates : (4, ...)
-    alpha_row : (4, ...), of alpha' with alpha, beta, v, r
-    turn : (2, ...), of v', r' with alpha; the same with beta
-    damping : (2, 2, ...), of v', r' with v, r
-    parameters : {index in RUN_PARAMETERS: ((row of the rates, (...)), ...)}
+    tension_n : (...), T
+    by_state : for alpha, beta, v, r: ``Column``
+    parameters : {index in RUN_PARAMETERS: ``Column``}
     """
 
     rates: Array
-    alpha_row: Array
-    turn: Array
-    damping: Array
-    parameters: dict[int, tuple[tuple[int, Array], ...]]
+    tension_n: Any
+    by_state: tuple[Column, Column, Column, Column]
+    parameters: dict[int, Column]
 
     def along(self, moved: Array, first_parameter: int, wanted: tuple[int, ...]) -> Array:
         """Change of the rates, (4, c, ...), with changes ``moved`` (4, c, ...) of the state.
@@ -39,72 +56,266 @@ class Linearised:
         Column ``first_parameter`` + i belongs to parameter ``wanted[i]`` and gets its own part on top.
         """
         found = np.empty_like(moved)
-        a, b, v, r = moved
-        row = self.alpha_row
-        found[0] = row[0] * a + row[1] * b + row[2] * v + row[3] * r
-        found[1] = r
-        both = a + b
-        for i in range(2):
-            found[2 + i] = self.turn[i] * both + self.damping[i, 0] * v + self.damping[i, 1] * r
-        for at, index in enumerate(wanted, start=first_parameter):
-            for line, part in self.parameters.get(index, ()):
-                found[line, at] += part
+        found[1] = moved[3]
+        for row, at in ((TURN, 0), (SWAY, 2), (YAW, 3)):
+            self._row(row, moved, first_parameter, wanted, found[at])
         return found
 
+    def tension_along(self, moved: Array, wanted: tuple[int, ...]) -> Array:
+        """Change of T, (c, ...), with the parameters ``wanted`` that move the state by ``moved`` (4, c, ...)."""
+        return self._row(PULL, moved, 0, wanted, np.empty_like(moved[0]))
 
-def linearise(
-    rates: Callable[..., Array], t_s, state: Array, hull: Hull, tow: Tow, wanted: tuple[int, ...], reference: float
-) -> Linearised:
-    """Rates and their partial derivatives at ``state`` (4, ...).
+    def _row(self, row: int, moved: Array, first_parameter: int, wanted: tuple[int, ...], total: Array) -> Array:
+        part = None
+        for i, column in enumerate(self.by_state):
+            if row not in column:
+                continue
+            if part is None:
+                np.multiply(column[row], moved[i], out=total)
+                part = np.empty_like(total)
+            else:
+                np.multiply(column[row], moved[i], out=part)
+                total += part
+        if part is None:
+            total[:] = 0.0
+        for at, index in enumerate(wanted, start=first_parameter):
+            column = self.parameters.get(index, {})
+            if row in column:
+                total[at] += column[row]
+        return total
+
+
+def linearise(t_s, state: Array, hull: Hull, tow: Tow, wanted: tuple[int, ...], reference: float) -> Linearised:
+    """``full_state`` and its partial derivatives at ``state`` (4, ...).
 
     Parameters
     ----------
-    rates : ``full_rates``
-    hull : at the tow's speed; cross added masses, rudder and bias are not known here
+    hull : at the tow's speed ("constant" line) or at its nominal speed ("surge"); cross added masses are not known here
     tow : fields broadcast against the state; tension_n as it acts now
     wanted : parameters (indices of ``RUN_PARAMETERS``) whose partials are asked for
     reference : speed at which the derivatives are quoted; d/dU counts the damping's growth with U
     """
-    alpha, beta, v, r = state
-    value = rates(t_s, state, hull, tow)
-    _, post_rate = tow.post_motion(t_s)
-    sine, cosine = np.sin(alpha + beta), np.cos(alpha + beta)
-    sin_b, cos_b = np.sin(beta), np.cos(beta)
-    length, point, tension = tow.line_length_m, tow.tow_point_m, tow.tension_n
-    assert tension is not None
-    mass, inertia = hull.m_minus_y_vdot, hull.i_minus_n_rdot
-    across = 1.0 / (length * cosine)
-    shape = v.shape
-    swing = value[0] * sine / cosine
-    alpha_row = np.empty((4, *shape))
-    alpha_row[0] = swing
-    alpha_row[1] = swing + (tow.speed_m_s * cos_b + post_rate * sin_b) * across
-    alpha_row[2], alpha_row[3] = across, point * across
-    turn = np.empty((2, *shape))
-    turn[0] = -tension * cosine / mass
-    turn[1] = -tension * (point * cosine - tow.tow_point_offset_m * sine) / inertia
-    damping = np.empty((2, 2, *shape))
-    damping[0, 0], damping[0, 1] = hull.y_v / mass, hull.y_r_minus_mu / mass
-    damping[1, 0], damping[1, 1] = hull.n_v / inertia, hull.n_r / inertia
-    ratio = hull.speed_m_s / reference
-    found: dict[int, tuple[tuple[int, Array], ...]] = {}
-    for index in wanted:
+    taut = full_state(t_s, state, hull, tow)
+    return (_Kept if tow.line == "surge" else _Pulled)(t_s, state, hull, tow, taut).linearised(wanted, reference)
+
+
+class _Pulled:
+    """A line of given tension: u = U(t)."""
+
+    def __init__(self, t_s, state: Array, hull: Hull, tow: Tow, taut: Taut) -> None:
+        alpha, beta, v, r = state
+        self.state, self.hull, self.tow, self.taut = state, hull, tow, taut
+        self.post_rate = tow.post_motion(t_s)[1]
+        self.sine, self.cosine = np.sin(alpha + beta), np.cos(alpha + beta)
+        self.sin_b, self.cos_b = np.sin(beta), np.cos(beta)
+        self.arm = tow.tow_point_m * self.sine + tow.tow_point_offset_m * self.cosine
+        self.arm_slope = tow.tow_point_m * self.cosine - tow.tow_point_offset_m * self.sine
+        self.turn, self.tension = taut.rates[0], taut.tension_n
+        self.by_v, self.per_cosine = self.sine / self.cosine, 1.0 / self.cosine
+        self.reach = tow.line_length_m * self.turn  # L alpha'
+        self.linear = (hull.y_v * v + hull.y_r_minus_mu * r, hull.n_v * v + hull.n_r * r)
+        delta = tow.rudder_rad
+        self.steady = (hull.y_delta * delta + hull.y_bias_n, hull.n_delta * delta + hull.n_bias_n_m)
+        self.ratio: Any = 1.0  # of the speed in the forces to the hull's own
+
+    def linearised(self, wanted: tuple[int, ...], reference: float) -> Linearised:
+        columns = {index: self._column(index, reference) for index in wanted if not 6 <= index < 10}
+        states = self._by_alpha(), self._by_beta(), self._by_v(), self._by_r()
+        return Linearised(self.taut.rates, self.tension, states, columns)
+
+    def _forced(self, side: Any, moment: Any, push: Any = 0.0, stiffer: Any = 0.0, faster: Any = None) -> Column:
+        """Rows of a change that adds a side force and a moment; the rest matters to a line that keeps its length."""
+        mass, inertia = self.hull.m_minus_y_vdot, self.hull.i_minus_n_rdot
+        return {SWAY: side / mass, YAW: moment / inertia}
+
+    def _by_alpha(self) -> Column:
+        slope = self.by_v * self.turn
+        pull = self._forced(-self.tension * self.cosine, -self.tension * self.arm_slope)
+        return {TURN: slope} | pull
+
+    def _by_beta(self) -> Column:
+        gain = self.tow.speed_m_s * self.cos_b + self.post_rate * self.sin_b
+        column = self._by_alpha()
+        return column | {TURN: column[TURN] + gain * self.per_cosine / self.tow.line_length_m}
+
+    def _by_v(self) -> Column:
+        return {TURN: self.per_cosine / self.tow.line_length_m} | self._forced(self.hull.y_v, self.hull.n_v)
+
+    def _by_r(self) -> Column:
+        turn = self.tow.tow_point_m * self.per_cosine / self.tow.line_length_m
+        return {TURN: turn} | self._forced(self.hull.y_r_minus_mu, self.hull.n_r)
+
+    def _column(self, index: int, reference: float) -> Column:
+        """Rows by one parameter."""
+        _, _, v, r = self.state
         if index == 0:
-            found[index] = ((2, -value[2] / mass),)
-        elif index == 1:
-            found[index] = ((3, -value[3] / inertia),)
-        elif index < 6:
-            line, by = ((2, v / mass), (2, r / mass), (3, v / inertia), (3, r / inertia))[index - 2]
-            found[index] = ((line, by * ratio),)
-        elif index == TENSION:
-            arm = point * sine + tow.tow_point_offset_m * cosine
-            found[index] = ((2, -sine / mass), (3, -arm / inertia))
-        elif index == TOW_POINT:
-            found[index] = ((0, r * across), (3, -tension * sine / inertia))
-        elif index == LINE_LENGTH:
-            found[index] = ((0, -value[0] / length),)
-        elif index == SPEED:
-            sway = (hull.y_v * v + hull.y_r_minus_mu * r) / hull.speed_m_s / mass
-            yaw = (hull.n_v * v + hull.n_r * r) / hull.speed_m_s / inertia
-            found[index] = ((0, sin_b * across), (2, sway), (3, yaw))
-    return Linearised(value, alpha_row, turn, damping, found)
+            return {SWAY: -self.taut.rates[2] / self.hull.m_minus_y_vdot}
+        if index == 1:
+            return {YAW: -self.taut.rates[3] / self.hull.i_minus_n_rdot}
+        if index < 6:
+            gain = (v, r, v, r)[index - 2] * self.ratio * (self.hull.speed_m_s / reference)
+            return self._forced(gain, 0.0) if index < 4 else self._forced(0.0, gain)
+        if index >= Y_DELTA:
+            gain = (self.tow.rudder_rad if index < Y_BIAS else 1.0) * (
+                self.ratio * self.hull.speed_m_s / reference
+            ) ** 2
+            gain = gain + 0.0 * v
+            return self._forced(gain, 0.0) if index in (Y_DELTA, Y_BIAS) else self._forced(0.0, gain)
+        if index == TENSION:
+            return self._forced(-self.sine, -self.arm)
+        if index == TOW_POINT:
+            arm = {YAW: -self.tension * self.sine / self.hull.i_minus_n_rdot}
+            return {TURN: r * self.per_cosine / self.tow.line_length_m} | arm
+        if index == LINE_LENGTH:
+            return {TURN: -self.turn / self.tow.line_length_m}
+        if index == SPEED:
+            across = self.sin_b * self.per_cosine / self.tow.line_length_m
+            more = [(a + 2 * b) / self.hull.speed_m_s for a, b in zip(self.linear, self.steady, strict=True)]
+            return {TURN: across} | self._forced(*more)
+        return {}
+
+
+class _Kept(_Pulled):
+    """A line that keeps its length: T follows, and with it every change of the forces and of the forward speed (theory.md 10).
+
+    T = (M K - m v r - X)/D with M = m - X_udot, K = K_0 + K_v v_0 + K_r r_0: each change is one of K_0 or of the push (``push``, in
+    newtons of the numerator), of D (``stiffer``), of u (``faster``) or of Y and N at T = 0.
+    """
+
+    def __init__(self, t_s, state: Array, hull: Hull, tow: Tow, taut: Taut) -> None:
+        super().__init__(t_s, state, hull, tow, taut)
+        _, beta, v, r = state
+        assert hull.mass_kg is not None
+        self.mass = hull.mass_kg - hull.x_udot_kg
+        self.u, self.ratio = taut.u_m_s, taut.u_m_s / hull.speed_m_s
+        self.by_r = tow.tow_point_m * self.by_v + tow.tow_point_offset_m
+        sway_mass, inertia = hull.m_minus_y_vdot, hull.i_minus_n_rdot
+        self.free = tuple(self.ratio * (a + self.ratio * b) for a, b in zip(self.linear, self.steady, strict=True))
+        self.yields = self.sine**2 / sway_mass + self.arm**2 / inertia
+        self.stiffness = self.cosine + self.mass * self.per_cosine * self.yields
+        size = np.abs(self.ratio) ** (hull.resistance_exponent - 1)
+        self.drag = tow.resistance * hull.resistance_exponent * size / hull.speed_m_s  # -dX/du
+        self.drag_shape = self.ratio * size
+        more = [(a + 2 * self.ratio * b) / hull.speed_m_s for a, b in zip(self.linear, self.steady, strict=True)]
+        self.faster_side, self.faster_moment = more
+        self.post_gust = tow.post_acceleration(t_s)
+        self.speed_rate = tow.speed_rate_m_s2
+        self.turns = self.turn + r
+        self.t_s = t_s
+
+    def _forced(self, side: Any, moment: Any, push: Any = 0.0, stiffer: Any = 0.0, faster: Any = None) -> Column:
+        mass, inertia = self.hull.m_minus_y_vdot, self.hull.i_minus_n_rdot
+        if faster is not None:
+            side = side + self.faster_side * faster
+            moment = moment + self.faster_moment * faster
+            push = push + self.drag * faster
+        side, moment = side / mass, moment / inertia
+        numerator = push + self.mass * (self.by_v * side + self.by_r * moment)
+        pull = (numerator - self.tension * stiffer) / self.stiffness
+        return {SWAY: side - self.sine * pull / mass, YAW: moment - self.arm * pull / inertia, PULL: pull}
+
+    def _swung(self, reach: Any, more_reach: Any, more_push: Any, faster: Any) -> Column:
+        """Rows of a turn of alpha + beta by one radian; ``reach``: the change of L alpha' with it."""
+        hull, length = self.hull, self.tow.line_length_m
+        speed, r = self.tow.speed_m_s, self.state[3]
+        square = self.per_cosine**2
+        lead = speed * r * self.cos_b + self.speed_rate * self.sin_b - self.post_gust * self.cos_b
+        lead = lead + self.post_rate * r * self.sin_b
+        k_0 = square * lead + self.reach * self.turns * self.sine * square
+        k_0 = k_0 + (reach * self.turns + self.reach * reach / length) * self.per_cosine + more_push
+        # K_v, K_r turn too; the line's own direction turns at the tension that acts
+        k_0 = k_0 + square * (
+            self.free[0] / hull.m_minus_y_vdot + self.tow.tow_point_m * self.free[1] / hull.i_minus_n_rdot
+        )
+        slope = 2 * (self.sine * self.cosine / hull.m_minus_y_vdot + self.arm * self.arm_slope / hull.i_minus_n_rdot)
+        stiffer = -self.sine + self.mass * (self.sine * square * self.yields + self.per_cosine * slope)
+        column = self._forced(0.0, 0.0, self.mass * k_0, stiffer, reach * self.sine + self.reach * self.cosine + faster)
+        column[SWAY] = column[SWAY] - self.tension * self.cosine / hull.m_minus_y_vdot
+        column[YAW] = column[YAW] - self.tension * self.arm_slope / hull.i_minus_n_rdot
+        return {TURN: reach / length} | column
+
+    def _by_alpha(self) -> Column:
+        return self._swung(self.reach * self.by_v, 0.0, 0.0, 0.0)
+
+    def _by_beta(self) -> Column:
+        speed, r, sin_b, cos_b = self.tow.speed_m_s, self.state[3], self.sin_b, self.cos_b
+        reach = self.reach * self.by_v + (speed * cos_b + self.post_rate * sin_b) * self.per_cosine
+        more = self.by_v * (self.speed_rate * cos_b - speed * r * sin_b) - self.speed_rate * sin_b - speed * r * cos_b
+        more = more + self.post_gust * (cos_b + self.by_v * sin_b) + self.post_rate * r * (self.by_v * cos_b - sin_b)
+        return self._swung(reach, 0.0, more, self.post_rate * cos_b - speed * sin_b)
+
+    def _moving(self, reach: Any) -> Any:
+        """Change of K_0 as L alpha' changes by ``reach``."""
+        return (reach * self.turns + self.reach * reach / self.tow.line_length_m) * self.per_cosine
+
+    def _by_v(self) -> Column:
+        hull, (_, _, v, r) = self.hull, self.state
+        reach = self.per_cosine
+        push = self.mass * self._moving(reach) - hull.mass_kg * r - (2 * hull.x_vv_kg_m * v + hull.x_vr_kg * r)
+        column = self._forced(self.ratio * hull.y_v, self.ratio * hull.n_v, push, 0.0, self.by_v)
+        return {TURN: reach / self.tow.line_length_m} | column
+
+    def _by_r(self) -> Column:
+        hull, (_, _, v, r), speed = self.hull, self.state, self.tow.speed_m_s
+        reach = self.tow.tow_point_m * self.per_cosine
+        k_0 = self._moving(reach) + self.reach * self.per_cosine + speed * (self.by_v * self.cos_b - self.sin_b)
+        k_0 = k_0 + self.post_rate * (self.cos_b + self.by_v * self.sin_b)
+        push = self.mass * k_0 - hull.mass_kg * v - (hull.x_vr_kg * v + 2 * hull.x_rr_kg_m * r)
+        column = self._forced(self.ratio * hull.y_r_minus_mu, self.ratio * hull.n_r, push, 0.0, self.by_r)
+        return {TURN: reach / self.tow.line_length_m} | column
+
+    def _column(self, index: int, reference: float) -> Column:
+        hull, tow, (_, _, v, r) = self.hull, self.tow, self.state
+        if index == 0:
+            mass = hull.m_minus_y_vdot
+            less = self._forced(-self.free[0] / mass, 0.0, 0.0, -self.mass * self.per_cosine * (self.sine / mass) ** 2)
+            return less | {SWAY: less[SWAY] + self.tension * self.sine / mass**2}
+        if index == 1:
+            inertia = hull.i_minus_n_rdot
+            less = self._forced(
+                0.0, -self.free[1] / inertia, 0.0, -self.mass * self.per_cosine * (self.arm / inertia) ** 2
+            )
+            return less | {YAW: less[YAW] + self.tension * self.arm / inertia**2}
+        if index == TENSION:
+            return self._forced(0.0, 0.0, self.drag_shape)
+        if index == X_UDOT:
+            needed = (self.tension * self.stiffness + hull.mass_kg * v * r + self._push()) / self.mass
+            return self._forced(0.0, 0.0, -needed, -self.per_cosine * self.yields)
+        if index in (X_VR, X_VV, X_RR):
+            return self._forced(0.0, 0.0, {X_VR: -v * r, X_VV: -v * v, X_RR: -r * r}[index])
+        if index == EXPONENT:
+            return self._forced(0.0, 0.0, tow.resistance * self.drag_shape * np.log(np.abs(self.ratio)))
+        if index == TOW_POINT:
+            reach = r * self.per_cosine
+            k_0 = self._moving(reach) + self.by_v * self.free[1] / hull.i_minus_n_rdot
+            stiffer = 2 * self.mass * self.per_cosine * self.arm * self.sine / hull.i_minus_n_rdot
+            column = self._forced(0.0, 0.0, self.mass * k_0, stiffer, reach * self.sine)
+            arm = column[YAW] - self.tension * self.sine / hull.i_minus_n_rdot
+            return {TURN: reach / tow.line_length_m} | column | {YAW: arm}
+        if index == LINE_LENGTH:
+            less = -self.turn / tow.line_length_m
+            return {TURN: less} | self._forced(0.0, 0.0, self.mass * self.reach * less * self.per_cosine)
+        if index == SPEED:
+            return self._by_speed()
+        return super()._column(index, reference)
+
+    def _push(self) -> Any:
+        """X of ``surge_force``."""
+        hull, (_, _, v, r) = self.hull, self.state
+        side = v * (hull.x_vv_kg_m * v + hull.x_vr_kg * r) + hull.x_rr_kg_m * r * r
+        return side - self.tow.resistance * self.drag_shape
+
+    def _by_speed(self) -> Column:
+        """U moves the carriage's whole history; R and the hull stay what they are at that U: u/U_0 falls as u stands still."""
+        hull, tow, r = self.hull, self.tow, self.state[3]
+        share, late = tow.speed_m_s / hull.speed_m_s, self.speed_rate / hull.speed_m_s
+        reach = share * self.sin_b * self.per_cosine
+        k_0 = self._moving(reach) + share * r * (self.by_v * self.cos_b - self.sin_b)
+        k_0 = k_0 + late * (self.cos_b + self.by_v * self.sin_b)
+        faster = share * self.cos_b + reach * self.sine
+        push = self.mass * k_0 - self.drag * self.u / hull.speed_m_s
+        column = self._forced(0.0, 0.0, push, 0.0, faster)
+        return {TURN: reach / tow.line_length_m} | column
+
+
+__all__ = ["Linearised", "linearise"]

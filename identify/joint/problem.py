@@ -14,13 +14,30 @@ from numpy.typing import NDArray
 from ...record.priors import DERIVATIVE_NAMES
 from ...simulate.model import Array
 from ..data import RunData
-from ..start import start_state, weak_form_start
+from ..start import rudder_start, start_state, weak_form_start
+from .common import commons_of, needs_full
 from .full import Guess, full_paths
+from .gauge import gauge_blocks
 from .linear import linear_paths
-from .parameters import LINE_LENGTH, RUN_PARAMETERS, SPEED, TENSION, TOW_POINT, side_from_y
+from .parameters import (
+    COUNT,
+    LINEAR_COUNT,
+    LINE_LENGTH,
+    N_DELTA,
+    RUN_PARAMETERS,
+    SPEED,
+    TENSION,
+    TOW_POINT,
+    Y_DELTA,
+    side_from_y,
+)
 
 OWN = ("side", "beta", "v", "r", "y_b", "beta_b", "tension", "tow_point")
 """Parameters of each run, in the order of the parameter vector."""
+USUAL_ADDED = 1.9
+"""(m - Y_vdot)/m of a bare model, where the fit begins without any tension."""
+GUESSED_SCATTER = 0.03
+"""Of the guessed resistances of runs at unlike speeds: R ~ U^n with n known to 0.1."""
 
 
 @dataclass(frozen=True)
@@ -32,12 +49,16 @@ class Answer:
     response, residual : (2, n), y and beta; residual = measured minus response
     slope : (2, k, n), change of the response with the parameters ``columns``
     columns : (k,), places in the parameter vector
+    gauge : whitened residual (q,) and slope (k, q) of a load cell's block means; None: no history
+    tension_n : (n,), T at the samples of a line that keeps its length; else None
     """
 
     response: Array
     residual: Array
     slope: Array
     columns: NDArray[np.int_]
+    gauge: tuple[Array, Array] | None = None
+    tension_n: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -69,6 +90,7 @@ class Problem:
     speed_m_s : at which the derivatives are quoted
     hold : derivatives (indices) that keep their start value
     extra : more knowledge of derivatives, (index, value, sd), beside the priors
+    rough : paths of the full form by longer steps
     """
 
     def __init__(
@@ -78,14 +100,17 @@ class Problem:
         speed_m_s: float,
         hold: tuple[int, ...] = (),
         extra: tuple[tuple[int, float, float], ...] = (),
+        rough: bool = False,
     ) -> None:
         self.runs, self.form, self.speed = runs, form, speed_m_s
-        self.hold, self.extra = hold, extra
+        self.hold, self.extra, self.rough = hold, extra, rough
         self.mode_count = {key: len(modes) for d in runs for key, modes in d.shared}
         self.own_end = 6 + len(OWN) * len(runs)
-        self.common_sd = _common_sds(runs)
-        self.common_at = {name: self.own_end + i for i, name in enumerate(self.common_sd)}
-        offset = self.own_end + len(self.common_sd)
+        self.commons = commons_of(runs)
+        self.common_at = {c.name: self.own_end + i for i, c in enumerate(self.commons)}
+        self._moving = tuple(c for c in self.commons if form == "full" or not needs_full(c.name))
+        self._gauges = [gauge_blocks(d) if form == "full" else None for d in runs]
+        offset = self.own_end + len(self.commons)
         self.size = offset + sum(self.mode_count.values())
         self.mode_at: dict[str, slice] = {}
         for key, count in self.mode_count.items():
@@ -95,13 +120,12 @@ class Problem:
         k2 = next((p for d in runs if (p := d.priors.derivatives.k2_m2) is not None), None)
         self.gyration = None if k2 is None else (k2.value, k2.std)
         self.free = self._free()
-        moving = set(range(10)) - set(hold)
-        if any(d.priors.tension_sd_rel for d in runs) or "tension" in self.common_at:
-            moving.add(TENSION)
+        wanted = (set(range(10)) - set(hold)) | {RUN_PARAMETERS.index(c.name) for c in self._moving if c.sd.any()}
+        if any(self.free[self.own_at(i) + 6] for i in range(len(runs))):
+            wanted.add(TENSION)
         if any(d.priors.tow_point_sd_m for d in runs):
-            moving.add(TOW_POINT)
-        moving |= {at for name, at in (("line_length", LINE_LENGTH), ("speed", SPEED)) if name in self.common_at}
-        self.wanted = tuple(sorted(moving))
+            wanted.add(TOW_POINT)
+        self.wanted = tuple(sorted(wanted))
         self._guess: Guess | None = None
 
     def own_at(self, run: int) -> int:
@@ -123,33 +147,53 @@ class Problem:
             theta[at : at + len(OWN)] = [side, beta, v, r, 0, 0, data.tow.tension_n, data.tow.tow_point_m]
         return theta
 
-    def sides_to_full(self, theta: Array) -> Array:
-        """The linear form's parameter vector for the full form: only the sides are other coordinates."""
+    def from_linear(self, theta: Array) -> Array:
+        """The linear form's parameter vector for this full form.
+
+        The sides are other coordinates; rudder forces begin where they hold the model at its mean angles; where no tension is
+        stated the model's mass sets the scale.
+        """
         theta = theta.copy()
         for index, data in enumerate(self.runs):
             at = self.own_at(index)
             theta[at] = side_from_y("full", data, float(theta[at]), float(theta[at + 1]))
+        rudder = dict(zip((Y_DELTA, N_DELTA), rudder_start(self.runs, theta[:6], self.speed), strict=True))
+        for common in self._moving:
+            at = self.common_at[common.name]
+            if common.place in rudder and not common.base.any():
+                theta[at] = rudder[common.place] / common.sd[0]
+                for index in (i for i, d in enumerate(self.runs) if d.steered):
+                    bias = slice(self.own_at(index) + 4, self.own_at(index) + 6)
+                    theta[bias] = 0.0
+            if common.factor and not common.known and self.runs[0].mass_kg is not None:
+                factor = float(np.clip(USUAL_ADDED * self.runs[0].mass_kg / theta[0], 0.3, 3.0))
+                theta[:6] *= factor
+                theta[at] += np.log(factor) / common.sd[0]
         return theta
 
     def run_values(self, theta: Array) -> Array:
-        """(runs, 14), ``RUN_PARAMETERS``."""
-        own = theta[6 : self.own_end].reshape(len(self.runs), len(OWN))
+        """(runs, ``COUNT``), ``RUN_PARAMETERS``."""
+        runs = len(self.runs)
+        own = theta[6 : self.own_end].reshape(runs, len(OWN))
         stated = np.array([[d.tow.line_length_m, d.tow.speed_m_s] for d in self.runs])
-        values = np.column_stack([np.tile(theta[:6], (len(self.runs), 1)), own[:, :4], own[:, 6:], stated])
-        for name, at in self.common_at.items():
-            values[:, RUN_PARAMETERS.index(name)] += theta[at] * self.common_sd[name]
+        parts = [np.tile(theta[:6], (runs, 1)), own[:, :4], own[:, 6:], stated]
+        values = np.zeros((runs, COUNT))
+        values[:, :LINEAR_COUNT] = np.column_stack(parts)
+        for common in self._moving:
+            common.put(values, theta[self.common_at[common.name]])
         return values
 
     def evaluate(self, theta: Array) -> list[Answer]:
         """Every run at ``theta``; NaN responses where the motion cannot be."""
         values = self.run_values(theta)
+        guess = None
         if self.form == "full":
-            paths, guess = full_paths(self.runs, values, self.speed, self.wanted, self._guess)
+            paths, guess = full_paths(self.runs, values, self.speed, self.wanted, self._guess, self.rough)
             if np.isfinite(guess.path).all():
                 self._guess = guess
         else:
             paths = linear_paths(self.runs, values, self.speed, self.wanted)
-        return [self._answer(i, theta, *path) for i, path in enumerate(paths)]
+        return [self._answer(i, theta, values, guess, *path) for i, path in enumerate(paths)]
 
     def prior(self, theta: Array) -> tuple[Array, Array, float]:
         """Normal matrix, gradient and chi-square of what is known beside the motion."""
@@ -168,18 +212,12 @@ class Problem:
             cost += short**2
         return matrix, gradient, float(cost)
 
-    def _answer(self, index: int, theta: Array, response: Array, sensitivity: Array) -> Answer:
+    def _answer(
+        self, index: int, theta: Array, values: Array, guess: Guess | None, response: Array, sensitivity: Array
+    ) -> Answer:
         data, own = self.runs[index], self.own_at(index)
-        place = {p: k for k, p in enumerate(self.wanted)}
-        columns = [p if p < 6 else own + p - 6 for p in self.wanted if p < 10]
-        parts = [sensitivity[:, : len(columns)]]
-        for p, at in ((TENSION, own + 6), (TOW_POINT, own + 7)):
-            if self.free[at]:
-                columns.append(at)
-                parts.append(sensitivity[:, place[p], None])
-        for name, at in self.common_at.items():
-            columns.append(at)
-            parts.append(sensitivity[:, place[RUN_PARAMETERS.index(name)], None] * self.common_sd[name][index])
+        columns, parts = self._chained(index, theta, values, sensitivity)
+        count = len(columns)
         for channel in range(2):
             if self.free[own + 4 + channel]:
                 columns.append(own + 4 + channel)
@@ -195,7 +233,53 @@ class Problem:
             total = total + np.einsum("cmn,m->cn", modes, theta[at])
         slope = np.concatenate(parts, axis=1) if len(parts) > 1 else parts[0]
         residual = np.stack([data.y_m, data.beta_rad]) - total
-        return Answer(total, residual, slope, np.array(columns))
+        gauge = tension = None
+        if guess is not None and guess.tension_moved is not None:
+            tension = guess.tension_at(index, data.t_s - data.t_s[0])[0]
+            gauge = self._gauge(index, theta, values, guess, count, len(columns))
+        return Answer(total, residual, slope, np.array(columns), gauge, tension)
+
+    def _chained(self, index: int, theta: Array, values: Array, sensitivity: Array) -> tuple[list[int], list[Array]]:
+        """Places in the parameter vector and slopes (channels, k, n) of what moves the motion, from those of ``wanted``."""
+        own = self.own_at(index)
+        place = {p: k for k, p in enumerate(self.wanted)}
+        columns = [p if p < 6 else own + p - 6 for p in self.wanted if p < 10]
+        parts = [sensitivity[:, : len(columns)]]
+        if self.free[own + 6]:
+            columns.append(own + 6)
+            # a common factor stands on the run's own tension
+            parts.append(sensitivity[:, place[TENSION], None] * (values[index, TENSION] / theta[own + 6]))
+        if self.free[own + 7]:
+            columns.append(own + 7)
+            parts.append(sensitivity[:, place[TOW_POINT], None])
+        for common in self._moving:
+            if common.sd.any():
+                columns.append(self.common_at[common.name])
+                parts.append(sensitivity[:, place[common.place], None] * common.slope(values)[index])
+        return columns, parts
+
+    def _gauge(
+        self, index: int, theta: Array, values: Array, guess: Guess, count: int, width: int
+    ) -> tuple[Array, Array] | None:
+        """What the load cell leaves, whitened, and its slope over the run's columns.
+
+        The cell reads T over the factor by which all tensions are wrong together.
+        """
+        blocks = self._gauges[index]
+        if blocks is None:
+            return None
+        tension, moved = guess.tension_at(index, blocks.t_s)
+        columns, parts = self._chained(index, theta, values, moved[None])
+        slope = np.concatenate(parts, axis=1)[0]
+        factor = 1.0
+        scale = next((c for c in self._moving if c.factor), None)
+        if scale is not None:
+            at = self.common_at[scale.name]
+            factor = float(np.exp(-theta[at] * scale.sd[index]))
+            slope[columns.index(at)] -= tension * scale.sd[index]
+        whole = np.zeros((width, len(tension)))
+        whole[:count] = slope * factor
+        return blocks.white @ (blocks.tension_n - tension * factor), whole @ blocks.white.T
 
     def _pull(self) -> Pull:
         index: list[int] = []
@@ -211,7 +295,8 @@ class Problem:
         for run, data in enumerate(self.runs):
             at, priors = self.own_at(run), data.priors
             assert data.tow.tension_n is not None
-            add(at + 6, data.tow.tension_n, priors.tension_sd_rel * data.tow.tension_n)
+            if self._tension_known(data):
+                add(at + 6, data.tow.tension_n, self._tension_scatter(data) * data.tow.tension_n)
             add(at + 7, data.tow.tow_point_m, priors.tow_point_sd_m)
             add(at + 4, 0.0, priors.y_bias_sd_m)
             add(at + 5, 0.0, priors.beta_bias_sd_rad)
@@ -219,7 +304,8 @@ class Problem:
             add(at, stated, sd)
         for at, stated, sd in self.extra:
             add(at, stated, sd)
-        for at in (*self.common_at.values(), *(i for s in self.mode_at.values() for i in range(s.start, s.stop))):
+        common = (self.common_at[c.name] for c in self.commons if c.known)
+        for at in (*common, *(i for s in self.mode_at.values() for i in range(s.start, s.stop))):
             add(at, 0.0, 1.0)
         return Pull(np.array(index, dtype=int), np.array(value), np.array(spread))
 
@@ -230,9 +316,23 @@ class Problem:
             at, priors = self.own_at(run), data.priors
             free[at + 4] = priors.y_bias_sd_m != 0
             free[at + 5] = priors.beta_bias_sd_rad != 0
-            free[at + 6] = bool(priors.tension_sd_rel)
+            free[at + 6] = bool(self._tension_scatter(data)) or not self._tension_known(data)
             free[at + 7] = bool(priors.tow_point_sd_m)
+        for common in self.commons:
+            free[self.common_at[common.name]] = common in self._moving and bool(common.sd.any())
         return free
+
+    def _tension_known(self, data: RunData) -> bool:
+        """Its own tension has a prior: it is stated, or a guess like every other run's."""
+        if data.gauge is not None and self.form == "full":
+            return False
+        return data.tension_stated or not any(d.tension_stated for d in self.runs)
+
+    def _tension_scatter(self, data: RunData) -> float:
+        """Relative scatter of R about what is stated, or about the guess: guessed from run to run it follows the speed only."""
+        if data.tension_stated or len({d.tow.speed_m_s for d in self.runs}) == 1:
+            return data.priors.tension_sd_rel
+        return max(data.priors.tension_sd_rel, GUESSED_SCATTER)
 
     def _derivative_priors(self) -> dict[int, tuple[float, float]]:
         found: dict[int, tuple[float, float]] = {}
@@ -243,16 +343,3 @@ class Problem:
                     ratio = 1.0 if index < 2 else self.speed / data.tow.speed_m_s
                     found[index] = (prior.value * ratio, prior.std * ratio)
         return found
-
-
-def _common_sds(runs: list[RunData]) -> dict[str, Array]:
-    """Standard deviation (runs,) of each common error that the first run's priors let move, in the parameter's unit."""
-    priors = runs[0].priors
-    found = {}
-    if priors.tension_common_sd_rel:
-        found["tension"] = priors.tension_common_sd_rel * np.array([d.tow.tension_n for d in runs], dtype=float)
-    if priors.line_length_sd_m:
-        found["line_length"] = np.full(len(runs), priors.line_length_sd_m)
-    if priors.speed_sd_rel:
-        found["speed"] = priors.speed_sd_rel * np.array([d.tow.speed_m_s for d in runs])
-    return found

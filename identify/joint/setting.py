@@ -6,15 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...simulate.model import Array, Hull, Tow, full_rates
+from ...simulate.model import Array, Hull, Tow
 from ..data import RunData
 from .linear import system_matrices
 from .parameters import LINE_LENGTH, SPEED, TENSION, TOW_POINT, hull_from
 from .partials import Linearised, linearise
 
 FULL_STEP_S = 0.05
-FULL_STEP_SHARE = 0.06
+FULL_STEP_SHARE = 0.12
 """Runge-Kutta step: this share of the fastest root's time."""
+ROUGH = 2
+"""Steps in one where a path is only to lead near the optimum: its error is 16 times as large, some micrometres."""
 SAMPLING_SHARE = 0.25
 
 
@@ -26,6 +28,8 @@ class Setting:
     ----------
     hull, tow : fields are arrays over the runs
     tension, speed : histories at every half step, (2 count + 2, runs), relative to their means; None where constant
+    speed_rate : slope of ``speed``, 1/s
+    rudder : rudder angles at every half step, rad; None where they stand still
     reference : speed at which the derivatives are quoted
     step, count : length s and number of the steps
     """
@@ -37,6 +41,8 @@ class Setting:
     reference: float
     step: float
     count: int
+    speed_rate: Array | None = None
+    rudder: Array | None = None
 
     def at(self, part: int, select: slice) -> tuple[Array, Hull, Tow]:
         """Times, hull and tow at the steps ``select``, ``part`` half steps later."""
@@ -46,27 +52,32 @@ class Setting:
         half = np.minimum(2 * index + part, 2 * self.count + 1)
         if self.tension is not None:
             tow = replace(tow, tension_n=tow.tension_n * self.tension[half])
+        if self.rudder is not None:
+            tow = replace(tow, rudder_rad=self.rudder[half])  # pyright: ignore[reportArgumentType]
         if self.speed is not None:
-            tow = replace(tow, speed_m_s=tow.speed_m_s * self.speed[half])
-            hull = hull.at_speed(tow.speed_m_s)
+            assert self.speed_rate is not None
+            nominal = tow.speed_m_s
+            tow = replace(tow, speed_m_s=nominal * self.speed[half], speed_rate_m_s2=nominal * self.speed_rate[half])
+            if tow.line == "constant":
+                hull = hull.at_speed(tow.speed_m_s)
         return t, hull, tow
 
     def linearised(self, part: int, state: Array, wanted: tuple[int, ...], select: slice) -> Linearised:
-        """Rates with their partial derivatives at ``state`` (4, steps, runs)."""
+        """Rates and tension with their partial derivatives at ``state`` (4, steps, runs)."""
         t, hull, tow = self.at(part, select)
-        found = linearise(full_rates, t, state, hull, tow, wanted, self.reference)
-        if not (self.tension is None and self.speed is None):
-            index = 2 * np.arange(self.count + 1)[select] + part
+        found = linearise(t, state, hull, tow, wanted, self.reference)
+        if self.tow.line == "constant" and not (self.tension is None and self.speed is None):
+            index = np.minimum(2 * np.arange(self.count + 1)[select] + part, 2 * self.count + 1)
             for name, history in ((TENSION, self.tension), (SPEED, self.speed)):
                 if history is not None and name in found.parameters:
-                    found.parameters[name] = tuple((row, by * history[index]) for row, by in found.parameters[name])
+                    found.parameters[name] = {r: by * history[index] for r, by in found.parameters[name].items()}
         return found
 
 
-def setting_of(runs: list[RunData], values: Array, reference: float) -> Setting:
-    """The setting for parameter values (runs, 14)."""
+def setting_of(runs: list[RunData], values: Array, reference: float, rough: bool = False) -> Setting:
+    """The setting for parameter values (runs, ``COUNT``); the runs' lines keep the same."""
     span = max(float(d.t_s[-1] - d.t_s[0]) for d in runs)
-    step = _step(runs, values, reference)
+    step = _step(runs, values, reference) * (ROUGH if rough else 1)
     count = max(2, int(np.ceil(span / step)))
 
     def field(name: str) -> Array:
@@ -83,12 +94,19 @@ def setting_of(runs: list[RunData], values: Array, reference: float) -> Setting:
         post_amplitude_m=field("post_amplitude_m") if moving else 0.0,  # pyright: ignore[reportArgumentType]
         post_frequency_hz=field("post_frequency_hz"),  # pyright: ignore[reportArgumentType]
         post_phase_rad=np.array(post),  # pyright: ignore[reportArgumentType]
+        rudder_rad=field("rudder_rad"),  # pyright: ignore[reportArgumentType]
+        line=runs[0].tow.line,
     )
-    hull = hull_from(values.T, reference)
-    tension, speed = _histories(runs, step, count)
-    if speed is None:
+    mass = None if tow.line == "constant" else np.array([d.mass_kg for d in runs], dtype=float)
+    hull = hull_from(values.T, reference, mass)
+    half = np.arange(2 * count + 2) * step / 2
+    tension = _history(runs, half, [_relative(d.tension, d.tow.tension_n) for d in runs])
+    speed = _history(runs, half, [_relative(d.speed, d.tow.speed_m_s) for d in runs])
+    rudder = _history(runs, half, [d.rudder for d in runs], [d.tow.rudder_rad for d in runs])
+    if speed is None or tow.line == "surge":
         hull = hull.at_speed(tow.speed_m_s)
-    return Setting(hull, tow, tension, speed, reference, step, count)
+    rate = None if speed is None else np.gradient(speed, step / 2, axis=0)
+    return Setting(hull, tow, tension, speed, reference, step, count, rate, rudder)
 
 
 def _step(runs: list[RunData], values: Array, reference: float) -> float:
@@ -104,19 +122,21 @@ def _step(runs: list[RunData], values: Array, reference: float) -> float:
     return FULL_STEP_S / 2.0 ** max(0, int(np.ceil(np.log2(FULL_STEP_S / step) - 1e-9)))
 
 
-def _histories(runs: list[RunData], step: float, count: int) -> tuple[Array | None, Array | None]:
-    """Tension and speed relative to their means at every half step, (2 count + 2, runs); None where constant."""
-    half = np.arange(2 * count + 2) * step / 2
-    tension = speed = None
-    if any(d.tension is not None for d in runs):
-        tension = np.ones((len(half), len(runs)))
-        for i, d in enumerate(runs):
-            if d.tension is not None:
-                assert d.tow.tension_n is not None
-                tension[:, i] = np.interp(half + d.t_s[0], *d.tension) / d.tow.tension_n
-    if any(d.speed is not None for d in runs):
-        speed = np.ones((len(half), len(runs)))
-        for i, d in enumerate(runs):
-            if d.speed is not None:
-                speed[:, i] = np.interp(half + d.t_s[0], *d.speed) / d.tow.speed_m_s
-    return tension, speed
+def _relative(history: tuple[Array, Array] | None, mean: float | None) -> tuple[Array, Array] | None:
+    return None if history is None else (history[0], history[1] / (mean or 1.0))
+
+
+def _history(
+    runs: list[RunData],
+    half: Array,
+    histories: list[tuple[Array, Array] | None],
+    still: list[float] | None = None,
+) -> Array | None:
+    """Histories at every half step, (2 count + 2, runs); ``still`` (1 if absent) where a run has none; None where no run has."""
+    if all(h is None for h in histories):
+        return None
+    found = np.tile(np.ones(len(runs)) if still is None else np.array(still), (len(half), 1))
+    for i, (data, history) in enumerate(zip(runs, histories, strict=True)):
+        if history is not None:
+            found[:, i] = np.interp(half + data.t_s[0], *history)
+    return found

@@ -15,6 +15,8 @@ from .problem import Answer, Problem
 MAX_STEPS = 60
 CONVERGED = 1e-8
 """Steps end when the next one is expected to lower the chi-square by less than this share of it."""
+LARGEST_FACTOR = 0.5
+"""Logarithm; beyond it a derivative is on its way through zero, or far off."""
 SMALLEST_DAMPING = 1e-12
 LARGEST_DAMPING = 1e12
 Progress = Callable[[str], None]
@@ -60,11 +62,30 @@ def normal(
             matrix[np.ix_(columns, columns)] += j[channel] @ j[channel].T
             gradient[columns] += j[channel] @ e[channel]
         cost += float((e * e).sum())
+        if answer.gauge is not None:
+            left, slope = answer.gauge
+            matrix[np.ix_(columns, columns)] += slope @ slope.T
+            gradient[columns] += slope @ left
+            cost += float(left @ left)
     return matrix, gradient, cost
 
 
 def _usable(theta: Array) -> bool:
     return bool(theta[0] > 0 and theta[1] > 0 and np.isfinite(theta).all())
+
+
+def _moved(theta: Array, free: Array, step: Array) -> Array:
+    """``theta`` after the step; derivatives are moved by factors.
+
+    Where T is not known, all forces together hardly change the motion: along that valley a straight step would climb its side.
+    """
+    trial = theta.copy()
+    trial[free] += step
+    six = free[free < 6]
+    share = step[: len(six)] / theta[six]
+    if len(six) and np.abs(share).max() < LARGEST_FACTOR:
+        trial[six] = theta[six] * np.exp(share)
+    return trial
 
 
 def minimise(
@@ -105,8 +126,7 @@ def minimise(
         expected = float(step @ (2 * slope - inner @ step))
         if expected < converged * max(cost, 1.0):
             return Optimum(theta, answers, cost, step_number, True)
-        trial = theta.copy()
-        trial[free] += step
+        trial = _moved(theta, free, step)
         new_cost, found, there = np.inf, None, answers
         if _usable(trial):
             with np.errstate(all="ignore"):

@@ -68,6 +68,7 @@ class Fit:
     method : "output_error" or "innovations"; the second's ``innovation`` are those of block means, unit variance
     disturbance : what pushes the hull about, of the innovations form
     notes : how the noise was judged
+    weights : of the residuals, per run; of the output error
     """
 
     form: str
@@ -94,6 +95,7 @@ class Fit:
     method: str = "output_error"
     disturbance: Disturbance | None = None
     notes: tuple[str, ...] = ()
+    weights: list[Whitener] = field(default_factory=list)
 
 
 @solvable(EstimationError)
@@ -154,6 +156,36 @@ def fit_runs(
             break
     assert optimum is not None
     return _report(problem, optimum, weights, known, first_chi2, steps)
+
+
+def continued(fit: Fit, before: list[RunData], runs: list[RunData]) -> Fit:
+    """The same fit of the same records with other knowledge beside them (tensions, priors), from where it ended.
+
+    Parameters
+    ----------
+    fit : output error, of ``before``
+    runs : the same samples; line, tension, gauge or priors may differ
+
+    Raises
+    ------
+    EstimationError : no optimum near the fit's
+    """
+    old = Problem(before, fit.form, fit.speed_m_s)
+    runs = [modes_along(d, r) for d, r in zip(runs, fit.response, strict=True)]
+    problem = Problem(runs, fit.form, fit.speed_m_s)
+    theta = np.zeros(problem.size)
+    theta[: old.own_end] = fit.theta[: old.own_end]
+    was = {c.name: c for c in old.commons}
+    for common in problem.commons:
+        if common.name in was and was[common.name].sd[0] and common.sd[0]:
+            at = fit.theta[old.common_at[common.name]]
+            here = was[common.name].base[0] + at * was[common.name].sd[0] - common.base[0]
+            theta[problem.common_at[common.name]] = here / common.sd[0]
+    for key, at in problem.mode_at.items():
+        if key in old.mode_at:
+            theta[at] = fit.theta[old.mode_at[key]]
+    optimum = minimise(problem, theta, fit.weights, damping=NEAR)
+    return _report(problem, optimum, fit.weights, colours(runs), fit.chi2_per_dof, fit.steps + optimum.steps)
 
 
 def check_runs(runs: list[RunData], form: str, speed_m_s: float | None) -> float:
@@ -277,6 +309,7 @@ def _report(
         converged=optimum.converged,
         theta=theta,
         naive_covariance=inverse_information(plain, problem.free)[:6, :6],
+        weights=weights,
     )
 
 

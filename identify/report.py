@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ndtr
 
-from ..record.results import Derivative, DerivativesFile, Measured, RunFit, SteadyFile
+from ..record.results import (
+    Derivative,
+    DerivativesFile,
+    GaugeResult,
+    Measured,
+    RunFit,
+    SteadyFile,
+    TensionResult,
+)
 from ..record.schema import ModelTable, WaterTable
 from ..simulate.model import DERIVATIVE_UNITS, Hull
 from .data import RunData
@@ -16,6 +24,8 @@ from .limits.words import correlation_lines, refusal_lines, transient_line
 from .noise import autocorrelation, ljung_box_p
 from .prime import prime_factors
 from .steady import SteadyFit, SteadyState, steady_tow_result
+from .surge import along_lines, surge_moves
+from .tension import TensionFromMotion, refuse_impossible, tension_from_motion
 
 SURE = 0.975
 OPTIMISTIC = 1.25
@@ -41,6 +51,9 @@ def derivatives_file(
     model, water : of the hull, for the prime system
     truth : the six true values at the fit's speed, or None
     """
+    weighed = tension_from_motion(fit, runs)
+    refuse_impossible(fit, runs, weighed)
+    moved = surge_moves(fit, runs)
     found = examined(fit, runs)
     fit, covariance, single = found.fit, found.covariance, found.parts.single
     sd = np.sqrt(np.diag(covariance))
@@ -73,9 +86,31 @@ def derivatives_file(
         correlation=correlation.tolist(),
         straight_line_stable=hull.straight_line_stable,
         runs={data.name: _run_fit(fit, data, index) for index, data in enumerate(runs)},
+        line=runs[0].tow.line,
+        hull={name: Measured(value=value, std=sd) for name, (value, sd) in fit.beside.items()},
+        tension=None if weighed is None else _tension_result(weighed),
+        surge_moves=moved,
         failed=failed,
-        not_identifiable=_not_identifiable(found, runs),
-        notes=_notes(fit, runs) + _stability(fit, covariance),
+        not_identifiable=_not_identifiable(found, runs, weighed),
+        notes=_notes(fit, runs) + along_lines(fit, runs, weighed, moved) + _stability(fit, covariance),
+    )
+
+
+def _tension_result(found: TensionFromMotion) -> TensionResult:
+    def measured(pair: tuple[float, float]) -> Measured:
+        return Measured(value=pair[0], std=pair[1])
+
+    return TensionResult(
+        factor=found.factor,
+        log_std=found.log_sd,
+        interval=found.interval,
+        stated_std_rel=found.stated_sd,
+        z=found.z,
+        resistance_n=found.resistance_n,
+        gauges={
+            name: GaugeResult(scale=measured(g.scale), zero_n=measured(g.zero_n), delay_s=measured(g.delay_s))
+            for name, g in found.gauges.items()
+        },
     )
 
 
@@ -142,15 +177,19 @@ def _disturbance(fit: Fit) -> dict[str, float]:
     return {"disturbance_force_n": d.force_n, "disturbance_moment_n_m": d.moment_n_m, "disturbance_time_s": d.time_s}
 
 
-def _not_identifiable(found: Identifiability, runs: list[RunData]) -> list[str]:
+def _not_identifiable(found: Identifiability, runs: list[RunData], weighed: TensionFromMotion | None) -> list[str]:
     cures = cure(found.fit, found.fit.six, found.covariance, runs) if found.parts.refused else []
     lines = refusal_lines(found, cures, runs) + correlation_lines(found.covariance, found.parts.single)
     share = np.sqrt(np.diag(found.covariance)) / np.abs(found.fit.six)
     if share.max() > TRANSIENT_SD_SHARE and (transient := transient_line(found.fit, runs)):
         lines.append(transient)
-    lines.append(
-        "the scale of T: an error of k % in the tension is an error of k % in every derivative and no motion shows it"
-    )
+    if weighed is None or not weighed.weighed:
+        lines.append(
+            "the scale of T: an error of k % in the tension is an error of k % in every derivative and no motion shows it"
+            if weighed is None
+            else "the scale of T: an error of k % in the tension is an error of k % in every derivative, and swings this small "
+            f"tell it from the model's mass to {100 * weighed.log_sd:.0f} % only"
+        )
     return lines
 
 

@@ -62,6 +62,26 @@ class RunFit(_Part):
     samples: int = Field(description="samples used")
 
 
+class GaugeResult(_Part):
+    """A load cell against the motion."""
+
+    scale: Measured = Field(description="what it reads over what pulls, by the swings")
+    zero_n: Measured = Field(description="what it reads more")
+    delay_s: Measured = Field(description="how late its clock is beyond tension_delay_s")
+
+
+class TensionResult(_Part):
+    """Tension from the motion and the model's mass (line = "surge")."""
+
+    factor: float = Field(description="R from the motion over R as stated")
+    log_std: float = Field(description="standard deviation of the factor's logarithm")
+    interval: tuple[float, float] = Field(description="95 % interval of the factor")
+    stated_std_rel: float | None = Field(description="of what is stated, all runs together; null: nothing is")
+    z: float | None = Field(description="found against stated, in standard deviations")
+    resistance_n: dict[str, float] = Field(description="R from the motion, by run")
+    gauges: dict[str, GaugeResult] = Field(description="load cells, by run")
+
+
 class DerivativesFile(ResultFile):
     """out/derivatives.json."""
 
@@ -81,6 +101,16 @@ class DerivativesFile(ResultFile):
     correlation: list[list[float]] = Field(description="of the derivatives, in the order of the keys above")
     straight_line_stable: bool = Field(description="X_r > X_v, that is Y_v N_r - N_v Y_R > 0")
     runs: dict[str, RunFit] = Field(description="per run, by name")
+    line: Literal["surge", "constant"] | None = Field(default=None, description="what the tow line keeps, as fitted")
+    hull: dict[str, Measured] = Field(
+        default_factory=dict,
+        description="numbers of the hull beside the six: model along its way, rudder, asymmetry; at speed_m_s",
+    )
+    tension: TensionResult | None = Field(default=None, description="tension from the motion, where the mass weighs it")
+    surge_moves: dict[str, float] | None = Field(
+        default=None,
+        description='line = "constant": by what share of itself surge in full would move each derivative, computed',
+    )
     failed: dict[str, str] = Field(description="runs that could not be used, and why")
     not_identifiable: list[str] = Field(description="what these runs do not fix, in words")
     notes: list[str] = Field(description="what the reader must know")

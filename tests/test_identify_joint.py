@@ -73,7 +73,7 @@ def test_partials_against_the_complex_step_of_the_one_equation_of_motion(line: L
             return hull_from(moved, 1.1, 78.0).at_speed(nominal), now
 
         def both(moved: np.ndarray) -> np.ndarray:
-            found = full_state(1.3, moved[6:10], *there(moved))  # noqa: B023
+            found = full_state(1.3, moved[6:10], *there(moved))
             return np.append(found.rates, found.tension_n)
 
         hull, here = there(values)

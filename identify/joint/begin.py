@@ -20,8 +20,8 @@ from .thin import thinned
 
 ROUGH_CONVERGED = 1e-5
 POOR = {"constant": 30.0, "surge": 3000.0}
-"""A start whose chi-square per residual exceeds this is led in by growing records; the linear form, whose tension is constant, leaves
-more of a tow that swings on a line of constant length."""
+"""A start whose chi-square per residual exceeds this is led in by growing records; the linear form, whose tension is constant,
+leaves more of a tow that swings on a line of constant length."""
 SHARES = (0.25, 0.5, 1.0)
 LEADING_CONVERGED = 1e-3
 FEWEST_SAMPLES = 40

@@ -52,7 +52,8 @@ class Guess:
 
     def tension_at(self, run: int, t_s: Array) -> tuple[Array, Array]:
         """T of a run, (n,), and its sensitivities (wanted, n), at times from the run's first sample; straight between steps."""
-        assert self.tension is not None and self.tension_moved is not None
+        assert self.tension is not None
+        assert self.tension_moved is not None
         place = np.clip(t_s / self.step_s, 0.0, len(self.tension) - 1 - 1e-9)
         node = place.astype(int)
         share = place - node

@@ -10,12 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from ...simulate.model import Array, Hull, Taut, Tow, full_state, surge_rate_of_line
+from ...simulate.model import Array, Hull, Taut, Tow, full_state
 from .parameters import (
     EXPONENT,
     LINE_LENGTH,
-    N_BIAS,
-    N_DELTA,
     SPEED,
     TENSION,
     TOW_POINT,
@@ -184,7 +182,7 @@ class _Kept(_Pulled):
 
     def __init__(self, t_s, state: Array, hull: Hull, tow: Tow, taut: Taut) -> None:
         super().__init__(t_s, state, hull, tow, taut)
-        _, beta, v, r = state
+        r = state[3]
         assert hull.mass_kg is not None
         self.mass = hull.mass_kg - hull.x_udot_kg
         self.u, self.ratio = taut.u_m_s, taut.u_m_s / hull.speed_m_s

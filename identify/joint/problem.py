@@ -22,10 +22,8 @@ from .linear import linear_paths
 from .parameters import (
     COUNT,
     LINEAR_COUNT,
-    LINE_LENGTH,
     N_DELTA,
     RUN_PARAMETERS,
-    SPEED,
     TENSION,
     TOW_POINT,
     Y_DELTA,

@@ -63,6 +63,12 @@ def campaigns(root: Path) -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def surge_cases(root: Path) -> ModuleType:
+    """Tows with surge in full on a line of constant length, from equations of their own."""
+    return _cases(root, "surge_cases")
+
+
+@pytest.fixture(scope="session")
 def cases(root: Path) -> ModuleType:
     """Filmed campaigns with a planted effect."""
     return _cases(root, "gap_cases")

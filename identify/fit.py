@@ -21,6 +21,7 @@ from ..simulate.model import Array
 from .colour.disturbance import Disturbance
 from .colour.leftover import Whitened, leftover
 from .data import RunData
+from .joint.arrow import inverse_of, widened
 from .joint.begin import knows_full_only, rough_optimum
 from .joint.parameters import RUN_PARAMETERS
 from .joint.problem import OWN, Answer, Problem
@@ -202,18 +203,6 @@ def _known_meat(slope: Array, correlations: tuple[Array, Array]) -> Array:
     return matrix
 
 
-def inverse_information(information: Array, free: NDArray[np.bool_]) -> Array:
-    """Covariance over the whole parameter vector; zero where a parameter is not free."""
-    at = np.flatnonzero(free)
-    inner = information[np.ix_(at, at)]
-    scaling = np.sqrt(np.diag(inner))
-    scaling = np.where(scaling > 0, scaling, 1.0)
-    inverse = np.linalg.pinv(inner / scaling[:, None] / scaling[None, :], rcond=1e-15, hermitian=True)
-    found = np.zeros_like(information)
-    found[np.ix_(at, at)] = inverse / scaling[:, None] / scaling[None, :]
-    return found
-
-
 def _report(
     problem: Problem,
     optimum: Optimum,
@@ -229,23 +218,23 @@ def _report(
     for data, w, answer in zip(problem.runs, weights, optimum.answers, strict=True):
         e, j = w.along(answer.residual), w.along(answer.slope)
         white.append(Whitened(e, j, answer.columns, float(np.median(np.diff(data.t_s)))))
-        place = np.ix_(answer.columns, answer.columns)
-        information[place] += j[0] @ j[0].T + j[1] @ j[1].T
-        plain[place] += information_as_white(w, answer)
-    inverse = inverse_information(information, problem.free)
-    slow = leftover([run for run, colour in zip(white, known, strict=True) if colour is None], inverse)
-    more = np.zeros_like(information)
-    for run, colour in zip(white, known, strict=True):
-        meat = slow.meat(run) if colour is None else _known_meat(run.slope, colour.left)
-        more[np.ix_(run.columns, run.columns)] += meat
-    covariance = inverse @ (information + more) @ inverse
-    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        information.add(answer.columns, j[0] @ j[0].T + j[1] @ j[1].T)
+        plain.add(answer.columns, information_as_white(w, answer))
+    inverse = inverse_of(information, problem.free)
+    unknown = [run for run, colour in zip(white, known, strict=True) if colour is None]
+    slow = leftover(unknown, [inverse.of(run.columns) for run in unknown])
+    more = [
+        (run.columns, slow.meat(run) if colour is None else _known_meat(run.slope, colour.left))
+        for run, colour in zip(white, known, strict=True)
+    ]
+    covariance, variance = widened(inverse, more)
+    sd = np.sqrt(np.maximum(variance, 0.0))
     count = len(problem.runs)
     return Fit(
         form=problem.form,
         six=theta[:6],
         covariance=covariance[:6, :6],
-        filtered_covariance=inverse[:6, :6],
+        filtered_covariance=inverse.shared[:6, :6],
         speed_m_s=problem.speed,
         own=theta[6 : problem.own_end].reshape(count, len(OWN)),
         own_sd=sd[6 : problem.own_end].reshape(count, len(OWN)),
@@ -260,7 +249,7 @@ def _report(
         steps=steps,
         converged=optimum.converged,
         theta=theta,
-        naive_covariance=inverse_information(plain, problem.free)[:6, :6],
+        naive_covariance=inverse_of(plain, problem.free).shared[:6, :6],
     )
 
 

@@ -164,7 +164,7 @@ def _evaluate(problem: Problem, theta: Array, noise: Array, first: Array, slow: 
     size = problem.size + NOISE
     score, matrix = np.zeros(size), np.zeros((size, size))
     known, pull, deviance = problem.prior(theta)
-    matrix[: problem.size, : problem.size] += known
+    matrix[: problem.size, : problem.size] += known.dense()
     score[: problem.size] -= pull
     weak = (noise - first) / NEAR_SD
     deviance += float(weak @ weak)

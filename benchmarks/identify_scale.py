@@ -114,7 +114,9 @@ def main() -> None:
         for frames in given.frames:
             long = written(folder, f"long-{frames}", LONG_POINT_M, times(given.rate, frames / given.rate), rng)
             cases.append((f"1 run of {frames / given.rate:.0f} s", [long], frames))
-        print(f"towline identify, {given.rate:g} samples a second, full form, five priors, page and figures; one thread")
+        print(
+            f"towline identify, {given.rate:g} samples a second, full form, five priors, page and figures; one thread"
+        )
         print(f"{'':22}{'frames':>8}{'seconds':>9}{'to the first':>14}{'a run, s':>10}{'1000 frames, s':>16}")
         first = None
         for words, runs, frames in cases:

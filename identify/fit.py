@@ -10,7 +10,7 @@ Order of work: weak form, linear form on block means, then the wanted form on ev
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from ..simulate.model import Array
 from .colour.disturbance import Disturbance
 from .colour.leftover import Whitened, leftover
 from .data import RunData
-from .joint.arrow import inverse_of, widened
+from .joint.arrow import Shares, inverse_of, shares_of, widened
 from .joint.begin import knows_full_only, rough_optimum
 from .joint.parameters import RUN_PARAMETERS
 from .joint.problem import OWN, Answer, Problem
@@ -65,6 +65,7 @@ class Fit:
     method : "output_error" or "innovations"; the second's ``innovation`` are those of block means, unit variance
     disturbance : what pushes the hull about, of the innovations form
     notes : how the noise was judged
+    shares : what each run says of the shared parameters
     """
 
     form: str
@@ -89,6 +90,34 @@ class Fit:
     method: str = "output_error"
     disturbance: Disturbance | None = None
     notes: tuple[str, ...] = ()
+    shares: Shares | None = None
+
+
+@dataclass(frozen=True)
+class Near:
+    """Where a fit to some of the runs of another fit may begin.
+
+    Attributes
+    ----------
+    theta : parameter vector
+    paths : per run (n, 2), fitted y_m and beta_rad
+    """
+
+    theta: Array
+    paths: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, fit: Fit, runs: list[RunData], chosen: Sequence[int]) -> Near:
+        """At the optimum of ``fit``, of whose ``runs`` some are chosen."""
+        problem = Problem([runs[k] for k in chosen], fit.form, fit.speed_m_s)
+        theta = np.zeros(problem.size)
+        theta[:6] = fit.six
+        theta[6 : problem.own_end] = fit.own[list(chosen)].ravel()
+        for name, at in problem.common_at.items():
+            theta[at] = fit.common[name][0] if name in fit.common else 0.0
+        for key, at in problem.mode_at.items():
+            theta[at] = fit.modes[key]
+        return cls(theta, tuple(fit.response[k] for k in chosen))
 
 
 @solvable(EstimationError)
@@ -100,6 +129,7 @@ def fit_runs(
     start: Array | None = None,
     extra: tuple[tuple[int, float, float], ...] = (),
     hold: tuple[int, ...] = (),
+    near: Near | None = None,
 ) -> Fit:
     """Fit the derivatives to ``runs`` jointly.
 
@@ -111,21 +141,26 @@ def fit_runs(
     start : (6,) derivatives to start from; default: the weak form's, no guess is needed
     extra : knowledge of derivatives beside the priors: (index, value, sd), at ``speed_m_s``
     hold : indices of derivatives that keep the value of ``start``
+    near : the answer of a fit to these runs and others: the search begins there, at once with every sample
 
     Raises
     ------
     EstimationError : no runs, or the fit has no optimum with positive m' and I'
     """
     speed = check_runs(runs, form, speed_m_s)
-    theta, steps = rough_optimum(runs, speed, form, progress, start, extra, hold)
     weights = [stated(d.covariance, d.t_s) for d in runs]
     paths = None
-    if any(d.shared for d in runs):
-        # the common modes must be known along a smooth path before they may move
-        plain = Problem([without_modes(d) for d in runs], form, speed, hold, extra)
-        optimum = minimise(plain, theta, weights, progress, damping=NEAR)
-        theta, steps = optimum.theta, steps + optimum.steps
-        paths = [a.response.T for a in optimum.answers]
+    if near is not None:
+        theta, steps = near.theta, 0
+        paths = list(near.paths) if any(d.shared for d in runs) else None
+    else:
+        theta, steps = rough_optimum(runs, speed, form, progress, start, extra, hold)
+        if any(d.shared for d in runs):
+            # the common modes must be known along a smooth path before they may move
+            plain = Problem([without_modes(d) for d in runs], form, speed, hold, extra)
+            optimum = minimise(plain, theta, weights, progress, damping=NEAR)
+            theta, steps = optimum.theta, steps + optimum.steps
+            paths = [a.response.T for a in optimum.answers]
     first_chi2 = np.nan
     known = colours(runs)
     problem = Problem(runs, form, speed, hold, extra)
@@ -213,21 +248,23 @@ def _report(
 ) -> Fit:
     """Put the optimum into a Fit."""
     theta = optimum.theta
-    information, _, _ = problem.prior(theta)
-    plain, white = information.copy(), []
+    prior, pull, _ = problem.prior(theta)
+    information, plain, white, told = prior.copy(), prior.copy(), [], []
     for data, w, answer in zip(problem.runs, weights, optimum.answers, strict=True):
         e, j = w.along(answer.residual), w.along(answer.slope)
         white.append(Whitened(e, j, answer.columns, float(np.median(np.diff(data.t_s)))))
-        information.add(answer.columns, j[0] @ j[0].T + j[1] @ j[1].T)
+        told.append((answer.columns, j[0] @ j[0].T + j[1] @ j[1].T, j[0] @ e[0] + j[1] @ e[1]))
+        information.add(*told[-1][:2])
         plain.add(answer.columns, information_as_white(w, answer))
     inverse = inverse_of(information, problem.free)
     unknown = [run for run, colour in zip(white, known, strict=True) if colour is None]
     slow = leftover(unknown, [inverse.of(run.columns) for run in unknown])
     more = [
-        (run.columns, slow.meat(run) if colour is None else _known_meat(run.slope, colour.left))
+        slow.meat(run) if colour is None else _known_meat(run.slope, colour.left)
         for run, colour in zip(white, known, strict=True)
     ]
-    covariance, variance = widened(inverse, more)
+    covariance, variance = widened(inverse, [(a.columns, m) for a, m in zip(optimum.answers, more, strict=True)])
+    parts = [(*one, meat) for one, meat in zip(told, more, strict=True)]
     sd = np.sqrt(np.maximum(variance, 0.0))
     count = len(problem.runs)
     return Fit(
@@ -250,6 +287,7 @@ def _report(
         converged=optimum.converged,
         theta=theta,
         naive_covariance=inverse_of(plain, problem.free).shared[:6, :6],
+        shares=shares_of(prior, pull, inverse, problem.free, parts),
     )
 
 
@@ -260,4 +298,4 @@ def information_as_white(weight: Whitener, answer: Answer) -> Array:
     return j[0] @ j[0].T + j[1] @ j[1].T
 
 
-__all__ = ["FORMS", "OWN", "RUN_PARAMETERS", "Fit", "fit_runs"]
+__all__ = ["FORMS", "OWN", "RUN_PARAMETERS", "Fit", "Near", "fit_runs"]

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ...simulate.model import Array
 
-RCOND = 1e-15
-"""Directions of less information than this share of the largest count as none."""
+LEAST = 1e-15
+"""A direction of less information than this, in a matrix whose diagonal is 1, is rounding and may come out below 0: it has this."""
 
 
 @dataclass(frozen=True)
@@ -228,10 +228,12 @@ def inverse_of(information: Arrow, free: NDArray[np.bool_]) -> Inverse:
     scale = np.sqrt(information.diagonal)
     scale = np.where((scale > 0) & free, scale, 1.0)
     inner = information.held(free).scaled(scale)
-    own = np.linalg.pinv(inner.own, rcond=RCOND, hermitian=True)
-    towards = own @ inner.border
-    left = inner.shared - np.einsum("ros,rot->st", inner.border, towards)
-    shared = np.linalg.pinv(left, rcond=RCOND, hermitian=True)
+    # the root of a run's inverse, so that what is subtracted from the shared block is a square, and rounding no more than that
+    root = _inverse_root(inner.own)
+    half = root.transpose(0, 2, 1) @ inner.border
+    towards, own = root @ half, root @ root.transpose(0, 2, 1)
+    root = _inverse_root(inner.shared - np.einsum("ros,rot->st", half, half))
+    shared = root @ root.T
     across, along = layout.split(scale)
     return Inverse(
         layout,
@@ -239,6 +241,12 @@ def inverse_of(information: Arrow, free: NDArray[np.bool_]) -> Inverse:
         towards / along[:, :, None] * across[None, None, :] * free_own[:, :, None],
         own / along[:, :, None] / along[:, None, :] * (free_own[:, :, None] & free_own[:, None, :]),
     )
+
+
+def _inverse_root(matrices: Array) -> Array:
+    """R (..., k, k) with R R' = inverse, of matrices whose diagonals were 1 before anything was subtracted."""
+    values, vectors = np.linalg.eigh(matrices)
+    return vectors / np.sqrt(np.maximum(values, LEAST))[..., None, :]
 
 
 def widened(inverse: Inverse, more: list[tuple[NDArray[np.int_], Array]]) -> tuple[Array, Array]:
@@ -268,3 +276,80 @@ def widened(inverse: Inverse, more: list[tuple[NDArray[np.int_], Array]]) -> tup
                 "ok,kl,ol->o", alone, block, through
             )
     return inverse.shared + spread, inverse.variance + layout.whole(np.diag(spread), own)
+
+
+@dataclass(frozen=True)
+class Shares:
+    """What each run says of the shared parameters at an optimum, its own parameters fitted anew at each of their values.
+
+    Attributes
+    ----------
+    information : (runs, s, s)
+    score : (runs, s), half the slope of its -2 log L, sign turned
+    meat : (runs, s, s), variance of the score beyond the information
+    known, pull : (s, s) and (s,), information and score of what is known beside the runs
+    free : (s,)
+    """
+
+    information: Array
+    score: Array
+    meat: Array
+    known: Array
+    pull: Array
+    free: NDArray[np.bool_]
+
+    def without(self, run: int) -> tuple[Array, Array]:
+        """Step (s,) from the optimum to that of all other runs, by quadratics, and its covariance (s, s)."""
+        inverse = inverted(self.known + self.information.sum(axis=0) - self.information[run], self.free)
+        return -inverse @ self.score[run], self._covariance(inverse, self.meat.sum(axis=0) - self.meat[run])
+
+    def alone(self, run: int) -> tuple[Array, Array]:
+        """Step to the optimum of this run by itself and its covariance."""
+        inverse = inverted(self.known + self.information[run], self.free)
+        return inverse @ (self.pull + self.score[run]), self._covariance(inverse, self.meat[run])
+
+    def drop(self, run: int, held: int) -> float:
+        """How much lower -2 log L of a run is at its own optimum than with the first ``held`` shared ones as they are."""
+        matrix, slope = self.known + self.information[run], self.pull + self.score[run]
+        rest = self.free & (np.arange(len(slope)) >= held)
+        return float(slope @ (inverted(matrix, self.free) - inverted(matrix, rest)) @ slope)
+
+    @staticmethod
+    def _covariance(inverse: Array, meat: Array) -> Array:
+        return inverse + inverse @ meat @ inverse
+
+
+def inverted(information: Array, free: NDArray[np.bool_]) -> Array:
+    """Inverse (s, s) of a dense information; 0 where not free."""
+    scale = np.sqrt(np.maximum(np.diag(information), 0.0))
+    known = free & (scale > 0)
+    scale = np.where(known, scale, 1.0)
+    inner = information / scale[:, None] / scale * (known[:, None] & known)
+    root = _inverse_root(inner + np.diag(~known)) * known[:, None] / scale[:, None]
+    return root @ root.T
+
+
+Part = tuple[NDArray[np.int_], Array, Array, Array]
+"""Of a run: columns (k,), its information (k, k), score (k,), and the score's further variance (k, k)."""
+
+
+def shares_of(prior: Arrow, pull: Array, inverse: Inverse, free: NDArray[np.bool_], parts: list[Part]) -> Shares:
+    """Every run's share.
+
+    Parameters
+    ----------
+    prior, pull : information and score (size,) of what is known beside the runs
+    inverse : of the whole information
+    free : (size,)
+    """
+    layout = prior.layout
+    pull_shared, pull_own = layout.split(pull)
+    information, score, meat = [], [], []
+    for run, (columns, block, slope, more) in enumerate(parts):
+        rows, towards = inverse.rows(columns), inverse.towards[run]
+        information.append(rows.T @ block @ rows + towards.T @ prior.own[run] @ towards)
+        score.append(rows.T @ slope - towards.T @ pull_own[run])
+        meat.append(rows.T @ more @ rows)
+    return Shares(
+        np.array(information), np.array(score), np.array(meat), prior.shared, pull_shared, layout.split(free)[0]
+    )

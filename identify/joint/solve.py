@@ -63,7 +63,7 @@ def normal(
     return matrix, gradient, cost
 
 
-def _step(matrix: Arrow, gradient: Array, free: NDArray[np.bool_], damping: float) -> tuple[Array, float]:
+def damped_step(matrix: Arrow, gradient: Array, free: NDArray[np.bool_], damping: float) -> tuple[Array, float]:
     """A damped step over the whole parameter vector, 0 where not ``free``, and how far it should lower the chi-square."""
     inner, slope = matrix.held(free), np.where(free, gradient, 0.0)
     scale = np.sqrt(np.maximum(inner.diagonal, 1e-300))
@@ -106,7 +106,7 @@ def minimise(
         )
     growth = 2.0
     for step_number in range(MAX_STEPS):
-        step, expected = _step(matrix, gradient, problem.free, damping)
+        step, expected = damped_step(matrix, gradient, problem.free, damping)
         if expected < converged * max(cost, 1.0):
             return Optimum(theta, answers, cost, step_number, True)
         trial = theta + step

@@ -15,8 +15,7 @@ from ..simulate.model import Array, alpha_from_y, line_force
 from .colour.choose import as_fit
 from .colour.innovations import maximise
 from .data import RunData
-from .fit import Fit, fit_runs, modes_along
-from .joint.begin import rough_optimum
+from .fit import NEAR, Fit, Near, fit_runs, modes_along
 from .joint.problem import Problem
 from .joint.solve import minimise
 from .joint.thin import thinned
@@ -26,8 +25,8 @@ from .still import colours, reweighted
 
 LEAST_GAIN = 1e-3
 """A part whose variance is less than this share above the joint fit's holds all that the joint fit knows: no z."""
-
-
+REFITTED = 4
+"""Up to so many runs each is fitted alone, and all but each, to the end: what that takes grows with the square of their number."""
 PINNED = 1e-6
 """A derivative is held at a value by a prior of this relative width."""
 
@@ -81,16 +80,13 @@ def consistency(
 ) -> Consistency:
     """Fit each run alone and all but each, in the form and with the noise of ``fit``.
 
+    Of more than ``REFITTED`` runs neither is searched for: one Gauss-Newton step from the joint fit, by each run's share of its
+    information, gives both (``Shares``); its error is of the square of the step, and the drop is then Rao's, not Wilks's.
+
     A part's estimate and the joint one share the part's data: for efficient estimates the difference has the covariance
     cov(part) - cov(joint) (Hausman, Econometrica 46, 1978).
     """
-    parts = [(run.name, fit, [run], index) for index, run in enumerate(runs)]
-    if len(runs) > 1:
-        parts += [(run.name, fit, [d for d in runs if d is not run], None) for run in runs]
-    # the longest first, so that no worker is left with one at the end
-    say = None if progress is None else lambda done: progress(f"consistency: fit {done} of {len(parts)}")
-    found = each(_part, parts[::-1], say)[::-1]
-    alone, without = found[: len(runs)], found[len(runs) :]
+    alone, without = _refitted(fit, runs, progress, each) if 1 < len(runs) <= REFITTED else _stepped(fit, runs)
     kept = np.array([np.where(p.fixed, p.part.six, np.nan) for p in alone])
     count = np.isfinite(kept).sum(axis=0)
     mean, scatter = np.full(6, np.nan), np.full(6, np.nan)
@@ -121,46 +117,80 @@ class _Fitted:
         return self.part.fixed
 
 
-def _part(name: str, fit: Fit, runs: list[RunData], index: int | None = None) -> _Fitted:
-    """``index``: of a run by itself, whose drop of -2 log L is wanted."""
-    nothing = np.full(6, np.nan)
-    try:
-        found = fit_runs(runs, fit.form, fit.speed_m_s, start=fit.six)
-        if fit.method == "innovations":
-            along = [modes_along(d, p) for d, p in zip(runs, found.response, strict=True)]
-            found = as_fit(along, found, maximise(along, fit.form, fit.speed_m_s, found.theta), ())
-    except EstimationError as error:
-        part = Part(name, nothing, nothing, nothing, np.zeros(6, dtype=bool), str(error))
-        return _Fitted(part, np.nan)
-    sd = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+def _refitted(
+    fit: Fit, runs: list[RunData], progress: Callable[[str], None] | None, each: Each
+) -> tuple[list[_Fitted], list[_Fitted]]:
+    """Each run alone, and all but each."""
+    every = range(len(runs))
+    parts = [(run.name, fit, runs, (k,)) for k, run in enumerate(runs)]
+    parts += [(run.name, fit, runs, tuple(i for i in every if i != k)) for k, run in enumerate(runs)]
+    # the longest first, so that no worker is left with one at the end
+    say = None if progress is None else lambda done: progress(f"consistency: fit {done} of {len(parts)}")
+    found = each(_part, parts[::-1], say)[::-1]
+    return found[: len(runs)], found[len(runs) :]
+
+
+def _stepped(fit: Fit, runs: list[RunData]) -> tuple[list[_Fitted], list[_Fitted]]:
+    """The same by one step from the joint fit; a single run alone is the joint fit."""
+    if len(runs) == 1:
+        return [_Fitted(_judged(runs[0].name, fit, fit.six, fit.covariance), np.nan)], []
+    shares = fit.shares
+    assert shares is not None
+    alone, without = [], []
+    for k, run in enumerate(runs):
+        step, covariance = shares.alone(k)
+        part = _judged(run.name, fit, fit.six + step[:6], covariance[:6, :6])
+        alone.append(_Fitted(part, max(shares.drop(k, 6), 0.0)))
+        step, covariance = shares.without(k)
+        without.append(_Fitted(_judged(run.name, fit, fit.six + step[:6], covariance[:6, :6]), np.nan))
+    return alone, without
+
+
+def _judged(name: str, fit: Fit, six: Array, covariance: Array) -> Part:
+    """A part's estimate with its covariance (6, 6) beside the joint fit."""
+    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     fixed = np.zeros(6, dtype=bool)
-    fixed[list(determined(found.six, found.covariance).single)] = True
+    fixed[list(determined(six, covariance).single)] = True
     joint = np.diag(fit.covariance)
     gain = sd**2 - joint
     usable = fixed & (gain > LEAST_GAIN * joint)
-    z = np.where(usable, (found.six - fit.six) / np.sqrt(np.where(usable, gain, 1.0)), np.nan)
+    z = np.where(usable, (six - fit.six) / np.sqrt(np.where(usable, gain, 1.0)), np.nan)
+    return Part(name, six, sd, z, fixed)
+
+
+def _part(name: str, fit: Fit, runs: list[RunData], chosen: tuple[int, ...]) -> _Fitted:
+    """A fit to the ``chosen`` of the ``runs``; of one alone, the drop of -2 log L as well."""
+    some = [runs[k] for k in chosen]
+    near = Near.of(fit, runs, chosen)
+    try:
+        found = fit_runs(some, fit.form, fit.speed_m_s, start=fit.six, near=near)
+        if not found.converged:
+            found = fit_runs(some, fit.form, fit.speed_m_s, start=fit.six)
+        if fit.method == "innovations":
+            along = [modes_along(d, p) for d, p in zip(some, found.response, strict=True)]
+            found = as_fit(along, found, maximise(along, fit.form, fit.speed_m_s, found.theta), ())
+    except EstimationError as error:
+        nothing = np.full(6, np.nan)
+        return _Fitted(Part(name, nothing, nothing, nothing, np.zeros(6, dtype=bool), str(error)), np.nan)
     drop = np.nan
-    if index is not None:
-        drop = (_drop_innovations if found.method == "innovations" else _drop)(fit, found, runs[0], index)
-    return _Fitted(Part(name, found.six, sd, z, fixed), drop)
+    if len(chosen) == 1:
+        drop = (_drop_innovations if found.method == "innovations" else _drop)(fit, found, some[0], chosen[0], near)
+    return _Fitted(_judged(name, fit, found.six, found.covariance), drop)
 
 
-def _drop(fit: Fit, alone: Fit, run: RunData, index: int) -> float:
+def _drop(fit: Fit, alone: Fit, run: RunData, index: int, near: Near) -> float:
     """Chi-square of a run with the joint six held, less that with its own, both by one whitener: its own fit's."""
     data = [modes_along(run, fit.response[index])]
     colour = colours([run])[0] if run.still is not None else None
     weight = [reweighted(alone.residual[0], stated(run.covariance, run.t_s), colour)]
     costs = []
-    for hold, start in (((), alone.theta), (tuple(range(6)), None)):
+    for hold, start in (((), alone.theta), (tuple(range(6)), near.theta)):
         problem = Problem(data, fit.form, fit.speed_m_s, hold)
-        if start is None:
-            rough, _ = rough_optimum(data, fit.speed_m_s, fit.form, start=fit.six, hold=hold)
-            start = np.concatenate([rough, np.zeros(problem.size - len(rough))])
-        costs.append(minimise(problem, start, weight).chi_square)
+        costs.append(minimise(problem, start, weight, damping=NEAR).chi_square)
     return costs[1] - costs[0]
 
 
-def _drop_innovations(fit: Fit, alone: Fit, run: RunData, index: int) -> float:
+def _drop_innovations(fit: Fit, alone: Fit, run: RunData, index: int, _: Near) -> float:
     """The same of the innovations' likelihood; the joint six are pinned."""
     data = [modes_along(run, fit.response[index])]
     pins = tuple((i, float(v), PINNED * abs(float(v))) for i, v in enumerate(fit.six))

@@ -13,7 +13,8 @@ import numpy as np
 from ..record.errors import EstimationError
 from ..simulate.model import Array
 from .data import RunData
-from .fit import check_runs, inverse_information
+from .fit import check_runs
+from .joint.arrow import inverse_of, widened
 from .joint.begin import rough_optimum
 from .joint.problem import Problem
 from .joint.solve import minimise
@@ -90,15 +91,13 @@ def fit_criterion(
                 break
     assert answers is not None
     bread, _, _ = problem.prior(theta)
-    meat = bread.copy()
-    middle = weight @ q @ weight
+    middle, more = weight @ q @ weight, []
     for answer in answers:
-        place = np.ix_(answer.columns, answer.columns)
-        for i in range(2):
-            for j in range(2):
-                product = answer.slope[i] @ answer.slope[j].T
-                bread[place] += weight[i, j] * product
-                meat[place] += middle[i, j] * product
-    inverse = inverse_information(bread, problem.free)
+        crossed = [[answer.slope[i] @ answer.slope[j].T for j in range(2)] for i in range(2)]
+        here = sum(weight[i, j] * crossed[i][j] for i in range(2) for j in range(2))
+        there = sum(middle[i, j] * crossed[i][j] for i in range(2) for j in range(2))
+        bread.add(answer.columns, here)
+        more.append((answer.columns, there - here))
+    covariance, _ = widened(inverse_of(bread, problem.free), more)
     value = float(np.trace(weight @ q)) if criterion == "trace" else float(np.linalg.det(q))
-    return CriterionFit(theta[:6], (inverse @ meat @ inverse)[:6, :6], q, value)
+    return CriterionFit(theta[:6], covariance[:6, :6], q, value)

@@ -10,7 +10,7 @@ Order of work: weak form, linear form on block means, then the wanted form on ev
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,8 +21,9 @@ from ..simulate.model import Array
 from .colour.disturbance import Disturbance
 from .colour.leftover import Whitened, leftover
 from .data import RunData
+from .joint.arrow import Shares, inverse_of, shares_of, widened
 from .joint.begin import knows_full_only, rough_optimum
-from .joint.common import needs_full
+from .joint.common import Common, needs_full
 from .joint.parameters import RUN_PARAMETERS
 from .joint.problem import OWN, Answer, Problem
 from .joint.solve import Optimum, minimise
@@ -69,6 +70,8 @@ class Fit:
     disturbance : what pushes the hull about, of the innovations form
     notes : how the noise was judged
     weights : of the residuals, per run; of the output error
+    commons : what all runs share beside the six, as the parameter vector holds it: {name: (what it is, its size in sds)}
+    shares : what each run says of the shared parameters
     """
 
     form: str
@@ -96,6 +99,32 @@ class Fit:
     disturbance: Disturbance | None = None
     notes: tuple[str, ...] = ()
     weights: list[Whitener] = field(default_factory=list)
+    commons: dict[str, tuple[Common, float]] = field(default_factory=dict)
+    shares: Shares | None = None
+
+
+@dataclass(frozen=True)
+class Near:
+    """Where a fit to some of the runs of another fit may begin.
+
+    Attributes
+    ----------
+    theta : parameter vector
+    paths : per run (n, 2), fitted y_m and beta_rad
+    """
+
+    theta: Array
+    paths: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, fit: Fit, runs: list[RunData], chosen: Sequence[int]) -> Near:
+        """At the optimum of ``fit``, of whose ``runs`` some are chosen."""
+        problem = Problem([runs[k] for k in chosen], fit.form, fit.speed_m_s)
+        theta = np.zeros(problem.size)
+        theta[:6] = fit.six
+        theta[6 : problem.own_end] = fit.own[list(chosen)].ravel()
+        _share(fit, problem, theta)
+        return cls(theta, tuple(fit.response[k] for k in chosen))
 
 
 @solvable(EstimationError)
@@ -107,6 +136,7 @@ def fit_runs(
     start: Array | None = None,
     extra: tuple[tuple[int, float, float], ...] = (),
     hold: tuple[int, ...] = (),
+    near: Near | None = None,
 ) -> Fit:
     """Fit the derivatives to ``runs`` jointly.
 
@@ -118,21 +148,26 @@ def fit_runs(
     start : (6,) derivatives to start from; default: the weak form's, no guess is needed
     extra : knowledge of derivatives beside the priors: (index, value, sd), at ``speed_m_s``
     hold : indices of derivatives that keep the value of ``start``
+    near : the answer of a fit to these runs and others: the search begins there, at once with every sample
 
     Raises
     ------
     EstimationError : no runs, or the fit has no optimum with positive m' and I'
     """
     speed = check_runs(runs, form, speed_m_s)
-    theta, steps = rough_optimum(runs, speed, form, progress, start, extra, hold)
     weights = [stated(d.covariance, d.t_s) for d in runs]
     paths = None
-    if any(d.shared for d in runs):
-        # the common modes must be known along a smooth path before they may move
-        plain = Problem([without_modes(d) for d in runs], form, speed, hold, extra)
-        optimum = minimise(plain, theta, weights, progress, damping=NEAR)
-        theta, steps = optimum.theta, steps + optimum.steps
-        paths = [a.response.T for a in optimum.answers]
+    if near is not None:
+        theta, steps = near.theta, 0
+        paths = list(near.paths) if any(d.shared for d in runs) else None
+    else:
+        theta, steps = rough_optimum(runs, speed, form, progress, start, extra, hold)
+        if any(d.shared for d in runs):
+            # the common modes must be known along a smooth path before they may move
+            plain = Problem([without_modes(d) for d in runs], form, speed, hold, extra)
+            optimum = minimise(plain, theta, weights, progress, damping=NEAR)
+            theta, steps = optimum.theta, steps + optimum.steps
+            paths = [a.response.T for a in optimum.answers]
     first_chi2 = np.nan
     known = colours(runs)
     problem = Problem(runs, form, speed, hold, extra)
@@ -158,32 +193,34 @@ def fit_runs(
     return _report(problem, optimum, weights, known, first_chi2, steps)
 
 
-def continued(fit: Fit, before: list[RunData], runs: list[RunData]) -> Fit:
+def _share(fit: Fit, problem: Problem, theta: Array) -> None:
+    """Put what the fit found of shared parameters into a parameter vector of ``problem``."""
+    for common in problem.commons:
+        if common.name in fit.commons and common.sd[0]:
+            was, size = fit.commons[common.name]
+            theta[problem.common_at[common.name]] = (was.base[0] + size * was.sd[0] - common.base[0]) / common.sd[0]
+    for key, at in problem.mode_at.items():
+        if key in fit.modes:
+            theta[at] = fit.modes[key]
+
+
+def continued(fit: Fit, runs: list[RunData]) -> Fit:
     """The same fit of the same records with other knowledge beside them (tensions, priors), from where it ended.
 
     Parameters
     ----------
-    fit : output error, of ``before``
-    runs : the same samples; line, tension, gauge or priors may differ
+    fit : output error
+    runs : those of the fit, the same samples; line, tension, gauge or priors may differ
 
     Raises
     ------
     EstimationError : no optimum near the fit's
     """
-    old = Problem(before, fit.form, fit.speed_m_s)
     runs = [modes_along(d, r) for d, r in zip(runs, fit.response, strict=True)]
     problem = Problem(runs, fit.form, fit.speed_m_s)
     theta = np.zeros(problem.size)
-    theta[: old.own_end] = fit.theta[: old.own_end]
-    was = {c.name: c for c in old.commons}
-    for common in problem.commons:
-        if common.name in was and was[common.name].sd[0] and common.sd[0]:
-            at = fit.theta[old.common_at[common.name]]
-            here = was[common.name].base[0] + at * was[common.name].sd[0] - common.base[0]
-            theta[problem.common_at[common.name]] = here / common.sd[0]
-    for key, at in problem.mode_at.items():
-        if key in old.mode_at:
-            theta[at] = fit.theta[old.mode_at[key]]
+    theta[: problem.own_end] = fit.theta[: problem.own_end]
+    _share(fit, problem, theta)
     optimum = minimise(problem, theta, fit.weights, damping=NEAR)
     return _report(problem, optimum, fit.weights, colours(runs), fit.chi2_per_dof, fit.steps + optimum.steps)
 
@@ -246,18 +283,6 @@ def _known_meat(slope: Array, correlations: tuple[Array, Array]) -> Array:
     return matrix
 
 
-def inverse_information(information: Array, free: NDArray[np.bool_]) -> Array:
-    """Covariance over the whole parameter vector; zero where a parameter is not free."""
-    at = np.flatnonzero(free)
-    inner = information[np.ix_(at, at)]
-    scaling = np.sqrt(np.diag(inner))
-    scaling = np.where(scaling > 0, scaling, 1.0)
-    inverse = np.linalg.pinv(inner / scaling[:, None] / scaling[None, :], rcond=1e-15, hermitian=True)
-    found = np.zeros_like(information)
-    found[np.ix_(at, at)] = inverse / scaling[:, None] / scaling[None, :]
-    return found
-
-
 def _report(
     problem: Problem,
     optimum: Optimum,
@@ -268,30 +293,35 @@ def _report(
 ) -> Fit:
     """Put the optimum into a Fit."""
     theta = optimum.theta
-    information, _, _ = problem.prior(theta)
-    plain, white = information.copy(), []
+    prior, pull, _ = problem.prior(theta)
+    information, plain, white, told = prior.copy(), prior.copy(), [], []
     for data, w, answer in zip(problem.runs, weights, optimum.answers, strict=True):
         e, j = w.along(answer.residual), w.along(answer.slope)
         white.append(Whitened(e, j, answer.columns, float(np.median(np.diff(data.t_s)))))
-        place = np.ix_(answer.columns, answer.columns)
-        information[place] += j[0] @ j[0].T + j[1] @ j[1].T
+        informed, told_of = j[0] @ j[0].T + j[1] @ j[1].T, j[0] @ e[0] + j[1] @ e[1]
+        plain.add(answer.columns, information_as_white(w, answer))
         if answer.gauge is not None:
-            information[place] += answer.gauge[1] @ answer.gauge[1].T
-        plain[place] += information_as_white(w, answer)
-    inverse = inverse_information(information, problem.free)
-    slow = leftover([run for run, colour in zip(white, known, strict=True) if colour is None], inverse)
-    more = np.zeros_like(information)
-    for run, colour in zip(white, known, strict=True):
-        meat = slow.meat(run) if colour is None else _known_meat(run.slope, colour.left)
-        more[np.ix_(run.columns, run.columns)] += meat
-    covariance = inverse @ (information + more) @ inverse
-    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+            left, slope = answer.gauge
+            informed, told_of = informed + slope @ slope.T, told_of + slope @ left
+            plain.add(answer.columns, slope @ slope.T)
+        told.append((answer.columns, informed, told_of))
+        information.add(answer.columns, informed)
+    inverse = inverse_of(information, problem.free)
+    unknown = [run for run, colour in zip(white, known, strict=True) if colour is None]
+    slow = leftover(unknown, [inverse.of(run.columns) for run in unknown])
+    more = [
+        slow.meat(run) if colour is None else _known_meat(run.slope, colour.left)
+        for run, colour in zip(white, known, strict=True)
+    ]
+    covariance, variance = widened(inverse, [(a.columns, m) for a, m in zip(optimum.answers, more, strict=True)])
+    parts = [(*one, meat) for one, meat in zip(told, more, strict=True)]
+    sd = np.sqrt(np.maximum(variance, 0.0))
     count = len(problem.runs)
     return Fit(
         form=problem.form,
         six=theta[:6],
         covariance=covariance[:6, :6],
-        filtered_covariance=inverse[:6, :6],
+        filtered_covariance=inverse.shared[:6, :6],
         speed_m_s=problem.speed,
         own=theta[6 : problem.own_end].reshape(count, len(OWN)),
         own_sd=sd[6 : problem.own_end].reshape(count, len(OWN)),
@@ -308,8 +338,12 @@ def _report(
         steps=steps,
         converged=optimum.converged,
         theta=theta,
-        naive_covariance=inverse_information(plain, problem.free)[:6, :6],
         weights=weights,
+        commons={
+            c.name: (c, float(theta[at])) for c, at in zip(problem.commons, problem.common_at.values(), strict=True)
+        },
+        naive_covariance=inverse_of(plain, problem.free).shared[:6, :6],
+        shares=shares_of(prior, pull, inverse, problem.free, parts),
     )
 
 
@@ -340,4 +374,4 @@ def information_as_white(weight: Whitener, answer: Answer) -> Array:
     return j[0] @ j[0].T + j[1] @ j[1].T
 
 
-__all__ = ["FORMS", "OWN", "RUN_PARAMETERS", "Fit", "fit_runs"]
+__all__ = ["FORMS", "OWN", "RUN_PARAMETERS", "Fit", "Near", "fit_runs"]

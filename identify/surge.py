@@ -28,7 +28,7 @@ def surge_moves(fit: Fit, runs: list[RunData]) -> dict[str, float] | None:
         return None
     towed = [replace(d, tow=replace(d.tow, line="surge")) for d in runs]
     try:
-        other = continued(fit, runs, towed)
+        other = continued(fit, towed)
     except EstimationError:
         return None
     moves = other.six / fit.six - 1

@@ -110,7 +110,7 @@ def tension_from_motion(fit: Fit, runs: list[RunData]) -> TensionFromMotion | No
         return None
     stated = [d for d in runs if d.tension_stated]
     if stated:
-        alone = continued(fit, runs, [replace(d, tension_stated=False, gauge=None) for d in runs])
+        alone = continued(fit, [replace(d, tension_stated=False, gauge=None) for d in runs])
     else:
         alone = fit
     log_factor, log_sd = alone.common[SCALE]

@@ -19,6 +19,8 @@ SYMBOLS = (
 )  # fmt: skip
 LARGEST_PERCENT = 60.0
 """A run that knows a derivative worse than this alone is not drawn: its bar would hide the others."""
+ROOMY = 12
+"""Of more runs each gets less height, and every fourth its number."""
 LAG_S = 6.0
 LAGS = 30
 
@@ -27,7 +29,7 @@ def consistency_figure(fit: Fit, found: Consistency, shown: tuple[int, ...]) -> 
     """Derivatives ``shown``, run by run, in % of the joint value: alone (dots) and left out (squares) with 95 % bars."""
     from matplotlib.gridspec import GridSpec
 
-    height = 0.42 * len(found.alone) + 1.6
+    height = 0.42 * min(len(found.alone), ROOMY) + 0.16 * max(len(found.alone) - ROOMY, 0) + 1.6
     drawing, axes = new_figure(height, columns=len(shown))
     rows = np.arange(len(found.alone))[::-1]
     bars: dict[str, list[tuple[str, float, float, float]]] = {}
@@ -39,22 +41,29 @@ def consistency_figure(fit: Fit, found: Consistency, shown: tuple[int, ...]) -> 
         for parts, colour, shape, shift, name in (
             (found.alone, BLUE, "o", 0.14, "run alone"), (found.without, ORANGE, "s", -0.14, "all without it"),
         ):  # fmt: skip
-            for row, part in zip(rows, parts, strict=True) if parts else ():
-                value, bar = (100 * x / abs(fit.six[i]) for x in (part.six[i] - fit.six[i], 1.96 * part.sd[i]))
-                if not part.fixed[i] or bar > 1.96 * LARGEST_PERCENT:
-                    continue
-                ax.errorbar(
-                    [value], [row + shift], xerr=[bar], color=colour, marker=shape, markersize=4, capsize=2,
-                    linewidth=1.3, label=name,
-                )  # fmt: skip
-                reach = max(reach, abs(value) + bar)
-                bars.setdefault(name, []).append((_ORDER[i], len(rows) - float(row), value, bar))
+            if not parts:
+                continue
+            value, bar = (
+                100 * np.array(some) / abs(fit.six[i])
+                for some in ([p.six[i] - fit.six[i] for p in parts], [1.96 * p.sd[i] for p in parts])
+            )
+            known = np.array([p.fixed[i] for p in parts]) & ~(bar > 1.96 * LARGEST_PERCENT)
+            if not known.any():
+                continue
+            ax.errorbar(
+                value[known], (rows + shift)[known], xerr=bar[known], color=colour, marker=shape, markersize=4, capsize=2,
+                linewidth=1.3, linestyle="", label=name,
+            )  # fmt: skip
+            reach = max(reach, float((np.abs(value) + bar)[known].max()))
+            kept = zip((len(rows) - rows)[known].astype(float), value[known], bar[known], strict=True)
+            bars.setdefault(name, []).extend((_ORDER[i], *map(float, one)) for one in kept)
         bars.setdefault("joint", []).append((_ORDER[i], np.nan, 0.0, joint))
         tick = _round_below(0.85 * reach)
         ax.set_xlim(-1.08 * reach, 1.08 * reach)
         ax.set_xticks([-tick, 0, tick], [f"−{tick:g}", "0", f"{tick:g}"])
         ax.set_ylim(-0.6, len(rows) - 0.4)
-        ax.set_yticks(rows, [str(k + 1) for k in range(len(rows))] if place == 0 else [""] * len(rows))
+        every = 1 if len(rows) <= ROOMY else 4
+        ax.set_yticks(rows[::every], [str(k + 1) if place == 0 else "" for k in range(len(rows))][::every])
         ax.set_title(SYMBOLS[i], fontsize=10.5, color=BLACK)
     label(axes[0], y="run")
     label(axes[len(axes) // 2], "difference to the joint value (%)")

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import ndtr
 
 from ..processes import Each, in_turn
 from .dynamics_figures import Answer, bode_figure, orbits_figure, spectrum_figure
 from .format import NONE, SYMBOLS_TEXT, plus_minus, significant, to_decimals
-from .html import Html, bullets, figure, join, number, table, tag, unit
+from .html import FIGURES, Html, bullets, figure, join, number, table, tag, unit
 from .identify_figures import consistency_figure, cross_figure, estimators_figure, white_residuals
 from .page import document, write_document
 from .run_figures import motion_figure, residuals_figure, whiteness_figure
 from .run_section import ORBITS, SPECTRUM, RunPage, frames_of
 from .sections import SYMBOLS_HTML, Frames, derivatives_section, failed_box, summary
 from .series import residuals
+from .strips import REACH, residual_strip
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,6 +32,10 @@ if TYPE_CHECKING:
     from .series import Array
 
 NAMES = tuple(SYMBOLS_TEXT)
+ALL_DRAWN = 8
+"""Up to so many runs the page holds every picture of each ..."""
+STRANGEST = 2
+"""... and of more, those of the strangest; of all the others a strip of their residuals."""
 FAR = 2.0
 UNLIKELY = 0.01
 
@@ -82,10 +88,10 @@ def identify_page(found: FitPage, each: Each = in_turn) -> Html:
         parts.append(_reference(found, agreed, compared))
     parts.append(_consistency(found, agreed))
     parts.append(_answer(found))
-    drawn = [
-        (page, one, _whitened(found, order), found.result.runs[page.name].tests, order + 1)
-        for order, (page, one) in enumerate(zip(pages, found.judged, strict=True))
-    ]
+    shown = _shown(found)
+    if len(shown) < len(pages):
+        parts.append(_every_run(found, pages, shown))
+    drawn = [(pages[k], found.judged[k], _whitened(found, k), result.runs[pages[k].name].tests, k + 1) for k in shown]
     parts += each(_run, drawn)
     words = (
         "± is one standard deviation, bars are 95 %; y and angles positive to starboard. "
@@ -100,7 +106,10 @@ def _contents(found: FitPage, compared: Comparison | None) -> Html:
     if compared is not None:
         links.append(tag("a", "Reference", href="#reference"))
     links.append(tag("a", "Do the runs agree?", href="#consistency"))
-    links += [tag("a", name, href=f"#run-{k}") for k, name in enumerate(found.fitted, 1)]
+    shown, names = _shown(found), list(found.fitted)
+    if len(shown) < len(names):
+        links.append(tag("a", f"All {len(names)} runs", href="#runs"))
+    links += [tag("a", names[k], href=f"#run-{k + 1}") for k in shown]
     return tag("nav", join(links, " "))
 
 
@@ -291,6 +300,60 @@ def _answer(found: FitPage) -> Html:
         "own frequencies carry."
     )
     return tag("section", tag("h2", "How the hull answers"), figure(drawn, words), id="answer")
+
+
+# many runs ----------------------------------------------------------------------------------------------------------
+
+
+def _shown(found: FitPage) -> list[int]:
+    """The runs whose pictures the page holds: all of a few, of many the strangest."""
+    runs = len(found.data)
+    if runs <= ALL_DRAWN:
+        return list(range(runs))
+    strangest = np.argsort([_chance_of(found, k) for k in range(runs)], kind="stable")[:STRANGEST]
+    return sorted(int(k) for k in strangest)
+
+
+def _chance_of(found: FitPage, index: int) -> float:
+    """How probable a run's residuals, and its pull on the joint fit, are beforehand: the least of these p."""
+    tests = found.result.runs[found.data[index].name].tests
+    chances = [tests["ljung_box_p_y"], tests["ljung_box_p_beta"]]
+    for parts in (found.agreed.alone, found.agreed.without):
+        if parts and (z := np.abs(parts[index].z[np.isfinite(parts[index].z)])).size:
+            chances.append(min(1.0, len(NAMES) * 2 * float(ndtr(-z.max()))))
+    return min(chances)
+
+
+def _every_run(found: FitPage, pages: list[RunPage], shown: list[int]) -> Html:
+    """A row of each run: scatter, whiteness, strip of its residuals."""
+    rows: list[list[object]] = []
+    for k, (page, data) in enumerate(zip(pages, found.data, strict=True)):
+        run, rest = found.result.runs[page.name], residuals(page.motion, page.fitted)
+        name: object = tag("a", page.name, href=f"#run-{k + 1}") if k in shown else page.name
+        chances = [run.tests[key] for key in ("ljung_box_p_y", "ljung_box_p_beta")]
+        rows.append([
+            join([str(k + 1), " ", tag("small", name)]),
+            number(f"{data.tow.tow_point_m:g}"),
+            number(str(run.samples)),
+            number(f"{1e3 * run.noise['y_m']:.2f}"),
+            number(f"{np.degrees(run.noise['beta_rad']):.3f}"),
+            *(tag("strong", text) if p < UNLIKELY else text for p in chances for text in [number(f"{p:.2g}")]),
+            "" if rest is None else _linked(residual_strip(rest), f"run-{k + 1}"),
+        ])  # fmt: skip
+    head = ["run", Html("<i>X</i><sub>T</sub> (m)"), "samples", "y (mm)", "β (deg)", "p of y", "p of β", "residuals"]
+    words = (
+        f"Every run: rms of the residuals, Ljung-Box p after whitening, and the residuals over their sigma against time (y above, "
+        f"β below, ±{REACH:g} high, grey ±2). Of these {len(rows)} runs the {len(shown)} strangest by whiteness and agreement are "
+        "drawn in full below; towline run RUN draws one by itself."
+    )
+    return tag("section", tag("h2", "All runs"), table(head, rows, kind="wide", caption=words), id="runs")
+
+
+def _linked(strip: Html, of: str) -> Html:
+    """A strip that leads to its numbers."""
+    (one,) = strip.drawn
+    name = f"{of}-{one.name}"
+    return tag("a", Html(strip, (replace(one, name=name),)), href=f"{FIGURES}/{name}.csv")
 
 
 # one run ------------------------------------------------------------------------------------------------------------

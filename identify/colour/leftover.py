@@ -78,19 +78,18 @@ class Leftover:
         return found
 
 
-def leftover(runs: Sequence[Whitened], covariance: Array) -> Leftover:
+def leftover(runs: Sequence[Whitened], spreads: Sequence[Array]) -> Leftover:
     """What the runs of one fit show together.
 
     Parameters
     ----------
-    covariance : of the whole parameter vector, had the whitened noise been white
+    spreads : of each run (k, k), covariance of the parameters ``columns``, had the whitened noise been white
     """
     gain = np.zeros((len(CORNERS_HZ), len(SIZES)))
-    for run in runs:
+    for run, spread in zip(runs, spreads, strict=True):
         n = run.error.shape[1]
         frequency = np.fft.rfftfreq(n, run.step_s)
         inside = (frequency > 0) & (frequency < HIGHEST_HZ)
-        spread = covariance[np.ix_(run.columns, run.columns)]
         for error, slope in zip(run.error, run.slope, strict=True):
             power = np.abs(np.fft.rfft(error)[inside]) ** 2 / n
             wave = np.fft.rfft(slope, axis=1)[:, inside]

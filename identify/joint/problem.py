@@ -15,6 +15,7 @@ from ...record.priors import DERIVATIVE_NAMES
 from ...simulate.model import Array
 from ..data import RunData
 from ..start import rudder_start, start_state, weak_form_start
+from .arrow import Arrow, Layout
 from .common import commons_of, needs_full
 from .full import Guess, full_paths
 from .gauge import gauge_blocks
@@ -193,19 +194,24 @@ class Problem:
             paths = linear_paths(self.runs, values, self.speed, self.wanted)
         return [self._answer(i, theta, values, guess, *path) for i, path in enumerate(paths)]
 
-    def prior(self, theta: Array) -> tuple[Array, Array, float]:
+    @property
+    def layout(self) -> Layout:
+        """Where each run's own parameters stand."""
+        return Layout(6, len(OWN), len(self.runs), self.size)
+
+    def prior(self, theta: Array) -> tuple[Arrow, Array, float]:
         """Normal matrix, gradient and chi-square of what is known beside the motion."""
-        matrix, gradient = np.zeros((self.size, self.size)), np.zeros(self.size)
+        matrix, gradient = Arrow.zeros(self.layout), np.zeros(self.size)
         gap, slope = self.pull.rows(theta)
         at = self.pull.index
-        np.add.at(matrix, (at, at), slope**2)
+        matrix.add_diagonal(at, slope**2)
         np.add.at(gradient, at, slope * gap)
         cost = float(gap @ gap)
         if self.gyration is not None:
             k2, sd = self.gyration
             row = np.array([-theta[1] / theta[0], 1.0]) / theta[0] / sd
             short = (k2 - theta[1] / theta[0]) / sd
-            matrix[:2, :2] += np.outer(row, row)
+            matrix.shared[:2, :2] += np.outer(row, row)
             gradient[:2] += row * short
             cost += short**2
         return matrix, gradient, float(cost)

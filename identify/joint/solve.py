@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...record.errors import EstimationError
 from ...simulate.model import Array
+from .arrow import Arrow
 from .problem import Answer, Problem
 
 MAX_STEPS = 60
@@ -52,39 +54,43 @@ class Optimum:
 
 def normal(
     problem: Problem, theta: Array, answers: Sequence[Answer], weights: Sequence[Weight]
-) -> tuple[Array, Array, float]:
+) -> tuple[Arrow, Array, float]:
     """Normal matrix, gradient and chi-square with priors, over the whole parameter vector."""
     matrix, gradient, cost = problem.prior(theta)
     for answer, weight in zip(answers, weights, strict=True):
         e, j = weight.along(answer.residual), weight.along(answer.slope)
-        columns = answer.columns
-        for channel in range(2):
-            matrix[np.ix_(columns, columns)] += j[channel] @ j[channel].T
-            gradient[columns] += j[channel] @ e[channel]
+        matrix.add(answer.columns, j[0] @ j[0].T + j[1] @ j[1].T)
+        gradient[answer.columns] += j[0] @ e[0] + j[1] @ e[1]
         cost += float((e * e).sum())
         if answer.gauge is not None:
             left, slope = answer.gauge
-            matrix[np.ix_(columns, columns)] += slope @ slope.T
-            gradient[columns] += slope @ left
+            matrix.add(answer.columns, slope @ slope.T)
+            gradient[answer.columns] += slope @ left
             cost += float(left @ left)
     return matrix, gradient, cost
+
+
+def damped_step(matrix: Arrow, gradient: Array, free: NDArray[np.bool_], damping: float) -> tuple[Array, float]:
+    """A damped step over the whole parameter vector, 0 where not ``free``, and how far it should lower the chi-square."""
+    inner, slope = matrix.held(free), np.where(free, gradient, 0.0)
+    scale = np.sqrt(np.maximum(inner.diagonal, 1e-300))
+    step = inner.scaled(scale).solve(slope / scale, damping) / scale
+    return step, float(step @ (2 * slope - inner.times(step)))
 
 
 def _usable(theta: Array) -> bool:
     return bool(theta[0] > 0 and theta[1] > 0 and np.isfinite(theta).all())
 
 
-def _moved(theta: Array, free: Array, step: Array) -> Array:
+def _moved(theta: Array, step: Array) -> Array:
     """``theta`` after the step; derivatives are moved by factors.
 
     Where T is not known, all forces together hardly change the motion: along that valley a straight step would climb its side.
     """
-    trial = theta.copy()
-    trial[free] += step
-    six = free[free < 6]
-    share = step[: len(six)] / theta[six]
-    if len(six) and np.abs(share).max() < LARGEST_FACTOR:
-        trial[six] = theta[six] * np.exp(share)
+    trial = theta + step
+    share = step[:6] / theta[:6]
+    if np.abs(share).max() < LARGEST_FACTOR:
+        trial[:6] = theta[:6] * np.exp(share)
     return trial
 
 
@@ -117,16 +123,12 @@ def minimise(
         raise EstimationError(
             "the motion simulated from the weak-form start grows beyond bounds; is the tow stable (X_T > X_v)?"
         )
-    free, growth = np.flatnonzero(problem.free), 2.0
+    growth = 2.0
     for step_number in range(MAX_STEPS):
-        inner, slope = matrix[np.ix_(free, free)], gradient[free]
-        scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
-        scaled = inner / scale[:, None] / scale[None, :]
-        step = np.linalg.solve(scaled + damping * np.eye(len(free)), slope / scale) / scale
-        expected = float(step @ (2 * slope - inner @ step))
+        step, expected = damped_step(matrix, gradient, problem.free, damping)
         if expected < converged * max(cost, 1.0):
             return Optimum(theta, answers, cost, step_number, True)
-        trial = _moved(theta, free, step)
+        trial = _moved(theta, step)
         new_cost, found, there = np.inf, None, answers
         if _usable(trial):
             with np.errstate(all="ignore"):

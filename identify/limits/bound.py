@@ -34,7 +34,7 @@ def information(runs: list[RunData], six: Array, form: str, speed_m_s: float) ->
     theta = minimise(fixed, theta, weights).theta
     problem = Problem(runs, form, speed_m_s)
     matrix, _, _ = normal(problem, theta, problem.evaluate(theta), weights)
-    return matrix, problem
+    return matrix.dense(), problem
 
 
 def information_of_six(matrix: Array, problem: Problem) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from ...simulate.model import Array
 from ..data import RunData
 from ..fit import Fit
+from ..joint.arrow import inverse_of
 from ..joint.problem import Problem
 from ..joint.solve import minimise, normal
 from ..joint.thin import thinned
@@ -48,8 +49,7 @@ def profile(fit: Fit, runs: list[RunData], index: int) -> Profile:
     best = minimise(free, fit.theta[: free.size], weights)
     centre = float(best.theta[index])
     matrix, _, _ = normal(free, best.theta, best.answers, weights)
-    at = np.flatnonzero(free.free)
-    sd = float(np.sqrt(max(np.linalg.pinv(matrix[np.ix_(at, at)])[index, index], 0.0)))
+    sd = float(np.sqrt(max(inverse_of(matrix, free.free).shared[index, index], 0.0)))
     sd = min(sd, 0.3 * abs(centre)) if np.isfinite(sd) and sd > 0 else 0.1 * abs(centre)
     held = Problem(few, fit.form, fit.speed_m_s, hold=(index,))
     below, above = (

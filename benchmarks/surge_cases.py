@@ -54,6 +54,7 @@ class SurgeOptions:
     gauge : False: nobody measured the pull; ``stated`` has no tension
     release_deg : least and largest alpha of the releases
     rudder_deg : the largest angle drawn
+    y_delta_n_rad : Y_delta about which it is drawn
     scatter : of each derivative about MARINER, even within +- this share
     resistance_scatter : of R about 3.96 N, standard deviation, relative
     mass_sd_rel : error of the weighing (0: exact)
@@ -66,6 +67,7 @@ class SurgeOptions:
     gauge: bool = True
     release_deg: tuple[float, float] = (3.0, 20.0)
     rudder_deg: float = 15.0
+    y_delta_n_rad: float = 20.0
     scatter: float = 0.2
     resistance_scatter: float = 0.05
     mass_sd_rel: float = 0.0
@@ -357,7 +359,7 @@ def _draw(rng: Rng, k: int, options: SurgeOptions, times: Array) -> _Drawn:
         x_udot = weighed * (-0.05 + 0.03 * float(rng.normal()))
         if x_udot < 0:
             break
-    y_delta = 20.0 * (1 + options.scatter * float(rng.uniform(-1, 1)))
+    y_delta = options.y_delta_n_rad * (1 + options.scatter * float(rng.uniform(-1, 1)))
     truth: dict[str, Any] = {
         **six,
         "x_udot": x_udot,

@@ -21,8 +21,12 @@ from .setting import Setting, setting_of
 
 PASSES = 12
 BROADSIDE_RAD = np.pi / 2
+AT_ONCE = 24000
+"""Numbers in a row of the sensitivities of one go."""
 COARSE = 4
 """Steps in one where the path is looked for step by step."""
+STANDS = 1e-3
+"""Sensitivities of a path that then moves by less than this (rad, m/s, rad/s) are its own to a thousandth."""
 SETTLED = 1e-6
 """Newton ends when no state moved by more than this: the next move is of its square."""
 
@@ -39,7 +43,7 @@ class Guess:
     moved : (4, wanted, steps + 1, runs), its sensitivities
     wanted : their parameters
     tension : (steps + 1, runs), T along it, N
-    tension_moved : (wanted, steps + 1, runs), its sensitivities; None where the line's tension is given
+    tension_moved : (wanted, steps + 1, runs), its sensitivities; None where no gauge asks for them
     """
 
     step_s: float
@@ -53,11 +57,11 @@ class Guess:
     def tension_at(self, run: int, t_s: Array) -> tuple[Array, Array]:
         """T of a run, (n,), and its sensitivities (wanted, n), at times from the run's first sample; straight between steps."""
         assert self.tension is not None
-        assert self.tension_moved is not None
+        moved = np.zeros((0, *self.tension.shape)) if self.tension_moved is None else self.tension_moved
         place = np.clip(t_s / self.step_s, 0.0, len(self.tension) - 1 - 1e-9)
         node = place.astype(int)
         share = place - node
-        both = np.concatenate([self.tension[None, :, run], self.tension_moved[:, :, run]])
+        both = np.concatenate([self.tension[None, :, run], moved[:, :, run]])
         found = both[:, node] * (1 - share) + both[:, node + 1] * share
         return found[0], found[1:]
 
@@ -100,7 +104,8 @@ def full_paths(
         ends = setting.linearised(0, path, wanted, everywhere)
         rates = ends.along(moved, 0, wanted)[:2]
         answers = [_sampled(d, i, setting, values, path, moved, ends.rates, rates, wanted) for i, d in enumerate(runs)]
-        pulled = ends.tension_along(moved, wanted) if setting.tow.line == "surge" else None
+        gauged = setting.tow.line == "surge" and any(d.gauge is not None for d in runs)
+        pulled = ends.tension_along(moved, wanted) if gauged else None
         tension = np.broadcast_to(ends.tension_n, path.shape[1:])
     return answers, Guess(setting.step, values, path, moved, wanted, tension, pulled)
 
@@ -133,15 +138,15 @@ def _first_path(runs: list[RunData], values: Array, reference: float, setting: S
 
 def _newton(setting: Setting, values: Array, path: Array, wanted: tuple[int, ...]) -> tuple[Array, Array] | None:
     """Path and sensitivities (4, wanted, steps + 1, runs), or None where it does not settle."""
-    runs = len(values)
-    before = np.inf
+    before, known = np.inf, None
     for turn in range(PASSES):
-        # sensitivities are wanted of the last pass only; a guess may be good enough for the first to be the last
-        end, map_ = _steps(setting, path[:, :-1], wanted if before < 0.03 or turn == 0 else ())
+        # a guess may be good enough for the first pass to be the last; a path that hardly moves any more keeps its sensitivities
+        asked = wanted if known is None and (before < 0.03 or turn == 0) else ()
+        end, map_ = _steps(setting, path[:, :-1], asked)
         lacking = end - path[:, 1:]
         if not np.isfinite(lacking).all() or not np.isfinite(map_).all():
             return None
-        carried = _carry(map_, lacking, values, wanted if map_.shape[1] > 4 else ())
+        carried = _carry(map_, lacking, values, asked)
         move = carried[:, 0]
         size = float(np.abs(move).max())
         if not np.isfinite(size) or size > 20.0:
@@ -149,15 +154,28 @@ def _newton(setting: Setting, values: Array, path: Array, wanted: tuple[int, ...
         # far from the path a whole move may overshoot: the angles move by half a radian at most
         share = min(1.0, 0.5 / max(float(np.abs(move[:2]).max()), 1e-300))
         path = path + share * move
-        if size < SETTLED and carried.shape[1] == 1 + len(wanted):
-            return path, carried[:, 1:].reshape(4, len(wanted), setting.count + 1, runs)
+        if asked == wanted and size < STANDS:
+            known = carried[:, 1:].reshape(4, len(wanted), setting.count + 1, len(values))
+        if size < SETTLED and known is not None:
+            return path, known
         before = size
     return None
 
 
 def _steps(setting: Setting, begin: Array, wanted: tuple[int, ...]) -> tuple[Array, Array]:
     """Every step from its own begin: its end (4, steps, runs) and its derivatives (4, 4 + wanted, steps, runs)."""
-    h, select = setting.step, slice(0, setting.count)
+    columns, runs = 4 + len(wanted), begin.shape[2]
+    end, slope = np.empty_like(begin), np.empty((4, columns, *begin.shape[1:]))
+    together = max(1, AT_ONCE // (columns * runs))
+    for first in range(0, begin.shape[1], together):
+        here = slice(first, min(first + together, begin.shape[1]))
+        end[:, here], slope[:, :, here] = _some_steps(setting, begin[:, here], wanted, here)
+    return end, slope
+
+
+def _some_steps(setting: Setting, begin: Array, wanted: tuple[int, ...], select: slice) -> tuple[Array, Array]:
+    """``_steps`` of some of the steps: as many as a processor's cache holds."""
+    h = setting.step
     first = np.zeros((4, 4 + len(wanted), *begin.shape[1:]))
     for i in range(4):
         first[i, i] = 1.0

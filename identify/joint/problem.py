@@ -238,7 +238,7 @@ class Problem:
         slope = np.concatenate(parts, axis=1) if len(parts) > 1 else parts[0]
         residual = np.stack([data.y_m, data.beta_rad]) - total
         gauge = tension = None
-        if guess is not None and guess.tension_moved is not None:
+        if guess is not None and guess.tension is not None and data.tow.line == "surge":
             tension = guess.tension_at(index, data.t_s - data.t_s[0])[0]
             gauge = self._gauge(index, theta, values, guess, count, len(columns))
         return Answer(total, residual, slope, np.array(columns), gauge, tension)

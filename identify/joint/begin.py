@@ -14,15 +14,20 @@ from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..data import RunData
 from ..noise import stated
-from .problem import Problem
-from .solve import Optimum, Progress, minimise, normal
+from .full import full_paths
+from .problem import OWN, Problem
+from .solve import Optimum, Progress, minimise
 from .thin import thinned
 
 ROUGH_CONVERGED = 1e-5
 POOR = 30.0
 """A start whose chi-square per residual exceeds this is led in by growing records."""
+FAR_OFF = 1e3
+"""From more per residual the whole fit does not find its way by itself."""
 SHARES = (0.25, 0.5, 1.0)
 LEADING_CONVERGED = 1e-3
+MOST_ROUGH = 8
+"""Of more runs so many, spread over the tow points, say where the derivatives begin; the others' own starts follow from these."""
 FEWEST_SAMPLES = 40
 Extra = tuple[tuple[int, float, float], ...]
 
@@ -47,6 +52,10 @@ def rough_optimum(
     ------
     EstimationError : no motion near the records can be simulated
     """
+    if len(runs) > MOST_ROUGH and not any(knows_full_only(d) for d in runs):
+        found = _by_some(runs, speed_m_s, form, progress, start, extra, hold)
+        if found is not None:
+            return found
     few = [thinned(d) for d in runs]
     problem = Problem(few, "linear", speed_m_s, hold, extra)
     weights = [stated(d.covariance, d.t_s) for d in few]
@@ -76,14 +85,52 @@ def rough_optimum(
     return led.theta, steps + more
 
 
+def _by_some(
+    runs: list[RunData],
+    speed_m_s: float,
+    form: str,
+    progress: Progress | None,
+    start: Array | None,
+    extra: Extra,
+    hold: tuple[int, ...],
+) -> tuple[Array, int] | None:
+    """The derivatives by some of the runs, then every run's own with these held; None where that does not come near a run."""
+    order = np.argsort([d.tow.tow_point_m for d in runs], kind="stable")
+    chosen = order[np.round(np.linspace(0, len(runs) - 1, MOST_ROUGH)).astype(int)]
+    some = [runs[k] for k in chosen]
+    theta, steps = rough_optimum(some, speed_m_s, form, progress, start, extra, hold)
+    few = [thinned(d) for d in runs]
+    weights = [stated(d.covariance, d.t_s) for d in few]
+    linear = Problem(few, "linear", speed_m_s)
+    if tuple(linear.common_at) != tuple(Problem(some, "linear", speed_m_s).common_at):
+        return None
+    linear.free[linear.layout.shared] = False
+    first = linear.from_six(theta[:6])
+    first[linear.own_end :] = theta[6 + len(OWN) * len(some) :]
+    found = minimise(linear, first, weights, progress, converged=ROUGH_CONVERGED)
+    whole = linear.sides_to_full(found.theta) if form == "full" else found.theta
+    for place, k in enumerate(chosen):
+        at = 6 + len(OWN) * place
+        whole[linear.own_at(k) : linear.own_at(k) + len(OWN)] = theta[at : at + len(OWN)]
+    if form == "full" and _per_residual(Problem(few, "full", speed_m_s), whole, weights) > FAR_OFF:
+        return None
+    return whole, steps + found.steps
+
+
 def knows_full_only(data: RunData) -> bool:
     """The run holds what the linear form does not know."""
     return bool(data.tow.post_amplitude_m) or data.tension is not None or data.speed is not None
 
 
 def _per_residual(problem: Problem, theta: Array, weights) -> float:
+    """Chi-square over the residuals' number, of runs without common modes in the full form; no sensitivities are asked for."""
     with np.errstate(all="ignore"):
-        cost = normal(problem, theta, problem.evaluate(theta), weights)[2]
+        paths, _ = full_paths(problem.runs, problem.run_values(theta), problem.speed, ())
+        cost = problem.prior(theta)[2]
+        for k, (data, weight, (response, _)) in enumerate(zip(problem.runs, weights, paths, strict=True)):
+            at = problem.own_at(k) + OWN.index("y_b")
+            residual = np.stack([data.y_m, data.beta_rad]) - response - theta[at : at + 2, None]
+            cost += float((weight.along(residual) ** 2).sum())
     return cost / sum(2 * len(d.t_s) for d in problem.runs) if np.isfinite(cost) else np.inf
 
 

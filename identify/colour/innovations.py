@@ -65,10 +65,15 @@ class LikelihoodFit:
     converged: bool
 
     @property
+    def covariance(self) -> Array:
+        """Of the shared parameters: the six first, the noise last."""
+        return self.inverse.shared
+
+    @property
     def disturbance(self) -> Disturbance:
         """The noise parameters with their units."""
         force, moment, time_s, *scale = np.exp(self.noise)
-        sd = np.sqrt(np.maximum(np.diag(self.inverse.shared)[-NOISE:], 0.0))
+        sd = np.sqrt(np.maximum(np.diag(self.covariance)[-NOISE:], 0.0))
         return Disturbance(float(force), float(moment), float(time_s), np.array(scale), sd)
 
 

@@ -14,16 +14,21 @@ from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..data import RunData
 from ..noise import stated
-from .problem import Problem
-from .solve import Optimum, Progress, minimise, normal
+from .full import full_paths
+from .problem import OWN, Problem
+from .solve import Optimum, Progress, minimise
 from .thin import thinned
 
 ROUGH_CONVERGED = 1e-5
 POOR = {"constant": 30.0, "surge": 3000.0}
 """A start whose chi-square per residual exceeds this is led in by growing records; the linear form, whose tension is constant,
 leaves more of a tow that swings on a line of constant length."""
+FAR_OFF = {"constant": 1e3, "surge": 3e3}
+"""From more per residual the whole fit does not find its way by itself."""
 SHARES = (0.25, 0.5, 1.0)
 LEADING_CONVERGED = 1e-3
+MOST_ROUGH = 8
+"""Of more runs so many, spread over the tow points, say where the derivatives begin; the others' own starts follow from these."""
 FEWEST_SAMPLES = 40
 Extra = tuple[tuple[int, float, float], ...]
 
@@ -48,6 +53,10 @@ def rough_optimum(
     ------
     EstimationError : no motion near the records can be simulated
     """
+    if len(runs) > MOST_ROUGH and not any(knows_full_only(d) for d in runs):
+        found = _by_some(runs, speed_m_s, form, progress, start, extra, hold)
+        if found is not None:
+            return found
     few = [thinned(d) for d in runs]
     # the linear form knows no rudder: what a rudder holds the model aside by is a bias to it
     problem = Problem([_biased(d) for d in few], "linear", speed_m_s, hold, extra)
@@ -78,6 +87,38 @@ def rough_optimum(
     return led.theta, steps + more
 
 
+def _by_some(
+    runs: list[RunData],
+    speed_m_s: float,
+    form: str,
+    progress: Progress | None,
+    start: Array | None,
+    extra: Extra,
+    hold: tuple[int, ...],
+) -> tuple[Array, int] | None:
+    """The derivatives by some of the runs, then every run's own with these held; None where that does not come near a run."""
+    order = np.argsort([d.tow.tow_point_m for d in runs], kind="stable")
+    chosen = order[np.round(np.linspace(0, len(runs) - 1, MOST_ROUGH)).astype(int)]
+    some = [runs[k] for k in chosen]
+    theta, steps = rough_optimum(some, speed_m_s, form, progress, start, extra, hold)
+    few = [thinned(d) for d in runs]
+    weights = [stated(d.covariance, d.t_s) for d in few]
+    linear = Problem([_biased(d) for d in few], "linear", speed_m_s)
+    if tuple(linear.common_at) != tuple(Problem(some, "linear", speed_m_s).common_at):
+        return None
+    linear.free[linear.layout.shared] = False
+    first = linear.from_six(theta[:6])
+    first[linear.own_end :] = theta[6 + len(OWN) * len(some) :]
+    found = minimise(linear, first, weights, progress, converged=ROUGH_CONVERGED)
+    whole = linear.sides_to_full(found.theta) if form == "full" else found.theta
+    for place, k in enumerate(chosen):
+        at = 6 + len(OWN) * place
+        whole[linear.own_at(k) : linear.own_at(k) + len(OWN)] = theta[at : at + len(OWN)]
+    if form == "full" and _per_residual(Problem(few, "full", speed_m_s), whole, weights) > FAR_OFF[runs[0].tow.line]:
+        return None
+    return whole, steps + found.steps
+
+
 def knows_full_only(data: RunData) -> bool:
     """The run holds what the linear form does not know."""
     return (
@@ -91,8 +132,14 @@ def _biased(data: RunData) -> RunData:
 
 
 def _per_residual(problem: Problem, theta: Array, weights) -> float:
+    """Chi-square over the residuals' number, of runs without common modes in the full form; no sensitivities are asked for."""
     with np.errstate(all="ignore"):
-        cost = normal(problem, theta, problem.evaluate(theta), weights)[2]
+        paths, _ = full_paths(problem.runs, problem.run_values(theta), problem.speed, ())
+        cost = problem.prior(theta)[2]
+        for k, (data, weight, (response, _)) in enumerate(zip(problem.runs, weights, paths, strict=True)):
+            at = problem.own_at(k) + OWN.index("y_b")
+            residual = np.stack([data.y_m, data.beta_rad]) - response - theta[at : at + 2, None]
+            cost += float((weight.along(residual) ** 2).sum())
     return cost / sum(2 * len(d.t_s) for d in problem.runs) if np.isfinite(cost) else np.inf
 
 

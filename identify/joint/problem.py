@@ -146,16 +146,21 @@ class Problem:
             theta[at : at + len(OWN)] = [side, beta, v, r, 0, 0, data.tow.tension_n, data.tow.tow_point_m]
         return theta
 
+    def sides_to_full(self, theta: Array) -> Array:
+        """The linear form's parameter vector with the sides in the full form's coordinates."""
+        theta = theta.copy()
+        for index, data in enumerate(self.runs):
+            at = self.own_at(index)
+            theta[at] = side_from_y("full", data, float(theta[at]), float(theta[at + 1]))
+        return theta
+
     def from_linear(self, theta: Array) -> Array:
         """The linear form's parameter vector for this full form.
 
         The sides are other coordinates; rudder forces begin where they hold the model at its mean angles; where no tension is
         stated the model's mass sets the scale.
         """
-        theta = theta.copy()
-        for index, data in enumerate(self.runs):
-            at = self.own_at(index)
-            theta[at] = side_from_y("full", data, float(theta[at]), float(theta[at + 1]))
+        theta = self.sides_to_full(theta)
         rudder = dict(zip((Y_DELTA, N_DELTA), rudder_start(self.runs, theta[:6], self.speed), strict=True))
         for common in self._moving:
             at = self.common_at[common.name]

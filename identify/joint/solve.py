@@ -21,6 +21,12 @@ LARGEST_FACTOR = 0.5
 """Logarithm; beyond it a derivative is on its way through zero, or far off."""
 SMALLEST_DAMPING = 1e-12
 LARGEST_DAMPING = 1e12
+STRAIGHT = 0.9
+"""After a step that gains less than this share of what was expected, the next ones are bent ..."""
+PROBE = 0.1
+"""... by the curvature seen over this share of them ..."""
+BENT = 0.75
+"""... unless that would change one by more than half this share of its length."""
 Progress = Callable[[str], None]
 
 
@@ -78,6 +84,36 @@ def damped_step(matrix: Arrow, gradient: Array, free: NDArray[np.bool_], damping
     return step, float(step @ (2 * slope - inner.times(step)))
 
 
+def _bent(
+    problem: Problem,
+    theta: Array,
+    answers: Sequence[Answer],
+    weights: Sequence[Weight],
+    matrix: Arrow,
+    step: Array,
+    damping: float,
+) -> Array:
+    """The step with its second-order part: half of what undoes the residuals' curvature along it.
+
+    Transtrum and Sethna, arXiv:1201.5885 (geodesic acceleration). In a long and curved valley, as a single long record makes one,
+    straight steps must be short; the curvature costs one more evaluation.
+    """
+    with np.errstate(all="ignore"):
+        probed = problem.evaluate(theta + PROBE * step) if _usable(theta + PROBE * step) else []
+        right = np.zeros_like(theta)
+        for here, there, weight in zip(answers, probed, weights, strict=False):
+            along = np.einsum("ckn,k->cn", here.slope, step[here.columns])
+            bend = weight.along(2 / PROBE * ((there.residual - here.residual) / PROBE + along))
+            slope = weight.along(here.slope)
+            right[here.columns] += slope[0] @ bend[0] + slope[1] @ bend[1]
+    if not np.isfinite(right).all():
+        return step
+    more, _ = damped_step(matrix, right, problem.free, damping)
+    size = np.sqrt(np.maximum(matrix.diagonal, 0.0))
+    small = np.linalg.norm(size * more) <= BENT * np.linalg.norm(size * step)
+    return step + more / 2 if small else step
+
+
 def _usable(theta: Array) -> bool:
     return bool(theta[0] > 0 and theta[1] > 0 and np.isfinite(theta).all())
 
@@ -123,12 +159,14 @@ def minimise(
         raise EstimationError(
             "the motion simulated from the weak-form start grows beyond bounds; is the tow stable (X_T > X_v)?"
         )
-    growth = 2.0
+    growth, curved = 2.0, False
     for step_number in range(MAX_STEPS):
         step, expected = damped_step(matrix, gradient, problem.free, damping)
         if expected < converged * max(cost, 1.0):
             return Optimum(theta, answers, cost, step_number, True)
-        trial = _moved(theta, step)
+        if curved:
+            step = _bent(problem, theta, answers, weights, matrix, step, damping)
+        trial = theta + step if curved else _moved(theta, step)
         new_cost, found, there = np.inf, None, answers
         if _usable(trial):
             with np.errstate(all="ignore"):
@@ -137,13 +175,14 @@ def minimise(
             new_cost = found[2]
         if found is not None and np.isfinite(new_cost) and new_cost <= cost:
             gain = (cost - new_cost) / max(expected, 1e-300)
+            curved = curved or gain < STRAIGHT
             theta, answers, (matrix, gradient, cost) = trial, there, found
             damping *= max(1 / 3, 1 - (2 * gain - 1) ** 3)
             damping, growth = max(damping, SMALLEST_DAMPING), 2.0
             if progress is not None:
                 progress(f"{problem.form}: step {step_number + 1}, chi-square {cost:.6g}")
         else:
-            damping, growth = damping * growth, growth * 2
+            curved, damping, growth = True, damping * growth, growth * 2
             if damping > LARGEST_DAMPING:
                 return Optimum(theta, answers, cost, step_number + 1, False)
     return Optimum(theta, answers, cost, MAX_STEPS, False)

@@ -18,7 +18,7 @@ from .record.errors import EstimationError, InputError, TowlineError
 from .record.priors import Priors
 from .record.results import DerivativesFile, SteadyFile
 from .record.run import RUN_FILE, Run, all_inputs, read_run
-from .simulate.model import DERIVATIVE_UNITS, Hull, alpha_from_y
+from .simulate.model import DERIVATIVE_UNITS, Hull, Line, alpha_from_y
 from .stages import Moved, Progress, moved, static_motion, truth_of
 
 if TYPE_CHECKING:
@@ -41,15 +41,19 @@ class Batch:
 
 
 def moved_batch(
-    folders: Sequence[str | Path], method: str = "exact", progress: Progress | None = None, fresh: bool = False
+    folders: Sequence[str | Path],
+    method: str = "exact",
+    progress: Progress | None = None,
+    fresh: bool = False,
+    line: Line | None = None,
 ) -> Batch:
-    """Motion of every run; a bad run is put aside with its reason and the others go on."""
+    """Motion of every run; a bad run is put aside with its reason and the others go on. ``line``: as for ``read_run``."""
     runs: list[Moved] = []
     failed: dict[str, str] = {}
     for folder in folders:
         name = str(folder)
         try:
-            run = read_run(folder)
+            run = read_run(folder, line)
             name = run.name
             if any(m.run.name == name for m in runs) or name in failed:
                 raise InputError(

@@ -19,12 +19,14 @@ from .geometry.checks.words import found_fault
 from .geometry.mapping import ProjectiveMapping
 from .geometry.motion import invariants, motion_from_tracks
 from .geometry.poses import Poses, poses_from_tracks, without_lags
-from .identify import fit_runs, run_data
+from .identify import RunData, fit_runs, run_data
+from .identify.joint.begin import knows_full_only
+from .identify.tension import GaugeCheck, tension_from_motion
 from .progress import Progress as StageProgress
 from .record.check_file import CheckFile, FoundFault, MapOfUncertainty, PointCheck
-from .record.errors import GeometryError, InputError, TowlineError
+from .record.errors import EstimationError, GeometryError, InputError, TowlineError
 from .record.run import RUN_FILE, Run, all_inputs, read_run
-from .simulate.model import DERIVATIVE_UNITS
+from .simulate.model import DERIVATIVE_UNITS, Line
 from .stages import datum_of, tracked
 
 UNLIKELY = 1e-4
@@ -57,7 +59,7 @@ class Checked:
 
 
 def filmed_runs(
-    folders: Sequence[str | Path], progress: StageProgress
+    folders: Sequence[str | Path], progress: StageProgress, line: Line | None = None
 ) -> tuple[list[Run], list[pd.DataFrame], dict[str, str]]:
     """Runs that can be checked, their tracks, and why the others cannot; a single run's reason is raised."""
     runs: list[Run] = []
@@ -65,7 +67,7 @@ def filmed_runs(
     failed: dict[str, str] = {}
     for folder in folders:
         try:
-            run = read_run(folder)
+            run = read_run(folder, line)
             if run.file.source.motion is not None:
                 raise InputError(
                     run.folder / RUN_FILE, "source.motion", "a motion holds no pixels; there is no camera to check"
@@ -129,13 +131,14 @@ def checked(
     verdict = "fault" if named else ("unknown" if unlikely else "sound")
     values, words = refined(check, refine) if refine else ([], [])
     changes = effects_of(runs, tracks, datum, say) if effects else {}
+    gauges = gauges_of(runs, tracks, datum)
     file = CheckFile(
         schema="towline/check",
         tool=__version__,
         inputs=all_inputs(runs),
         runs=names,
         verdict=verdict,
-        sentences=_sentences(verdict, named, check, runs, changes),
+        sentences=_sentences(verdict, named, check, runs, changes) + [gauge_words(*g) for g in gauges.items()],
         faults=named,
         tried=tried,
         chi_square=check.null.chi_square,
@@ -158,6 +161,7 @@ def checked(
         refined=values,
         refined_words=words,
         notes=list(datum.notes),
+        gauges={name: gauge.result for name, gauge in gauges.items()},
     )
     return Checked(file, check, list(runs), poses, datum)
 
@@ -273,12 +277,39 @@ def _along(mapping: ProjectiveMapping, index: int) -> ProjectiveMapping:
 
 
 def _derivatives(runs: Sequence[Run], tracks: Sequence[pd.DataFrame], datum: DatumFit | None) -> np.ndarray:
+    data = _data(runs, tracks, datum)
+    return np.array(fit_runs(data, "full" if any(knows_full_only(d) for d in data) else "linear").six)
+
+
+def _data(runs: Sequence[Run], tracks: Sequence[pd.DataFrame], datum: DatumFit | None) -> list[RunData]:
     data = []
     for run, table in zip(runs, tracks, strict=True):
         fit = datum if datum is not None else run_datum(run, None)
         motion = motion_from_tracks(run, table, fit)
         data.append(run_data(run, motion.motion, motion.common))
-    return np.array(fit_runs(data, "linear").six)
+    return data
+
+
+def gauges_of(runs: Sequence[Run], tracks: Sequence[pd.DataFrame], datum: DatumFit) -> dict[str, GaugeCheck]:
+    """Load cells of lines that keep their length against the motion: run name -> scale, zero and delay."""
+    if not any(r.file.tow is not None and r.file.tow.tension is not None and r.file.tow.line == "surge" for r in runs):
+        return {}
+    try:
+        data = _data(runs, tracks, datum)
+        found = tension_from_motion(fit_runs(data), data)
+    except EstimationError:  # of the camera alone there is still something to say
+        return {}
+    return {} if found is None else found.gauges
+
+
+def gauge_words(name: str, gauge: GaugeCheck) -> str:
+    """One sentence."""
+    (scale, scale_sd), (zero, zero_sd), (late, late_sd) = gauge.scale, gauge.zero_n, gauge.delay_s
+    said = (
+        f"load cell of {name!r} against the motion: it reads {scale:.3f} +- {scale_sd:.3f} of what pulls, its zero is {zero:+.3f} "
+        f"+- {zero_sd:.3f} N, its clock {late:+.3f} +- {late_sd:.3f} s late"
+    )
+    return f"{said}: the motion contradicts it" if gauge.contradicted else said
 
 
 def _moved_runs(runs: Sequence[Run]) -> Iterator[tuple[str, list[Run]]]:

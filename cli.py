@@ -158,6 +158,7 @@ def _parser() -> argparse.ArgumentParser:
     sub = command("steady", _steady, "neutral point X_v from steady tows at two or more tow points (out/steady.json)")
     _add_runs(sub)
     _add_method(sub)
+    add_line(sub)
     sub.add_argument("-o", "--out", type=Path, help="where steady.json goes")
 
     sub = command("simulate", _simulate, "scenario.toml to motion.csv and the tow's stability verdict")
@@ -165,10 +166,12 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "-o", "--out", type=Path, help="the motion table, .csv or .parquet (default: motion.csv beside it)"
     )
+    add_line(sub)
 
     sub = command("render", _render, "scenario.toml to a filmed run: video, run.toml and its truth")
     sub.add_argument("scenario", type=Path, metavar="SCENARIO.toml")
     sub.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="the run folder to write")
+    add_line(sub)
 
     from .commands import modules
 
@@ -193,7 +196,17 @@ def _add_method(sub: argparse.ArgumentParser) -> None:
     )
 
 
+def add_line(sub: argparse.ArgumentParser) -> None:
+    """--line, of every command that takes a tow's forces."""
+    sub.add_argument(
+        "--line",
+        choices=("surge", "constant"),
+        help="what the tow line keeps, instead of what tow.line says: its length (surge in full) or its tension",
+    )
+
+
 def _add_fit(sub: argparse.ArgumentParser) -> None:
+    add_line(sub)
     sub.add_argument(
         "--form",
         choices=("full", "linear"),
@@ -240,7 +253,7 @@ def _batch(options: argparse.Namespace, fresh: bool = False):
     from .record.errors import TowlineError
 
     with show_progress() as show:
-        batch = moved_batch(options.runs, options.method, show, fresh)
+        batch = moved_batch(options.runs, options.method, show, fresh, getattr(options, "line", None))
     if not batch.runs:
         if len(batch.failed) == 1:
             raise TowlineError(next(iter(batch.failed.values())))
@@ -260,7 +273,7 @@ def _simulate(options: argparse.Namespace) -> int:
     from .record.tables import write_table
     from .simulate import read_scenario, scenario_stability, simulate_scenario
 
-    file = read_scenario(options.scenario)
+    file = read_scenario(options.scenario, options.line)
     changed: Callable[..., Any] | None = None
     if file.effect:
         from .diagnose.simulated import effects_of, with_effects
@@ -285,7 +298,7 @@ def _render(options: argparse.Namespace) -> int:
     from .simulate import read_scenario
     from .simulate.render import render_scenario
 
-    file = read_scenario(options.scenario)
+    file = read_scenario(options.scenario, options.line)
     with show_progress() as show:
         render_scenario(
             file, options.scenario.parent, options.out, lambda done, total: show(f"{file.name}: rendering", done, total)

@@ -18,7 +18,7 @@ from .record.errors import EstimationError, InputError, TowlineError
 from .record.files import write_text
 from .record.results import DerivativesFile, read_result
 from .record.run import RUN_FILE, Run, all_inputs, read_run
-from .simulate.model import DERIVATIVE_UNITS
+from .simulate.model import DERIVATIVE_UNITS, Line
 from .stages import Moved, datum_of, moved, static_tracks
 
 Progress = Callable[[str, int, int | None], None]
@@ -54,6 +54,7 @@ def diagnose_folders(
     effects: Sequence[Path] = (),
     reference: Path | None = None,
     progress: Progress | None = None,
+    line: Line | None = None,
 ) -> Diagnosed:
     """Diagnose run folders.
 
@@ -63,6 +64,7 @@ def diagnose_folders(
     held_out : runs kept aside for the shrink (fitted last); none: each run is kept aside in turn
     effects : Python files with effects of one's own
     reference : derivatives.json of the simulator that is to be judged; None: the derivatives are fitted to these runs
+    line : what the tow line keeps, instead of what the runs say
 
     Raises
     ------
@@ -75,7 +77,7 @@ def diagnose_folders(
     held: list[int] = []
     for folder in (*folders, *held_out):
         try:
-            run = read_run(folder)
+            run = read_run(folder, line)
             if run.file.kind != "tow":
                 raise InputError(run.folder / RUN_FILE, "kind", f"{run.file.kind!r}: only towed runs can be diagnosed")
             motions.append(moved(run, progress=progress))

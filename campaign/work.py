@@ -14,6 +14,7 @@ import numpy as np
 from ..processes import Each, in_turn
 from ..record.errors import TowlineError
 from ..record.files import sha256_of_texts, write_text
+from ..record.schema import Line
 
 RECORD = "campaign.json"
 """Beside a fit's results, written last: what they were made from, and the answer."""
@@ -31,6 +32,7 @@ class Options:
     method : camera method of ``stages.moved``
     form, speed_m_s, noise : of ``analysis.identified``
     fresh : redo what is up to date
+    line : what every tow line keeps, instead of what the runs say
     """
 
     method: str = "exact"
@@ -38,6 +40,7 @@ class Options:
     speed_m_s: float | None = None
     noise: str = "auto"
     fresh: bool = False
+    line: Line | None = None
 
 
 @dataclass(frozen=True)
@@ -111,7 +114,7 @@ def _moved(job: str, folder: Path, options: Options) -> Answer:
     from ..record.tables import input_hash_of
     from ..stages import MOTION, moved
 
-    run = read_run(folder)
+    run = read_run(folder, options.line)
     before = input_hash_of(run.out / MOTION) if (run.out / MOTION).is_file() else ""
     m = moved(run, options.method, fresh=options.fresh)
     wants = "steady" if wants_steady(m) else "derivatives" if run.file.kind != "free" and has_tension(m) else ""
@@ -158,7 +161,7 @@ def _fitted(job: str, folders: Sequence[str], out: Path, options: Options, stamp
     from ..record.results import write_result
     from ..report.identify_page import write_identify_page
 
-    batch = moved_batch(folders, options.method)
+    batch = moved_batch(folders, options.method, line=options.line)
     answer = identified(batch, options.form, options.speed_m_s, noise=options.noise, each=each)
     write_result(out / "derivatives.json", answer.result)
     write_identify_page(out / "derivatives.html", fit_page(answer, each=each), each)
@@ -173,7 +176,7 @@ def _settled(job: str, folders: Sequence[str], out: Path, options: Options, stam
     from ..analysis import moved_batch, steadied
     from ..record.results import write_result
 
-    result = steadied(moved_batch(folders, options.method))
+    result = steadied(moved_batch(folders, options.method, line=options.line))
     write_result(out / "steady.json", result)
     numbers: list[Number] = [("x_v", result.x_v_m.value, result.x_v_m.std, "m")]
     if result.y_v is not None:
@@ -186,7 +189,7 @@ def _stamp(kind: str, folders: Sequence[str], options: Options) -> str:
     from ..stages import code_hash
 
     runs = [read_run(folder).input_hash("fit", options.method) for folder in folders]
-    words = (kind, options.form, str(options.speed_m_s), options.noise)
+    words = (kind, options.form, str(options.speed_m_s), options.noise, str(options.line))
     return sha256_of_texts(code_hash(*ROOMS), *words, *runs)
 
 

@@ -18,6 +18,9 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--workers", type=int, default=1, help="processes on this machine (default: 1)")
     sub.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler, tcp://host:port, instead of --workers")
     sub.add_argument("--form", choices=("full", "linear"), default="full", help="equations to fit (default: full)")
+    from ..cli import add_line
+
+    add_line(sub)
     sub.add_argument("--speed", type=float, metavar="M/S", help="speed at which derivatives are quoted")
     sub.add_argument(
         "--noise", choices=("auto", "output", "innovations"), default="auto", help="as towline identify (default: auto)"
@@ -36,7 +39,9 @@ def call(options: argparse.Namespace) -> int:
     from ..cli import EXIT_OK, EXIT_SOME_FAILED, show_progress
     from ..report.campaign_page import write_campaign_page
 
-    chosen = Options(form=options.form, speed_m_s=options.speed, noise=options.noise, fresh=options.fresh)
+    chosen = Options(
+        form=options.form, speed_m_s=options.speed, noise=options.noise, fresh=options.fresh, line=options.line
+    )
     place = mirrored(options.folder, options.cache) if is_remote(options.folder) else nullcontext(Path(options.folder))
     with show_progress() as show, place as folder, workers(options.workers, options.scheduler) as found:
         done = campaign(folder, found, chosen, options.out, show)

@@ -15,6 +15,9 @@ REFINE = "deck_height,k1,k2,focal,centre,datum_width,datum_length,datum_scale,li
 
 def add_arguments(sub: argparse.ArgumentParser) -> None:
     """The command's arguments."""
+    from ..cli import add_line
+
+    add_line(sub)
     sub.add_argument(
         "runs", nargs="+", type=Path, metavar="RUN", help="run folders; those of one camera are checked together"
     )
@@ -40,7 +43,7 @@ def call(options: argparse.Namespace) -> int:
 
     wanted = [name for name in options.refine.split(",") if name]
     with show_progress() as show:
-        runs, tables, failed = filmed_runs(options.runs, show)
+        runs, tables, failed = filmed_runs(options.runs, show, options.line)
     for stem, some, their in set_ups(runs, tables):
         with show_progress() as show:
             found = checked(some, their, wanted, not options.no_effects, lambda text: show(text, 0, None))

@@ -12,6 +12,9 @@ HELP = "where simulator and tank differ, which unmodelled effect causes it, how 
 
 def add_arguments(sub: argparse.ArgumentParser) -> None:
     """The command's arguments."""
+    from ..cli import add_line
+
+    add_line(sub)
     sub.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders of one model")
     sub.add_argument(
         "--hold-out", nargs="+", type=Path, default=[], metavar="RUN", help="runs kept aside to measure the shrink on"
@@ -36,7 +39,7 @@ def call(options: argparse.Namespace) -> int:
     from ..record.results import write_result
 
     with show_progress() as show:
-        found = diagnose_folders(options.runs, options.hold_out, options.effects, options.reference, show)
+        found = diagnose_folders(options.runs, options.hold_out, options.effects, options.reference, show, options.line)
     file = found.diagnosis.file
     out = options.out or output_folder([run.folder for run in found.runs])
     write_result(out / "gap.json", file)

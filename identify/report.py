@@ -8,7 +8,6 @@ from scipy.special import ndtr
 from ..record.results import (
     Derivative,
     DerivativesFile,
-    GaugeResult,
     Measured,
     RunFit,
     SteadyFile,
@@ -97,9 +96,6 @@ def derivatives_file(
 
 
 def _tension_result(found: TensionFromMotion) -> TensionResult:
-    def measured(pair: tuple[float, float]) -> Measured:
-        return Measured(value=pair[0], std=pair[1])
-
     return TensionResult(
         factor=found.factor,
         log_std=found.log_sd,
@@ -107,10 +103,7 @@ def _tension_result(found: TensionFromMotion) -> TensionResult:
         stated_std_rel=found.stated_sd,
         z=found.z,
         resistance_n=found.resistance_n,
-        gauges={
-            name: GaugeResult(scale=measured(g.scale), zero_n=measured(g.zero_n), delay_s=measured(g.delay_s))
-            for name, g in found.gauges.items()
-        },
+        gauges={name: gauge.result for name, gauge in found.gauges.items()},
     )
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..record.errors import EstimationError
+from ..record.results import GaugeResult, Measured
 from ..simulate.model import Array
 from .data import RunData
 from .fit import Fit, continued
@@ -42,6 +43,12 @@ class GaugeCheck:
     scale: tuple[float, float]
     zero_n: tuple[float, float]
     delay_s: tuple[float, float]
+
+    @property
+    def result(self) -> GaugeResult:
+        """For the files."""
+        parts = {name: Measured(value=v, std=sd) for name, (v, sd) in vars(self).items()}
+        return GaugeResult(**parts)
 
     @property
     def contradicted(self) -> bool:

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from .results import Measured, ResultFile, _Part
+from .results import GaugeResult, Measured, ResultFile, _Part
 
 
 class FoundFault(_Part):
@@ -82,3 +82,6 @@ class CheckFile(ResultFile):
     refined: list[Refined] = Field(description="only where asked for")
     refined_words: list[str] = Field(description="what the runs tell of these and what they do not")
     notes: list[str] = Field(description="assumptions and warnings")
+    gauges: dict[str, GaugeResult] = Field(
+        default_factory=dict, description="load cells of lines that keep their length, against the motion, by run"
+    )

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from .errors import InputError
 from .files import sha256_of_file, sha256_of_texts
-from .schema import ModelTable, RunFile, TowTable, WaterTable
+from .schema import Line, ModelTable, RunFile, TowTable, WaterTable
 from .toml import read_toml
 
 RUN_FILE = "run.toml"
@@ -89,8 +89,12 @@ def all_inputs(runs: Iterable[Run]) -> dict[str, str]:
     return {f"{run.name}/{name}": digest for run in runs for name, digest in run.input_hashes().items()}
 
 
-def read_run(folder: str | Path) -> Run:
+def read_run(folder: str | Path, line: Line | None = None) -> Run:
     """Read the run folder (or the run.toml in it).
+
+    Parameters
+    ----------
+    line : what the tow line keeps, "surge" or "constant", instead of what run.toml says
 
     Raises
     ------
@@ -102,13 +106,21 @@ def read_run(folder: str | Path) -> Run:
     if not folder.is_dir():
         raise InputError(folder, "", "no such run folder")
     path = folder / RUN_FILE
-    run = Run(folder, read_toml(path, RunFile))
+    run = with_line(Run(folder, read_toml(path, RunFile)), line)
     for key, name in _paths(run.file):
         if not run.file.outside and leads_out(name):
             raise InputError(path, key, f"{name!r} leads out of the run folder; outside = true at the top allows it")
         if not _is_file(folder / name):
             raise InputError(path, key, f"no such file: {name if name.isprintable() else repr(name)}")
     return run
+
+
+def with_line(run: Run, line: Line | None) -> Run:
+    """The run with another tow.line; None: as it is."""
+    if line is None or run.file.tow is None:
+        return run
+    tow = run.file.tow.model_copy(update={"line": line})
+    return Run(run.folder, run.file.model_copy(update={"tow": tow}))
 
 
 def leads_out(name: str) -> bool:

@@ -14,16 +14,17 @@ from ..record.schema import TowTable
 from ..record.tables import read_history
 from ..record.toml import read_toml
 from .characteristic import Stability, stability
-from .model import Array, ExtraForce, Hull, Tow
+from .model import Array, ExtraForce, Hull, Line, Tow
 from .motion import Histories, Start, simulate_full, simulate_linear
 
 USUAL_X_UDOT, USUAL_X_VR = -0.05, 0.5
 """Of the mass, and of -Y_vdot (theory.md 10)."""
 
 
-def read_scenario(path: str | Path) -> ScenarioFile:
-    """Read and check a scenario.toml."""
-    return read_toml(path, ScenarioFile)
+def read_scenario(path: str | Path, line: Line | None = None) -> ScenarioFile:
+    """Read and check a scenario.toml; ``line``: what its tow line keeps, instead of what it says."""
+    file = read_toml(path, ScenarioFile)
+    return file if line is None else file.model_copy(update={"tow": file.tow.model_copy(update={"line": line})})
 
 
 def hull_of(file: ScenarioFile) -> Hull:

@@ -64,6 +64,7 @@ class Consistency:
         where fewer than two are
     chi_square, degrees, p_value : how much worse the runs are fitted with the joint six than each with its own: sum of the
         drops of -2 log L, on 6 (runs - 1) degrees of freedom (Wilks); None for one run, or where one could not be fitted
+    stepped : ``alone`` and ``without`` are one step from the joint fit, not refits, and the test is Rao's
     """
 
     alone: tuple[Part, ...]
@@ -73,6 +74,7 @@ class Consistency:
     chi_square: float | None
     degrees: int
     p_value: float | None
+    stepped: bool = False
 
 
 def consistency(
@@ -104,6 +106,7 @@ def consistency(
         float(square) if told else None,
         degrees,
         float(chdtrc(degrees, square)) if told else None,
+        len(runs) > REFITTED,
     )
 
 

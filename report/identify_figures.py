@@ -55,8 +55,8 @@ def consistency_figure(fit: Fit, found: Consistency, shown: tuple[int, ...]) -> 
                 linewidth=1.3, linestyle="", label=name,
             )  # fmt: skip
             reach = max(reach, float((np.abs(value) + bar)[known].max()))
-            kept = zip((len(rows) - rows)[known].astype(float), value[known], bar[known], strict=True)
-            bars.setdefault(name, []).extend((_ORDER[i], *map(float, one)) for one in kept)
+            kept = zip(len(rows) - rows[known], value[known], bar[known], strict=True)
+            bars.setdefault(name, []).extend((_ORDER[i], float(k), float(x), float(half)) for k, x, half in kept)
         bars.setdefault("joint", []).append((_ORDER[i], np.nan, 0.0, joint))
         tick = _round_below(0.85 * reach)
         ax.set_xlim(-1.08 * reach, 1.08 * reach)

@@ -252,6 +252,8 @@ def _alone(found: FitPage, agreed: Consistency) -> Html:
         f"Each run by itself, all at U = {found.fit.speed_m_s:g} m/s, SI units; mean and standard deviation over the runs "
         "as in the thesis's tables 8.8 and 8.10."
     )
+    if agreed.stepped:
+        words += " Of so many runs each alone, and all but each, is one Gauss-Newton step from the joint fit."
     return join([
         table(head, rows, kind="wide", caption=words),
         table(["run", *_heads()], primes, kind="wide", caption="The same in primes × 10³."),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from .draw import BLUE, ORANGE, SHADE, drawn
 from .html import Html, image
@@ -18,7 +19,8 @@ REACH = 5.0
 def residual_strip(rest: Residuals) -> Html:
     """Measured minus fitted over the stated sigma against time, y above and beta below: least and largest of each stretch."""
     times, of = _stretches(rest.t_s)
-    lanes, columns = [], {"t_s": times}
+    lanes: list[str] = []
+    columns: dict[str, ArrayLike] = {"t_s": times}
     for k, (name, values, colour) in enumerate(
         (("y", rest.y_m / rest.sigma_y_m, BLUE), ("beta", rest.beta_rad / rest.sigma_beta_rad, ORANGE))
     ):
@@ -34,7 +36,7 @@ def residual_strip(rest: Residuals) -> Html:
     return image(svg.encode("ascii"), "image/svg+xml", words, (drawn(words, "strip", {"": columns}),))
 
 
-def _stretches(t_s: Array) -> tuple[Array, Array]:
+def _stretches(t_s: Array) -> tuple[Array, NDArray[np.int_]]:
     """Middle of each of ``COLUMNS`` stretches of equal length that hold samples, and each sample's stretch."""
     span = max(float(t_s[-1] - t_s[0]), 1e-12)
     place = np.minimum(((t_s - t_s[0]) / span * COLUMNS).astype(int), COLUMNS - 1)
@@ -42,7 +44,7 @@ def _stretches(t_s: Array) -> tuple[Array, Array]:
     return t_s[0] + (held + 0.5) * span / COLUMNS, of
 
 
-def _ends(values: Array, of: Array, count: int) -> tuple[Array, Array]:
+def _ends(values: Array, of: NDArray[np.int_], count: int) -> tuple[Array, Array]:
     """Least and largest finite value of each stretch, NaN where there is none."""
     known = np.isfinite(values)
     low, high = np.full(count, np.inf), np.full(count, -np.inf)

@@ -1,12 +1,12 @@
 """Identification of tows with surge in full, made by code that shares nothing with simulate/ (``surge_cases``).
 
-    python benchmarks/identify_surge.py gauge [--count 500] [--out build/identify_surge]     # T known to 0.5 %; beside it constant T
+    python benchmarks/identify_surge.py gauge [--count 500] [--out build/identify_surge]   # T to 0.5 %; beside it constant T
     python benchmarks/identify_surge.py weighed                                              # nobody measured T
     python benchmarks/identify_surge.py rudder                                               # 0-15 degrees, half of them histories
     python benchmarks/identify_surge.py tables                                               # all three from what was kept
 
-Every campaign is kept in a line of JSON, so that a run goes on where it stopped. Errors are held against the Cramer-Rao bound at the
-true parameters with the priors in it; 95 % intervals against the truth (that of the scale on its logarithm).
+Every campaign is kept in a line of JSON, so that a run goes on where it stopped. Errors are held against the Cramer-Rao bound at
+the true parameters with the priors in it; 95 % intervals against the truth (that of the scale on its logarithm).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 from surge_cases import NAMES, SurgeCampaign, SurgeOptions, surge_campaigns
 
-from towline.identify import RunData, fit_runs
+from towline.identify import Fit, RunData, fit_runs
 from towline.identify.joint.problem import Problem
 from towline.identify.joint.solve import normal
 from towline.identify.limits.bound import information_of_six
@@ -159,20 +159,17 @@ def judged(made: SurgeCampaign, what: str, plain_too: bool) -> dict[str, Any]:
         found = np.log(4.4) + size
         answer["scale"] = [float(found - np.log(straight_n(made))), size_sd]
     else:
-        answer["tension"] = _tension(made, runs, fit)
+        answer["tension"] = _tension(made, fit)
     if plain_too:
         plain = fit_runs([replace(d, tow=replace(d.tow, line="constant")) for d in runs])
         answer["constant"] = [plain.six.tolist(), np.sqrt(np.diag(plain.covariance)).tolist()]
     return answer
 
 
-def _tension(made: SurgeCampaign, runs: list[RunData], fit: Any) -> list[float]:
+def _tension(made: SurgeCampaign, fit: Fit) -> list[float]:
     """Error of R of the first run as fitted, relative, and its standard deviation."""
-    common_sd = made.stated["priors"]["tension_common_sd_rel"]
-    size, sd = fit.common["tension"]
-    own, own_sd = fit.own[0, 6], fit.own_sd[0, 6]
-    value = own * np.exp(size * common_sd)
-    return [float(value / straight_n(made) - 1), float(np.hypot(sd * common_sd, own_sd / own))]
+    value, sd = fit.resistance[0]
+    return [float(value / straight_n(made) - 1), float(sd / value)]
 
 
 def kept(path: Path) -> list[dict[str, Any]]:
@@ -202,6 +199,10 @@ def run(out: Path, what: str, count: int) -> None:
                     print(f"{name}: {k + 1} of {len(campaigns)}", flush=True)
 
 
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
 def _row(label: str, error: Array, sd: Array, bound: Array | None = None) -> str:
     share = "" if bound is None else " ".join(f"{v:6.3f}" for v in np.sqrt(np.mean((error / bound) ** 2, axis=0)))
     holds = " ".join(f"{100 * v:6.1f}" for v in np.mean(np.abs(error) <= WIDE * sd, axis=0))
@@ -221,10 +222,9 @@ def tables(out: Path) -> str:
             continue
         true, six, sd, bound = (np.array([r[k] for r in rows]) for k in ("true", "six", "sd", "bound"))
         lines.append(_row(f"{what}: {len(rows)} campaigns, {lost} without answer", six - true, sd, bound))
-        error = np.array([r["tension"] for r in rows])
-        lines.append(
-            f"    T of a run: rms z {np.sqrt(np.mean((error[:, 0] / error[:, 1]) ** 2)):.3f}, intervals hold {100 * np.mean(np.abs(error[:, 0]) <= WIDE * error[:, 1]):.1f} %"
-        )
+        error, error_sd = np.array([r["tension"] for r in rows]).T
+        holds = 100 * np.mean(np.abs(error) <= WIDE * error_sd)
+        lines.append(f"    T of a run: rms z {_rms(error / error_sd):.3f}, intervals hold {holds:.1f} %")
         lines.append(f"    seconds of a fit (processor): median {np.median([r['seconds'] for r in rows]):.2f}")
         if what == "gauge":
             some = [i for i, r in enumerate(rows) if "constant" in r]
@@ -232,7 +232,8 @@ def tables(out: Path) -> str:
             lines.append(_row(f"    {len(some)} of them, T held constant", plain - true[some], plain_sd, bound[some]))
     lines += [
         "",
-        f"{'nobody measured T, released at':34s} sd of the scale: stated  bound  rms error  intervals hold   told to measure T",
+        "nobody measured T: sd of the scale (median), its bound, rms error, 95 % intervals that hold, told to measure T; rms",
+        "errors of the six, %",
     ]
     for release in RELEASES_DEG:
         rows = [r for r in kept(out / f"weighed-{release:g}.jsonl") if "six" in r]
@@ -240,12 +241,12 @@ def tables(out: Path) -> str:
             continue
         error, sd = np.array([r["scale"] for r in rows]).T
         bound = np.array([r["scale_bound"] for r in rows])
-        refused = np.mean(sd > WEIGHED_LOG_SD)
+        refused, holds = np.mean(sd > WEIGHED_LOG_SD), np.mean(np.abs(error) <= WIDE * sd)
         six = np.array([np.array(r["six"]) / r["true"] - 1 for r in rows])
+        numbers = [np.median(sd), np.median(bound), _rms(error), holds, refused]
+        each = " ".join(f"{100 * _rms(v):.1f}" for v in six.T)
         lines.append(
-            f"{release:5.1f} degrees, {len(rows)} campaigns{'':12s} {100 * np.median(sd):6.1f} % {100 * np.median(bound):6.1f} % "
-            f"{100 * np.sqrt(np.mean(error**2)):6.1f} % {100 * np.mean(np.abs(error) <= WIDE * sd):8.1f} % {100 * refused:8.0f} %"
-            f"   rms z {np.sqrt(np.mean((error / sd) ** 2)):.3f}; rms error of the six {' '.join(f'{100 * v:.1f}' for v in np.sqrt(np.mean(six**2, axis=0)))} %"
+            f"{release:5.1f} degrees, {len(rows):4d} campaigns        {' '.join(f'{100 * v:9.1f} %' for v in numbers)}   {each}"
         )
     return "\n".join(lines) + "\n"
 

@@ -21,10 +21,10 @@ from ..simulate.model import Array
 from .colour.disturbance import Disturbance
 from .colour.leftover import Whitened, leftover
 from .data import RunData
-from .joint.arrow import Shares, inverse_of, shares_of, widened
+from .joint.arrow import Inverse, Shares, inverse_of, shares_of, widened
 from .joint.begin import knows_full_only, rough_optimum
-from .joint.common import Common, needs_full
-from .joint.parameters import RUN_PARAMETERS
+from .joint.common import SCALE, Common, needs_full
+from .joint.parameters import RUN_PARAMETERS, TENSION
 from .joint.problem import OWN, Answer, Problem
 from .joint.solve import Optimum, minimise
 from .joint.thin import without_modes
@@ -54,6 +54,7 @@ class Fit:
     common : errors of tension, line_length, speed common to all runs, in their prior's sd: {name: (value, sd)}; a tension that
         nobody stated: logarithm of its factor to the guess
     beside : numbers of the hull beside the six, at ``speed_m_s``: model along its way, rudder, asymmetry: {name: (value, sd)}
+    resistance : (runs, 2), R (or T) of each run as fitted and its standard deviation, N
     tension_n : per run (n,), T from the motion at the samples, of a line that keeps its length; else empty
     modes : common modes' sizes by camera key, in their standard deviations
     response : per run (n, 2), fitted y_m and beta_rad with biases and common modes
@@ -94,6 +95,7 @@ class Fit:
     theta: Array = field(default_factory=lambda: np.zeros(0))
     naive_covariance: Array | None = None
     beside: dict[str, tuple[float, float]] = field(default_factory=dict)
+    resistance: Array = field(default_factory=lambda: np.zeros((0, 2)))
     tension_n: list[Array] = field(default_factory=list)
     method: str = "output_error"
     disturbance: Disturbance | None = None
@@ -327,6 +329,7 @@ def _report(
         own_sd=sd[6 : problem.own_end].reshape(count, len(OWN)),
         common=common_errors(problem, theta, sd),
         beside=beside_of(problem, theta, sd),
+        resistance=_resistance(problem, theta, inverse, variance),
         tension_n=[a.tension_n for a in optimum.answers if a.tension_n is not None],
         modes={key: theta[at] for key, at in problem.mode_at.items()},
         response=[a.response.T for a in optimum.answers],
@@ -345,6 +348,26 @@ def _report(
         naive_covariance=inverse_of(plain, problem.free).shared[:6, :6],
         shares=shares_of(prior, pull, inverse, problem.free, parts),
     )
+
+
+def _resistance(problem: Problem, theta: Array, inverse: Inverse, variance: Array) -> Array:
+    """``Fit.resistance``: a run's own tension times the factor common to all, with what the fit says of both together."""
+    found = np.zeros((len(problem.runs), 2))
+    values = problem.run_values(theta)
+    scale = next((c for c in problem.commons if c.name == SCALE), None)
+    for run in range(len(problem.runs)):
+        own = problem.own_at(run) + OWN.index("tension")
+        tension = values[run, TENSION]
+        slopes = {own: tension / theta[own]}
+        if scale is not None:
+            slopes[problem.common_at[SCALE]] = scale.slope(values)[run]
+        at = np.array([k for k in slopes if problem.free[k]], dtype=int)
+        found[run, 0] = tension
+        if len(at):
+            here, row = inverse.of(at), np.array([slopes[int(k)] for k in at])
+            wider = np.sqrt(np.maximum(variance[at] / np.maximum(np.diag(here), 1e-300), 1.0))
+            found[run, 1] = np.sqrt(max(float((row * wider) @ here @ (row * wider)), 0.0))
+    return found
 
 
 def common_errors(problem: Problem, theta: Array, sd: Array) -> dict[str, tuple[float, float]]:

@@ -16,6 +16,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..record.errors import TowlineError
+
 Array = NDArray[Any]
 DERIVATIVE_UNITS = {
     "m_minus_y_vdot": "kg",
@@ -208,6 +210,13 @@ def line_force(tow: Tow, tension, sine, cosine):
     return -tension * sine, -tension * (tow.tow_point_m * sine + tow.tow_point_offset_m * cosine)
 
 
+def surge_mass(hull: Hull) -> Any:
+    """m - X_udot, kg."""
+    if hull.mass_kg is None:
+        raise TowlineError('Hull.mass_kg: missing; line = "surge" weighs the model')
+    return hull.mass_kg - hull.x_udot_kg
+
+
 def surge_force(hull: Hull, resistance_n, speed_ratio, v, r):
     """X without the line: -R (u/U_0)|u/U_0|^(n-1) + X_vv v^2 + X_vr v r + X_rr r^2 (theory.md 10), N.
 
@@ -278,7 +287,7 @@ def full_state(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = None
     v_free, r_free, push = _coasting(hull, tow, u, v, r, more)
     v_pull, r_pull = accelerated(hull, *line_force(tow, 1.0, sine, cosine))
     by_v, by_r = sine / cosine, tow.tow_point_m * sine / cosine + tow.tow_point_offset_m
-    mass = hull.mass_kg - hull.x_udot_kg
+    mass = surge_mass(hull)
     needed = surge_rate_of_line(t_s, state, turn, sine, cosine, tow, post_rate) + by_v * v_free + by_r * r_free
     tension = (mass * needed - push) / (cosine - mass * (by_v * v_pull + by_r * r_pull))
     rates = np.array([turn, r, v_free + tension * v_pull, r_free + tension * r_pull])
@@ -323,7 +332,7 @@ def loose_rates(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = Non
     more = (0.0, 0.0) if extra is None else extra(t_s, y, beta, v, r, alpha)
     v_free, r_free, push = _coasting(hull, tow, u, v, r, more)
     v_pull, r_pull = accelerated(hull, *line_force(tow, tension, sine, cosine))
-    u_rate = (push + tension * cosine) / (hull.mass_kg - hull.x_udot_kg)
+    u_rate = (push + tension * cosine) / surge_mass(hull)
     ahead, aside = u * cos_b - v * sin_b - tow.speed_m_s, u * sin_b + v * cos_b
     return np.array([ahead, aside, r, u_rate, v_free + v_pull, r_free + r_pull])
 
@@ -357,8 +366,7 @@ def jerk_of_line(hull: Hull, tow: Tow, alpha, beta, parting_m_s):
     """Changes of u, v, r as a slack line becomes taut: it takes the separating speed away at once (theory.md 10), m/s, rad/s."""
     sine, cosine = np.sin(alpha + beta), np.cos(alpha + beta)
     arm = tow.tow_point_m * sine + tow.tow_point_offset_m * cosine
-    assert hull.mass_kg is not None
-    mass = hull.mass_kg - hull.x_udot_kg
+    mass = surge_mass(hull)
     v_pull, r_pull = accelerated(hull, -sine, -arm)
     impulse = parting_m_s / (cosine**2 / mass - sine * v_pull - arm * r_pull)
     return impulse * cosine / mass, impulse * v_pull, impulse * r_pull

@@ -28,6 +28,7 @@ from .model import (
     linear_system,
     loose_rates,
     spring_tension,
+    surge_mass,
 )
 
 DIFFERENCE_S = 1e-3
@@ -129,8 +130,7 @@ def simulate_full(
     if free:
         return _simulate_free(hull, tow, start, t_s, histories, extra)
     if tow.line == "surge":
-        if hull.mass_kg is None:
-            raise TowlineError('Hull.mass_kg: missing; line = "surge" weighs the model')
+        surge_mass(hull)
         if histories.tension_n is not None:
             raise TowlineError(
                 'a history of tension_n moves a line = "constant"; with "surge" the tension follows from the motion'
@@ -165,14 +165,14 @@ class _Towed:
             state, taut = self._loosened(begin, state), False
         for _ in range(MOST_STRETCHES):
             left = t_s[t_s >= begin] if not parts else t_s[t_s > begin]
-            motion, begin, state = (self._taut if taut else self._slack)(begin, state, left, float(t_s[-1]))
+            motion, begin, ended = (self._taut if taut else self._slack)(begin, state, left, float(t_s[-1]))
             parts.append(motion)
-            if state is None:
+            if ended is None:
                 return [p for p in parts if len(p)]
             if taut:
-                state, taut = self._loosened(begin, state), False
+                state, taut = self._loosened(begin, ended), False
             else:
-                state = self._tightened(begin, state)
+                state = self._tightened(begin, ended)
                 taut = self._tension(begin, state) > 0
                 state = state if taut else self._loosened(begin, state)
         raise TowlineError(f"the line falls slack and taut again more than {MOST_STRETCHES} times by t = {begin:.2f} s")

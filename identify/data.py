@@ -17,6 +17,9 @@ from ..simulate.scenario import tow_from_table
 from .still import Still
 
 SHORTEST_LOG_S = 2.0
+MEAN_S = 1.0
+USUAL_ALONG = 1.05
+"""(m - X_udot)/m of a bare model."""
 LONGEST_S = 1e6
 """No record is longer: its times are in another unit."""
 WATER_KG_M3 = 1000.0
@@ -143,6 +146,8 @@ def run_data(
     if table.speed is not None:
         speed = _history(run, table.speed, "speed_m_s", table.speed_delay_s, times)
         tow = replace(tow, speed_m_s=float(np.interp(times, *speed).mean()))
+        if table.line == "surge":
+            _check_taut(run, tow, speed, times)
     if tow.tension_n is not None and tow.tension_n <= 0:
         raise InputError(where, "tow.tension_n", f"{tow.tension_n:g} N; a tow needs a tension above 0")
     if tow.speed_m_s <= 0:

@@ -389,6 +389,7 @@ def test_markers_and_tight_lists_reach_the_site_as_markdown() -> None:
 
 
 TRACED = re.compile(r"^\| `(.+?)` \| ([\w/]+\.txt) \| `(.+?)` \|$", re.MULTILINE)
+TRACED_PAGE = re.compile(r"^\| ([\w/-]+\.md) \| `(.+?)` \| ([\w/]+\.txt) \| `(.+?)` \|$", re.MULTILINE)
 
 
 def test_the_figures_of_the_readme_stand_in_the_benchmarks_tables() -> None:
@@ -397,4 +398,12 @@ def test_the_figures_of_the_readme_stand_in_the_benchmarks_tables() -> None:
     readme = (ROOT / "README.md").read_text()
     for said, file, there in rows:
         assert said.replace("\\|", "|") in readme, f"README.md does not say {said!r}"
+        assert there in (ROOT / "benchmarks" / file).read_text(), f"benchmarks/{file} does not hold {there!r}"
+
+
+def test_the_figures_of_the_pages_stand_in_the_benchmarks_tables() -> None:
+    rows = TRACED_PAGE.findall((ROOT / "benchmarks" / "README.md").read_text())
+    assert len(rows) >= 5
+    for page, said, file, there in rows:
+        assert said.replace("\\|", "|") in (ROOT / "docs" / page).read_text(), f"docs/{page} does not say {said!r}"
         assert there in (ROOT / "benchmarks" / file).read_text(), f"benchmarks/{file} does not hold {there!r}"

@@ -19,6 +19,7 @@ from towline.identify.response import full_response, linear_response
 from towline.identify.start import weak_form_start
 from towline.identify.steady import BATCHES, DRIFT_RAD, DRIFT_T, SteadyState, _drifts, _window, steady_state
 from towline.record import EstimationError, InputError, Priors, Run, RunFile, read_motion, read_run
+from towline.record.run import with_line
 from towline.record.toml import check_tables
 from towline.simulate import Hull, Start, Tow, simulate_full, simulate_linear
 
@@ -532,6 +533,18 @@ def test_a_speed_log_is_read_on_the_recordings_clock(tmp_path: Path) -> None:
     back = _logged(tmp_path, "speed_m_s", -1.2 + 0 * clock, clock, **given)
     with pytest.raises(InputError, match="needs a speed above 0"):
         run_data(back, _moved((5.0, 20.0)), None)
+
+
+def test_a_carriage_that_brakes_throughout_pulls_no_model(tmp_path: Path) -> None:
+    clock = np.arange(-1, 31, 0.25)
+    run = _logged(tmp_path, "speed_m_s", 2.8 - 0.08 * clock, clock, speed_m_s=1.6)
+    with pytest.raises(
+        InputError, match=r"log.csv: column speed_m_s: falls by 0.08 m/s2 .*R/\(m - X_udot\) = 0.048 m/s2"
+    ):
+        run_data(run, _moved(), None)
+    assert run_data(with_line(run, "constant"), _moved(), None).speed is not None
+    gentle = _logged(tmp_path, "speed_m_s", 2.8 - 0.03 * clock, clock, speed_m_s=1.6)
+    assert run_data(gentle, _moved(), None).speed is not None
 
 
 def test_samples_outside_the_span_or_not_measured_are_left_out(tmp_path: Path) -> None:

@@ -187,6 +187,23 @@ def usual_resistance(mass_kg: float, length_pp_m: float, speed_m_s: float) -> fl
     return float(0.5 * WATER_KG_M3 * surface * speed_m_s**2 * 0.0045)
 
 
+def _check_taut(run: Run, tow: Tow, speed: tuple[Array, Array], times: Array) -> None:
+    """InputError where a straight tow behind this carriage is never taut: R (U/U_0)^n + (m - X_udot) U' < 0 (theory.md 10)."""
+    clock = np.arange(times[0], times[-1], MEAN_S)
+    here = np.interp(clock, *speed)
+    if len(clock) < 3 or tow.tension_n is None:
+        return
+    gain = np.gradient(here, clock)
+    mass = run.model.mass_kg * USUAL_ALONG
+    if (tow.tension_n * (here / tow.speed_m_s) ** 1.85 + mass * gain).max() < 0:
+        raise InputError(
+            run.path(run.tow.speed or ""),
+            "column speed_m_s",
+            f"falls by {-gain.max():.3g} m/s2 and more throughout; the line is slack where the carriage slows by more than "
+            f"R/(m - X_udot) = {tow.tension_n / mass:.2g} m/s2",
+        )
+
+
 def check_times(run: Run, times: Array) -> None:
     """InputError unless the times of a motion are finite and rise strictly, as ``read_motion`` sees to."""
     if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):

@@ -9,7 +9,7 @@ import numpy as np
 from ..record.errors import EstimationError
 from ..simulate.model import DERIVATIVE_UNITS
 from .data import RunData
-from .fit import Fit, continued
+from .fit import Fit, fit_runs
 from .limits.words import LISTED
 from .tension import AGREES_Z, TensionFromMotion, slack_spells
 
@@ -28,7 +28,7 @@ def surge_moves(fit: Fit, runs: list[RunData]) -> dict[str, float] | None:
         return None
     towed = [replace(d, tow=replace(d.tow, line="surge")) for d in runs]
     try:
-        other = continued(fit, towed)
+        other = fit_runs(towed, fit.form, fit.speed_m_s)
     except EstimationError:
         return None
     moves = other.six / fit.six - 1
@@ -65,6 +65,8 @@ def along_lines(
                 f"{said}stated: they do not agree ({weighed.z:+.1f} standard deviations): check the tension, model.mass_kg and "
                 "what [priors] says of them"
             )
+    for name, gauge in (weighed.gauges if weighed is not None else {}).items():
+        lines += [f"load cell of run {name!r}: {words}" for words in gauge.departures(runs[0].priors)]
     for name, (first, last) in slack_spells(runs, fit).items():
         lines.append(
             f"run {name!r}: the fitted motion would need a line that pushes, between {first:.1f} and {last:.1f} s: the line was "

@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..record.errors import EstimationError
+from ..record.priors import Priors
 from ..record.results import GaugeResult, Measured
 from ..simulate.model import Array
 from .data import RunData
-from .fit import Fit, continued
+from .fit import Fit, continued, fit_runs
 from .joint.common import SCALE
 from .joint.gauge import GaugeBlocks, gauge_blocks
 
@@ -22,6 +23,7 @@ WEIGHED_LOG_SD = 0.15
 AGREES_Z = 2.6
 CONTRADICTS_Z = 6.0
 """Of a gauge's scale from 1: chance takes it for this far off in one of a thousand million."""
+DEPARTS_Z = 3.0
 SCALE_OFF = 0.5
 LIGHTEST, HEAVIEST = 1.0, 6.0
 """(m - Y_vdot)/m: water that is moved along weighs something, and no hull drags five times its own mass along."""
@@ -49,6 +51,25 @@ class GaugeCheck:
         """For the files."""
         parts = {name: Measured(value=v, std=sd) for name, (v, sd) in vars(self).items()}
         return GaugeResult(**parts)
+
+    def departures(self, priors: Priors) -> list[str]:
+        """What is further from a true cell than the priors allow, in words."""
+        stated = (
+            (
+                "it reads",
+                "of what pulls",
+                self.scale,
+                1.0,
+                np.hypot(priors.tension_common_sd_rel, priors.tension_sd_rel),
+            ),
+            ("its zero is", "N", self.zero_n, 0.0, priors.tension_zero_sd_n),
+            ("its clock is", "s late", self.delay_s, 0.0, priors.tension_delay_sd_s),
+        )
+        return [
+            f"{words} {value:+.3f} +- {sd:.3f} {unit}; say so in [tow] and [priors]"
+            for words, unit, (value, sd), right, allowed in stated
+            if abs(value - right) > DEPARTS_Z * float(np.hypot(sd, allowed))
+        ]
 
     @property
     def contradicted(self) -> bool:
@@ -116,10 +137,12 @@ def tension_from_motion(fit: Fit, runs: list[RunData]) -> TensionFromMotion | No
     if fit.form != "full" or runs[0].tow.line != "surge" or fit.method != "output_error":
         return None
     stated = [d for d in runs if d.tension_stated]
-    if stated:
-        alone = continued(fit, [replace(d, tension_stated=False, gauge=None) for d in runs])
+    bare = [replace(d, tension_stated=False, gauge=None) for d in runs]
+    if any(d.gauge is not None for d in runs):
+        # a cell that is wrong bends the fit, and what that leaves is no noise
+        alone = fit_runs(bare, fit.form, fit.speed_m_s)
     else:
-        alone = fit
+        alone = continued(fit, bare) if stated else fit
     log_factor, log_sd = alone.common[SCALE]
     found = {d.name: float(own[6] * np.exp(log_factor)) for d, own in zip(runs, alone.own, strict=True)}
     paths = {d.name: t for d, t in zip(runs, alone.tension_n, strict=True)}
@@ -142,18 +165,18 @@ def refuse_impossible(fit: Fit, runs: list[RunData], found: TensionFromMotion | 
             "tow.tension_n: missing, and these swings are too small to weigh the model: its mass tells the tension to "
             f"{100 * found.log_sd:.0f} % only; measure the tension, or release the model at 6 degrees or more"
         )
-    added, sd = float(fit.six[0]), float(np.sqrt(max(fit.covariance[0, 0], 0.0)))
-    if added + 4 * sd < LIGHTEST * mass or added - 4 * sd > HEAVIEST * mass:
-        raise EstimationError(
-            f"model.mass_kg: {mass:g} kg; the motion gives m - Y_vdot = {added:.4g} +- {sd:.2g} kg, which lies between "
-            f"{LIGHTEST:g} and {HEAVIEST:g} times the mass of any hull"
-        )
     for name, gauge in (found.gauges if found is not None else {}).items():
         if gauge.contradicted:
             raise EstimationError(
                 f"tow.tension of run {name!r}: the motion contradicts it: what it reads swings {gauge.scale[0]:.2f} +- "
                 f"{gauge.scale[1]:.2f} times as far as what pulls; is it this tow's, and is tension_delay_s right?"
             )
+    added, sd = float(fit.six[0]), float(np.sqrt(max(fit.covariance[0, 0], 0.0)))
+    if added + 4 * sd < LIGHTEST * mass or added - 4 * sd > HEAVIEST * mass:
+        raise EstimationError(
+            f"model.mass_kg: {mass:g} kg; the motion gives m - Y_vdot = {added:.4g} +- {sd:.2g} kg, which lies between "
+            f"{LIGHTEST:g} and {HEAVIEST:g} times the mass of any hull"
+        )
 
 
 def slack_spells(runs: list[RunData], fit: Fit) -> dict[str, tuple[float, float]]:
@@ -195,7 +218,7 @@ def _checked(data: RunData, tension: Array, log_sd: float) -> GaugeCheck | None:
     late = float(answer[2] / answer[0]) if answer[0] else 0.0
     return GaugeCheck(
         (float(answer[0]), scale_sd),
-        (zero, float(np.hypot(sd[1], mean * sd[0]))),
+        (zero, float(np.hypot(sd[1], mean * scale_sd))),
         (late, float(sd[2] / max(abs(answer[0]), 1e-3))),
     )
 

@@ -75,7 +75,9 @@ class Priors(Table):
     )
     marker_place_sd_m: _Sd = Field(default=0.0, description="error of each marker's body_m along and across")
     tension_zero_sd_n: _Sd = Field(default=0.0, description="line = surge: zero error of a load cell's history, N")
-    tension_delay_sd_s: _Sd = Field(default=0.0, description="line = surge: error of tension_delay_s")
+    tension_delay_sd_s: _Sd = Field(
+        default=0.2, description="line = surge: error of tension_delay_s; it costs next to nothing"
+    )
     surge: SurgePriors = Field(default_factory=lambda: SurgePriors(), description="of the model along its way")
     derivatives: DerivativePriors = Field(
         default_factory=lambda: DerivativePriors(), description="priors on the derivatives themselves"

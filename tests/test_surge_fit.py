@@ -24,6 +24,7 @@ HULL = Hull(
 )
 POINTS_M = (1.446, 1.548, 1.649, 1.751)
 T = np.arange(0, 60, 0.08)
+FULL_T = np.arange(0, 60, 0.04)
 SIGMA = 1e-3, float(np.radians(0.1))
 KNOWN = Priors(tension_common_sd_rel=0.005)
 Made = Callable[..., list[RunData]]
@@ -39,37 +40,39 @@ def tows(
     stated: bool = True,
     priors: Priors = KNOWN,
     gauge: Callable[[pd.DataFrame], tuple[np.ndarray, np.ndarray]] | None = None,
-    **more,
+    t_s: np.ndarray = T,
+    speed: tuple[np.ndarray, np.ndarray] | None = None,
+    rudder: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> list[RunData]:
     """Four tows on a line of constant length, released to either side; ``seed`` None: without noise."""
     rng = None if seed is None else np.random.default_rng(seed)
-    covariance = np.zeros((len(T), 2, 2))
+    covariance = np.zeros((len(t_s), 2, 2))
     covariance[:, 0, 0], covariance[:, 1, 1] = SIGMA[0] ** 2, SIGMA[1] ** 2
     found = []
     for i, point in enumerate(POINTS_M):
         towed = Tow(1.28, 0.91, point, 3.96, line="surge", rudder_rad=rudder_rad)
         start = Start(alpha_rad=float(np.radians(release_deg)) * (-1) ** i)
-        motion = simulate_full(hull, towed, start, T, histories=histories)
-        noise = np.zeros((2, len(T))) if rng is None else rng.normal(size=(2, len(T)))
+        motion = simulate_full(hull, towed, start, t_s, histories=histories)
+        noise = np.zeros((2, len(t_s))) if rng is None else rng.normal(size=(2, len(t_s)))
         found.append(
             RunData(
                 name=f"run-{i + 1}",
-                t_s=T,
+                t_s=t_s,
                 y_m=motion["y_cg_m"].to_numpy() + SIGMA[0] * noise[0],
                 beta_rad=motion["beta_rad"].to_numpy() + SIGMA[1] * noise[1],
                 covariance=covariance,
-                common=np.zeros((0, len(T), 2)),
+                common=np.zeros((0, len(t_s), 2)),
                 common_key="",
                 tow=replace(towed, line=line, tension_n=3.96 if stated else 4.4),
                 tension=None,
-                speed=None,
+                speed=speed,
                 priors=priors,
                 assumed_sigma=False,
                 mass_kg=78.0,
                 length_pp_m=2.66,
                 tension_stated=stated,
                 gauge=None if gauge is None else gauge(motion),
-                **more,
+                rudder=rudder,
             )
         )
     return found
@@ -136,15 +139,14 @@ def test_campaigns_of_other_code(root: Path, surge_cases: ModuleType) -> None:
 
 @pytest.mark.parametrize(("release_deg", "sd"), [(3.1, 0.40), (6.3, 0.06), (9.5, 0.033), (19.0, 0.028)])
 def test_the_mass_alone_tells_the_tension_as_section_10_says(release_deg: float, sd: float) -> None:
-    """Fisher information of section 10, at 25 Hz; here 12.5 Hz, 60 s, and X_rr and n may move as well: within a quarter of it
-    once the noise's part is scaled (at 3 degrees all of it is noise, at 19 nearly all is X_udot)."""
-    fit = fit_runs(tows(release_deg, stated=False, priors=Priors()))
+    """Fisher information of section 10, one or two digits; X_rr and n may move as well here: within a quarter of it."""
+    runs = tows(release_deg, stated=False, priors=Priors(), t_s=FULL_T)
+    fit = fit_runs(runs)
     size, found = fit.common["tension"]
-    floor = 0.028
-    expected = np.hypot(np.sqrt(2 * max(sd**2 - floor**2, 0.0)), floor)
-    assert found == pytest.approx(expected, rel=0.25)
+    # at 3 degrees the estimate moves by half, and its standard deviation with it
+    assert found == pytest.approx(sd, rel=0.25 if sd < 0.1 else 0.75)
     assert abs(size - np.log(3.96 / 4.4)) < 4 * found
-    weighed = tension_from_motion(fit, tows(release_deg, stated=False, priors=Priors()))
+    weighed = tension_from_motion(fit, runs)
     assert weighed is not None
     assert weighed.weighed == (release_deg > 6)
 
@@ -227,9 +229,8 @@ def test_a_load_cells_scale_zero_and_delay_are_found(scale: float, zero: float, 
     assert found is not None
     for gauge in found.gauges.values():
         for (value, sd), true in ((gauge.scale, scale), (gauge.zero_n, zero), (gauge.delay_s, late_s)):
-            assert abs(value - true) < 4 * sd + 0.02 * (
-                1 if true == late_s else 0
-            )  # a delay is read off swings of 0.4 s
+            # a delay is read off block means of 0.4 s: straight between them to 0.02 s
+            assert abs(value - true) < 4 * sd + (0.02 if true == late_s else 0.0)
         assert not gauge.contradicted
     assert len(found.gauges) == 4
 

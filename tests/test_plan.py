@@ -69,6 +69,7 @@ def setting(**changes) -> Setting:
         noise=PlanNoise(sigma_y_m=SIGMA[0], sigma_beta_rad=SIGMA[1], rate_hz=64.0),
         priors=Priors(),
         limits=LimitsTable(),
+        line="constant",
     )
     return replace(made, **changes)
 
@@ -575,7 +576,7 @@ def test_what_is_not_reached_and_what_stays_is_noted(root: Path, tmp_path: Path)
     path = tmp_path / "plan.toml"
     text = re.sub(r"percent = [0-9.]+", "percent = 0.001", request)
     assert "[priors]" not in request
-    path.write_text(text + PRIORS, encoding="utf-8")
+    path.write_text(text + PRIORS + '[tow]\nline = "constant"\n', encoding="utf-8")
     asked = read_toml(path, PlanRequest)
     plan = make_plan(asked, path, "test", {})
     assert not plan.chosen.reached

@@ -23,6 +23,8 @@ RETREATS = 4
 """Times that a release is drawn in on a line that keeps its length, where the linear form's farthest passes a limit."""
 DRAWN_IN = 0.995
 """Of the release that would just touch the limit, if the swing went with it."""
+SURELY = 1.5
+"""Times the angle that [limits] allow: what swings so far by the linear form is left out without its own motion."""
 NEARER = (0.8, 0.6)
 """Of the farthest release: what a chosen tow is tried at beside."""
 
@@ -81,18 +83,16 @@ def gather(
             for beta in choices.releases_beta_rad
             for side in choices.releases_y_m or (farthest_release(setting, replace(tow, release_beta_rad=beta), unit),)
         ]
-        if not kept:
-            for plan in plans:
-                judging.take(
-                    plan,
-                    conduct(setting, plan, unit),
-                    lambda plan=plan, unit=unit: run_information(setting, plan, unit),
-                )
-        elif setting.hull.x_v_m >= tow.tow_point_m:  # no motion is worth its integration
-            for plan in plans:
-                judging.take(plan, conduct(setting, plan, unit), lambda: np.zeros((0, 0)))
-        else:
-            (given if choices.releases_y_m else farthest).extend(plans)
+        for plan in plans:
+            found = conduct(setting, plan, unit)
+            if (
+                kept
+                and tow.tow_point_m > setting.hull.x_v_m
+                and found.largest_angle_rad < SURELY * setting.limits.angle_rad
+            ):
+                (given if choices.releases_y_m else farthest).append(plan)
+            else:
+                judging.take(plan, found, lambda plan=plan, unit=unit: run_information(setting, plan, unit))
     judging.towed(given, 0, show)
     judging.towed(farthest, RETREATS, show)
     return judging.all()
@@ -180,6 +180,8 @@ def drawn_in(setting: Setting, plan: TowPlan, found: Conduct) -> TowPlan | None:
     if found.reason not in ("wall", "line", "angle") or plan.release_y_m <= RELEASE_STEP_M:
         return None
     half, wide = setting.width_m / 2, setting.breadth_m / 2
+    if half - wide <= limits.wall_m:
+        return None
     share = min(
         limits.angle_rad / found.largest_angle_rad,
         np.sqrt((1 - limits.line_share) / max(1 - found.line_share, 1e-9)),

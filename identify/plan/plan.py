@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -153,6 +154,7 @@ def _best(setting: Setting, request: PlanRequest, found: Candidates, wish: Array
 
 def judged(setting: Setting, plans: Sequence[TowPlan], wish: Array | None = None) -> Campaign:
     """A given campaign: what it is expected to give, and its warnings. ``wish``: relative sd (6,) asked for."""
+    setting = replace(setting, unlike_speeds=len({p.speed_m_s for p in plans}) > 1)
     total = prior_information(setting)
     conducts = []
     for plan, tow in zip(plans, tows(setting, plans), strict=True):

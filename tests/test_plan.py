@@ -21,6 +21,7 @@ from towline.identify.plan import (
     TowPlan,
     best_campaigns,
     campaign_sd,
+    candidates,
     conduct,
     cycles_rule,
     gather,
@@ -716,8 +717,9 @@ def noiseless(where: Setting, plans: list[TowPlan], rate_hz: float) -> list[RunD
     runs = []
     for plan in plans:
         times = np.arange(0, where.duration_s(plan.speed_m_s) + 1e-9, 1 / rate_hz)
-        start = Start(plan.release_beta_rad, -1.28 * np.sin(plan.release_beta_rad), 0.0, y_cg_m=plan.release_y_m)
-        motion = simulate_full(hull, where.tow(plan), start, times)[["y_cg_m", "beta_rad"]].to_numpy()
+        speed, beta = plan.speed_m_s, plan.release_beta_rad
+        start = Start(beta, -speed * np.sin(beta), 0.0, y_cg_m=plan.release_y_m)
+        motion = simulate_full(hull.at_speed(speed), where.tow(plan), start, times)[["y_cg_m", "beta_rad"]].to_numpy()
         run = record(where, plan, times, motion)
         runs.append(replace(run, mass_kg=where.mass_kg, length_pp_m=where.length_pp_m, tension_stated=where.gauge))
     return runs
@@ -730,10 +732,10 @@ def test_plans_with_surge_against_the_cramer_rao_bound(gauge: bool) -> None:
         way_m=40 * 1.28, gauge=gauge, noise=PlanNoise(sigma_y_m=SIGMA[0], sigma_beta_rad=SIGMA[1], rate_hz=10.0),
         priors=NUISANCES.model_copy(update={"tension_common_sd_rel": 0.01, "speed_sd_rel": 0.005, "line_length_sd_m": 0.002}),
     )  # fmt: skip
-    plans = [tow_at(1.446), tow_at(1.6, -0.18), tow_at(1.751, 0.15, 0.02)]
+    plans = [tow_at(1.446), replace(tow_at(1.6, -0.18), speed_m_s=1.0), tow_at(1.751, 0.15, 0.02)]
     bound = cramer_rao(noiseless(where, plans, 10.0), SIX, "full", 1.28)
     wanted = np.sqrt(np.diag(bound)) / np.abs(SIX)
-    np.testing.assert_allclose(campaign_sd(where, plans, [40.0] * 3), wanted, rtol=SLOPE_REL)
+    np.testing.assert_allclose(campaign_sd(where, plans, [40.0, 51.2, 40.0]), wanted, rtol=SLOPE_REL)
 
 
 @pytest.mark.parametrize("gauge", [True, False])
@@ -768,7 +770,7 @@ def test_small_swings_plan_as_the_linear_form_does() -> None:
     np.testing.assert_allclose(both[1], both[0], rtol=0.01)
 
 
-def test_candidates_on_kept_lines_keep_the_limits_and_differ_in_release() -> None:
+def test_candidates_on_kept_lines_keep_the_limits_and_differ_in_release(monkeypatch: pytest.MonkeyPatch) -> None:
     where = kept_setting(way_m=60.0, priors=NUISANCES, limits=LimitsTable(angle_rad=0.5, line_share=0.6))
     choices = ChoicesTable(
         tension_n=3.96, tension_speed_m_s=1.28, tow_points_m=(0.9, 1.446, 1.751), line_lengths_m=(0.6, 0.91)
@@ -786,6 +788,9 @@ def test_candidates_on_kept_lines_keep_the_limits_and_differ_in_release() -> Non
         np.testing.assert_allclose(
             information, run_information(where, plan, tow), rtol=1e-3, atol=1e-6 * information.max()
         )
+    # what the linear form leaves out beforehand could not be chosen
+    monkeypatch.setattr(candidates, "SURELY", 1e9)
+    assert gather(where, choices, (1.28,), 2.66).plans == found.plans
     # drawn in no further than the limit asks for: one of them is nearly touched
     assert max(c.largest_angle_rad / 0.5 + (1 - c.line_share) / 0.4 for c in found.conducts) > 0.9
     more = nearer(where, found, [0, 1])

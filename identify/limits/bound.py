@@ -31,6 +31,7 @@ def information(runs: list[RunData], six: Array, form: str, speed_m_s: float) ->
     theta, _ = rough_optimum(runs, speed_m_s, form, start=six, hold=still)
     fixed = Problem(runs, form, speed_m_s, still)
     theta = np.concatenate([theta, np.zeros(fixed.size - len(theta))])
+    theta[:6] = six  # a tension that nobody states lets the way in scale them by the model's mass
     theta = minimise(fixed, theta, weights).theta
     problem = Problem(runs, form, speed_m_s)
     matrix, _, _ = normal(problem, theta, problem.evaluate(theta), weights)

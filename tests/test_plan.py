@@ -649,7 +649,8 @@ SIX_REL = 0.10
 OTHER_POINTS_REL = {3.0: 0.25, 6.0: 0.20, 9.5: 0.10, 19.0: 0.05}
 """Other four tow points weigh the model as well as they differ: where noise rules (3 degrees) most, where X_udot rules least."""
 SLOPE_REL = 2e-3
-"""Every sample is on the grid; steps twice as long and the bound's own optimum: 1e-4 together; runs of unlike speeds taken for alike would be 4e-3 off."""
+"""Every sample is on the grid; steps twice as long and the bound's own optimum: 1e-4 together; runs
+of unlike speeds taken for alike would be 4e-3 off."""
 FIT_REL = 0.10
 """A fit's sd goes with its own judgement of the noise (202 samples a run and channel: 5 %, more where it finds slow noise) and with
 its own scale (5 %, without a gauge); the median of ``FITS`` of them with half of that."""

@@ -641,7 +641,7 @@ SURGE = SurgePriors(
 )
 """theory.md 10: X_udot known to 0.03 m, X_vr to 20 kg, X_vv to 30 kg/m."""
 EVEN_POINTS_M = tuple(np.linspace(1.344, 1.751, 4))
-"""theory.md 10 does not name its four tow points; these, MARINER's holes 4 to 9 evenly, give its numbers."""
+"""theory.md 10 does not name its four tow points; these, evenly from MARINER's hole 4 to hole 12, give its numbers."""
 PRINTED_REL = 0.05
 """Half of the last digit of 40, 6, 3.3 and 2.8: 1, 8, 1.5 and 1.8 %; 6 comes as 6.03."""
 SIX_REL = 0.10
@@ -652,7 +652,7 @@ SLOPE_REL = 2e-3
 """Every sample is on the grid; steps twice as long and the bound's own optimum: 1e-4 together; runs
 of unlike speeds taken for alike would be 4e-3 off."""
 FIT_REL = 0.10
-"""A fit's sd goes with its own judgement of the noise (202 samples a run and channel: 5 %, more where it finds slow noise) and with
+"""A fit's sd goes with its own judgement of the noise (301 samples a run and channel: 4 %, more where it finds slow noise) and with
 its own scale (5 %, without a gauge); the median of ``FITS`` of them with half of that."""
 FITS = 5
 

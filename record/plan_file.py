@@ -9,7 +9,19 @@ from pydantic import Field, model_validator
 from .priors import DERIVATIVE_NAMES, Priors
 from .results import ResultFile, _Part
 from .scenario import HullTable
-from .schema import Angle, Length, ModelTable, NotNegative, Number, Positive, PositiveLength, Speed, Tension, WaterTable
+from .schema import (
+    Angle,
+    Length,
+    Line,
+    ModelTable,
+    NotNegative,
+    Number,
+    Positive,
+    PositiveLength,
+    Speed,
+    Tension,
+    WaterTable,
+)
 from .toml import Table
 
 _Several = Annotated[tuple[PositiveLength, ...], Field(max_length=100)]
@@ -79,8 +91,10 @@ class PlanModel(ModelTable):
 class ChoicesTable(Table):
     """What may be set in the tank. Absent lists are filled from the hull's length and X_v."""
 
-    tension_n: Tension = Field(
-        description="line tension (the resistance) at tension_speed_m_s; taken as growing with U^2"
+    tension_n: Tension | None = Field(
+        default=None,
+        description="line tension (the resistance) at tension_speed_m_s; taken as growing with U^2; may be left out where "
+        "tow.gauge = false: then a bare hull's of this size",
     )
     tension_speed_m_s: Positive = Field(description="speed at which tension_n was measured or estimated")
     tow_points_m: Annotated[tuple[Length, ...], Field(max_length=100)] = Field(
@@ -135,7 +149,8 @@ class LimitsTable(Table):
     wall_m: NotNegative = Field(default=0.05, description="least room between the hull's corner and the wall")
     angle_rad: Positive = Field(
         default=0.26,
-        description="largest alpha + beta: at 0.26 (15 degrees) the linear form's line force is 1.1 % too large",
+        description="largest alpha + beta: at 0.26 (15 degrees) the linear form's line force is 1.1 % too large, and larger "
+        "swings drag as no linear hull does",
     )
     cycles: NotNegative = Field(
         default=2.0,
@@ -143,6 +158,21 @@ class LimitsTable(Table):
     )
     line_share: Annotated[Number, Field(ge=0, lt=1)] = Field(
         default=0.2, description="least line force in the run over its mean; at 0 the line is slack"
+    )
+
+
+class PlanTow(Table):
+    """How the runs will be towed and identified."""
+
+    line: Line = Field(
+        default="surge",
+        description="as run.toml's tow.line. surge: the line keeps its length, larger swings weigh the model; constant: it keeps "
+        "its tension (the thesis's approximation): the swing's size only scales the noise",
+    )
+    gauge: bool = Field(
+        default=True,
+        description="the tension is measured, to what [priors] and noise.tension_sd_n say; false: no gauge at all, the scale is "
+        "free and the model's mass weighs it (line = surge only)",
     )
 
 
@@ -171,7 +201,18 @@ class PlanRequest(Table):
         default_factory=lambda: Priors(tension_sd_rel=TENSION_SD_REL, tow_point_sd_m=TOW_POINT_SD_M),
         description="as run.toml's; absent altogether: T known to 1 % and X_T to 1 mm in each run, datum biases free",
     )
+    tow: PlanTow = Field(default_factory=lambda: PlanTow(), description="the line, and whether its tension is measured")
     run: tuple[PlanRun, ...] = Field(default=(), description="a campaign of your own, judged beside the chosen one")
+
+    @model_validator(mode="after")
+    def _scale_told(self) -> PlanRequest:
+        if self.tow.gauge and self.choices.tension_n is None:
+            raise ValueError("choices.tension_n: missing key; give it, or say tow.gauge = false")
+        if self.tow.line == "constant" and not self.tow.gauge:
+            raise ValueError(
+                'tow.gauge = false: a line = "constant" hides the scale of all forces; a gauge, or line = "surge", is expected'
+            )
+        return self
 
 
 class RunForecast(_Part):
@@ -189,7 +230,9 @@ class RunForecast(_Part):
     cycles: float = Field(description="in the usable way")
     largest_angle_rad: float = Field(description="of |alpha + beta|")
     wall_room_m: float = Field(description="least room between a corner of the hull and the wall")
-    line_share: float = Field(description="least line force over its mean, from surge of the mass alone")
+    line_share: float = Field(
+        description="least line force over T taken; line = constant: from surge of the mass alone"
+    )
     warnings: list[str] = Field(description="with both numbers")
 
 
@@ -208,6 +251,21 @@ class RuleTable(_Part):
 
     rule: str = Field(description="in words")
     rows: list[dict[str, float]] = Field(description="its numbers")
+
+
+class ReleaseRow(_Part):
+    """What the chosen tows tell when all are released at one angle of the line, heading 0, at rest (line = surge)."""
+
+    release_deg: float | None = Field(description="alpha at the release; null: as planned")
+    scale_sd_percent: float | None = Field(
+        description="standard deviation of the scale of all forces (T, and with it the six) without a gauge; null: a run goes "
+        "broadside or slackens its line"
+    )
+    gauged_scale_sd_percent: float | None = Field(description="the same with the gauge of [priors]")
+    sd_percent: dict[str, float] | None = Field(description="of the six, with the gauge of [priors]")
+    ungauged_sd_percent: dict[str, float] | None = Field(description="of the six, without a gauge")
+    least_line_share: float | None = Field(description="least T over R in any of the runs")
+    limits: list[str] = Field(description="runs that [limits] forbid there, one sentence each")
 
 
 class PlanFile(ResultFile):
@@ -229,4 +287,13 @@ class PlanFile(ResultFile):
     )
     own: Campaign | None = Field(default=None, description="the campaign of [[run]]")
     rules: list[RuleTable] = Field(description="two cycles; L, X_T and U; the transient")
+    line: Line = Field(default="constant", description="what the runs' lines keep; files before surge: constant")
+    gauge: bool = Field(default=True, description="the tension is measured")
+    releases: list[ReleaseRow] = Field(
+        default=[],
+        description="release against what the scale and the six gain, of the tows of own or chosen; line = surge",
+    )
+    release_rule: str | None = Field(
+        default=None, description="from which release on the model's mass tells T, in words"
+    )
     notes: list[str] = Field(description="what the reader must know")

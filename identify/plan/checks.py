@@ -6,18 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .information import UnitTow
+from .information import Towed
 from .setting import Setting, TowPlan
 
 EXCLUDING = ("unstable", "wall", "line", "angle", "reach")
 """A candidate with one of these cannot be chosen."""
+BROADSIDE_RAD = np.pi / 2
+LOST_ROOM_M = -1e6
+"""Room to the wall of a run whose motion the equations do not follow."""
 GROWTH_SAID = 1.5
 """A swing that grows by no more than this over the run is not worth a warning."""
 
 
 @dataclass(frozen=True)
 class Conduct:
-    """What a run will do, by the linear form.
+    """What a run will do, as its line makes it: a line of given tension by the linear form.
 
     Attributes
     ----------
@@ -50,9 +53,9 @@ class Conduct:
         return next((kind for kind in EXCLUDING if kind in self.warnings), None)
 
 
-def swing(unit: UnitTow) -> tuple[float | None, float]:
+def swing(tow: Towed) -> tuple[float | None, float]:
     """Frequency (None: no oscillatory pair) and decay rate of the slowest pair, or of the slowest root."""
-    roots = np.linalg.eigvals(unit.matrix)
+    roots = np.linalg.eigvals(tow.matrix)
     pair = roots[roots.imag > 1e-9 * np.abs(roots).max()]
     if not len(pair):
         return None, float(-roots.real.max())
@@ -60,43 +63,48 @@ def swing(unit: UnitTow) -> tuple[float | None, float]:
     return float(slow.imag), float(-slow.real)
 
 
-def conduct(setting: Setting, plan: TowPlan, unit: UnitTow) -> Conduct:
+def conduct(setting: Setting, plan: TowPlan, tow: Towed) -> Conduct:
     """Judge one planned run."""
-    states, rates, _ = unit.released(plan)
-    y, beta, _, _ = states.T
+    course = tow.course(setting, plan)
     limits = setting.limits
-    duration = float(unit.times_s[-1])
+    duration = float(tow.times_s[-1])
     length, x_t = plan.line_length_m, plan.tow_point_m
-    omega, damping = swing(unit)
+    omega, damping = swing(tow)
     cycles = 0.0 if omega is None else omega * duration / (2 * np.pi)
-    angle = float(np.abs(y / length + (1 + x_t / length) * beta).max())
-    room = _wall_room(setting, y, beta)
-    share = _line_share(setting, plan, states, rates)
+    lost = not np.isfinite(course.angle_rad).all()
+    angle = BROADSIDE_RAD if lost else float(np.abs(course.angle_rad).max())
+    room = LOST_ROOM_M if lost else _wall_room(setting, course.y_m, course.beta_rad)
+    share = 0.0 if lost else float(course.line_share.min())
     warnings: dict[str, str] = {}
     x_v = setting.hull.x_v_m
     if x_t <= x_v:
         warnings["unstable"] = (
             f"X_T = {x_t:.3f} m is not ahead of X_v = {x_v:.3f} m: the tow is unstable and shears off to one side"
         )
+    if lost:
+        warnings["angle"] = f"released at {_release_words(plan)} it goes broadside, or its line does not reach that far"
+        return Conduct(duration, float(cycles), omega, damping, angle, room, share, warnings)
     if room < limits.wall_m:
         warnings["wall"] = (
             f"a corner of the hull comes to {setting.width_m / 2 - room:.3f} m from the centre line, half the tank is "
             f"{setting.width_m / 2:.3f} m: {room:.3f} m of room, {limits.wall_m:.3f} m is wanted"
         )
-    if share < limits.line_share:
-        tension = setting.tow(plan).tension_n
-        assert tension is not None
+    if share < limits.line_share or share <= 0:
+        tension = setting.tow(plan).resistance
         state = "is slack" if share <= 0 else "is nearly slack"
         warnings["line"] = (
             f"the line {state}: surge of {setting.mass_kg:.1f} kg takes {tension * (1 - share):.2f} N of T = {tension:.2f} N "
             f"({100 * share:.0f} % is left, {100 * limits.line_share:.0f} % is wanted)"
         )
     if angle > limits.angle_rad:
+        because = f"the linear form's line force is {100 * _excess(angle):.1f} % too large there"
+        if setting.line == "surge":
+            because = "no linear hull drags as a model does there"
         warnings["angle"] = (
-            f"alpha + beta reaches {np.degrees(min(angle, 99.0)):.1f} degrees, more than {np.degrees(limits.angle_rad):.1f}: the "
-            f"linear form's line force is {100 * _excess(angle):.1f} % too large there"
+            f"alpha + beta reaches {np.degrees(min(angle, 99.0)):.1f} degrees, more than {np.degrees(limits.angle_rad):.1f}: "
+            f"{because}"
         )
-    reach = float(np.abs(y + x_t * beta).max())
+    reach = float(np.abs(course.reach_m).max())
     if reach >= length:
         warnings["reach"] = f"the tow point is {reach:.3f} m aside, the line is {length:.3f} m long"
     if omega is not None and cycles <= limits.cycles:
@@ -126,18 +134,5 @@ def _wall_room(setting: Setting, y: np.ndarray, beta: np.ndarray) -> float:
     return float(setting.width_m / 2 - corner.max())
 
 
-def _line_share(setting: Setting, plan: TowPlan, states: np.ndarray, rates: np.ndarray) -> float:
-    """Least of (T + m x'')/T, with x'' of the LCG on a taut line (2.10) to second order in the angles.
-
-    x_CG = -L cos a - X_T cos b, so x'' = L (a'^2 + a a'') + X_T (b'^2 + b b''). The model's mass alone is taken: its
-    added mass in surge (some 5 %) and the resistance's change are not known here.
-    """
-    x_t, length = plan.tow_point_m, plan.line_length_m
-    y, beta, _, r = states.T
-    y_rate, _, v_rate, r_rate = rates.T
-    y_curve = v_rate + plan.speed_m_s * r
-    alpha, a_rate, a_curve = (y + x_t * beta) / length, (y_rate + x_t * r) / length, (y_curve + x_t * r_rate) / length
-    surge = length * (a_rate**2 + alpha * a_curve) + x_t * (r**2 + beta * r_rate)
-    tension = setting.tow(plan).tension_n
-    assert tension is not None
-    return float(1 + setting.mass_kg * surge.min() / tension)
+def _release_words(plan: TowPlan) -> str:
+    return f"y {plan.release_y_m:.2f} m, beta {plan.release_beta_rad:+.3f} rad"

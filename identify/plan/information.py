@@ -1,27 +1,107 @@
-"""Fisher information of a planned run: exact sensitivities of the linear form, its own nuisances marginalised.
+"""Fisher information of a planned run: exact sensitivities, its own nuisances marginalised.
 
-Of one run: the start (y, beta, v, r) is free, y_b and beta_b are free or under their priors, T_i and X_T,i move under
-theirs, as in ``fit_runs``. What is left is the information on the six derivatives (relative) and on the errors of T, L and U that
-are common to all runs (in their prior's sd): matrices of different runs add up.
+Of one run: the start (side, beta, v, r) is free, y_b and beta_b are free or under their priors, T_i and X_T,i move under
+theirs, as in ``fit_runs``. What is left is the information on the six derivatives (relative) and on what all runs share beside
+(``commons``, in their prior's sd; a tension that nobody measures: the logarithm of its factor): matrices of different runs add up.
+
+Lines of given tension: the linear form, ``UnitTow``. Lines that keep their length: the full form, ``kept.KeptTow``.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.linalg import expm
 
-from ...record.priors import DERIVATIVE_NAMES, Priors
+from ...record.priors import DERIVATIVE_NAMES
 from ...simulate.model import Array, linear_system
 from ..data import RunData
-from ..response import LINE_LENGTH, SPEED, TENSION, TOW_POINT, linear_response
+from ..joint.common import Common, commons_of, needs_full
+from ..response import TENSION, TOW_POINT, linear_response
 from .setting import Setting, TowPlan
 
 GRID_SHARE = 0.08
 """The sum over samples becomes an integral on a grid of this share of the fastest root's time: it errs by 0.05 %."""
 FREE_SD = 1e6
 """Prior of a free nuisance over the noise of one sample: as good as none, and the matrices stay invertible."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """Where a planned run goes.
+
+    Attributes
+    ----------
+    y_m, beta_rad : (n,), of the LCG
+    angle_rad : (n,), alpha + beta
+    reach_m : (n,), of the tow point from the centre line
+    line_share : (n,), line force over T taken
+    """
+
+    y_m: Array
+    beta_rad: Array
+    angle_rad: Array
+    reach_m: Array
+    line_share: Array
+
+
+class Towed(Protocol):
+    """A tow whose motion and sensitivities are known."""
+
+    @property
+    def times_s(self) -> Array:
+        """(n,), from the release."""
+        ...
+
+    @property
+    def weights(self) -> Array:
+        """(n,), samples that each time stands for."""
+        ...
+
+    @property
+    def matrix(self) -> Array:
+        """(4, 4), of the linear form."""
+        ...
+
+    def slopes_of(self, plan: TowPlan) -> Array:
+        """Change of (y, beta) with ``RUN_PARAMETERS``, (n, 2, 14 or more)."""
+        ...
+
+    def course(self, setting: Setting, plan: TowPlan) -> Course:
+        """Where the planned run goes."""
+        ...
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Times that stand for all samples of a record.
+
+    Attributes
+    ----------
+    times_s, weights : (n,), from the release; samples that each stands for
+    matrix : (4, 4), of the linear form
+    """
+
+    times_s: Array
+    weights: Array
+    matrix: Array
+
+
+def grid_of(setting: Setting, plan: TowPlan, duration_s: float | None = None) -> Grid:
+    """The grid of a plan's X_T, L and U; ``duration_s`` instead of the tank's."""
+    span = setting.duration_s(plan.speed_m_s) if duration_s is None else duration_s
+    matrix, _ = linear_system(setting.hull_at(plan.speed_m_s), setting.tow(plan))
+    fastest = float(np.abs(np.linalg.eigvals(matrix)).max())
+    rate = setting.noise.rate_hz
+    count = max(2, int(np.floor(span * rate)) + 1)
+    every = max(1, int(GRID_SHARE / fastest * rate))
+    steps = max(1, (count - 1) // every)
+    times = np.linspace(0.0, (count - 1) / rate, steps + 1)
+    weights = np.full(len(times), times[1] * rate)
+    weights[[0, -1]] = (times[1] * rate + 1) / 2  # the trapezoid rule, and half a sample more at each end
+    return Grid(times, weights, matrix)
 
 
 @dataclass(frozen=True)
@@ -52,36 +132,55 @@ class UnitTow:
         slopes[:, :, 6:10] = self.slopes[0, :, :, 6:10]
         return np.tensordot(size, self.states, axes=1), np.tensordot(size, self.rates, axes=1), slopes
 
+    def slopes_of(self, plan: TowPlan) -> Array:
+        """Slopes (n, 2, 14) of the planned release."""
+        return self.released(plan)[2]
+
+    def course(self, setting: Setting, plan: TowPlan) -> Course:
+        """Where the planned run goes by the linear form, and what its surge does to the line."""
+        states, rates, _ = self.released(plan)
+        y, beta = states[:, 0], states[:, 1]
+        length, x_t = plan.line_length_m, plan.tow_point_m
+        angle = y / length + (1 + x_t / length) * beta
+        share = _line_share(setting, plan, states, rates)
+        return Course(y, beta, angle, y + x_t * beta, share)
+
+
+def _line_share(setting: Setting, plan: TowPlan, states: Array, rates: Array) -> Array:
+    """(T + m x'')/T, (n,), with x'' of the LCG on a taut line (2.10) to second order in the angles.
+
+    x_CG = -L cos a - X_T cos b, so x'' = L (a'^2 + a a'') + X_T (b'^2 + b b''). The model's mass alone is taken: its
+    added mass in surge (some 5 %) and the resistance's change are not known here.
+    """
+    x_t, length = plan.tow_point_m, plan.line_length_m
+    y, beta, _, r = states.T
+    y_rate, _, v_rate, r_rate = rates.T
+    y_curve = v_rate + plan.speed_m_s * r
+    alpha, a_rate, a_curve = (y + x_t * beta) / length, (y_rate + x_t * r) / length, (y_curve + x_t * r_rate) / length
+    surge = length * (a_rate**2 + alpha * a_curve) + x_t * (r**2 + beta * r_rate)
+    return 1 + setting.mass_kg * surge / setting.tow(plan).resistance
+
 
 def unit_tow(setting: Setting, plan: TowPlan, duration_s: float | None = None) -> UnitTow:
     """The unit tow of a plan's X_T, L and U; ``duration_s`` instead of the tank's."""
-    span = setting.duration_s(plan.speed_m_s) if duration_s is None else duration_s
-    tow, hull = setting.tow(plan), setting.hull_at(plan.speed_m_s)
-    matrix, _ = linear_system(hull, tow)
-    fastest = float(np.abs(np.linalg.eigvals(matrix)).max())
-    rate = setting.noise.rate_hz
-    count = max(2, int(np.floor(span * rate)) + 1)
-    every = max(1, int(GRID_SHARE / fastest * rate))
-    steps = max(1, (count - 1) // every)
-    times = np.linspace(0.0, (count - 1) / rate, steps + 1)
-    weights = np.full(len(times), times[1] * rate)
-    weights[[0, -1]] = (times[1] * rate + 1) / 2  # the trapezoid rule, and half a sample more at each end
+    grid, tow = grid_of(setting, plan, duration_s), setting.tow(plan)
+    times = grid.times_s
     starts = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, -plan.speed_m_s, 0.0]])
     states = np.empty((2, len(times), 4))
     states[:, 0] = starts
-    step = expm(matrix * times[1])
+    step = expm(grid.matrix * times[1])
     for k in range(1, len(times)):
         states[:, k] = states[:, k - 1] @ step.T
-    data = _record(setting, plan, times)
-    assert tow.tension_n is not None
-    tail = [tow.tension_n, tow.tow_point_m, tow.line_length_m, tow.speed_m_s]
+    data = planned_record(setting, plan, times)
+    tail = [tow.resistance, tow.tow_point_m, tow.line_length_m, tow.speed_m_s]
     slopes = [
         linear_response(data, np.array([*setting.values, *start, *tail]), setting.hull.speed_m_s)[1] for start in starts
     ]
-    return UnitTow(times, weights, states, states @ matrix.T, np.array(slopes), matrix)
+    return UnitTow(times, grid.weights, states, states @ grid.matrix.T, np.array(slopes), grid.matrix)
 
 
-def _record(setting: Setting, plan: TowPlan, times: Array) -> RunData:
+def planned_record(setting: Setting, plan: TowPlan, times: Array) -> RunData:
+    """The planned run as the estimators take it, without its motion."""
     nothing = np.zeros(len(times))
     return RunData(
         name="planned",
@@ -96,37 +195,41 @@ def _record(setting: Setting, plan: TowPlan, times: Array) -> RunData:
         speed=None,
         priors=setting.priors,
         assumed_sigma=False,
+        mass_kg=setting.mass_kg,
+        length_pp_m=setting.length_pp_m,
+        tension_stated=setting.gauge,
     )
 
 
-def common_names(priors: Priors) -> tuple[str, ...]:
-    """Errors common to all runs that the priors let move, in the order of the matrices' last rows."""
-    stated = {
-        "tension": priors.tension_common_sd_rel,
-        "line_length": priors.line_length_sd_m,
-        "speed": priors.speed_sd_rel,
-    }
-    return tuple(name for name, sd in stated.items() if sd)
+def commons(setting: Setting) -> tuple[Common, ...]:
+    """What all runs share beside the six, in the order of the matrices' last rows: the fit's own, at the guess's speed."""
+    straight = TowPlan(1.0, 1.0, setting.hull.speed_m_s, 0.0)
+    found = commons_of([planned_record(setting, straight, np.zeros(1))])
+    return tuple(c for c in found if setting.line == "surge" or not needs_full(c.name))
 
 
-def run_information(setting: Setting, plan: TowPlan, unit: UnitTow, from_s: float = 0.0) -> Array:
-    """Information (6 + c, 6 + c) of one run on the relative derivatives and the c common errors.
+def run_information(setting: Setting, plan: TowPlan, tow: Towed, from_s: float = 0.0) -> Array:
+    """Information (6 + c, 6 + c) of one run on the relative derivatives and the c ``commons``; 0 where its motion cannot be.
 
     Parameters
     ----------
-    unit : of the plan's X_T, L and U
+    tow : of the plan's X_T, L and U; on a line that keeps its length, of its release
     from_s : samples before are dropped (what a late start of the record costs)
     """
-    _, _, slopes = unit.released(plan)
-    priors, noise, tow = setting.priors, setting.noise, setting.tow(plan)
-    assert tow.tension_n is not None
-    keep = unit.times_s >= from_s
-    sizes = {"tension": tow.tension_n * priors.tension_common_sd_rel, "line_length": priors.line_length_sd_m}
-    sizes["speed"] = tow.speed_m_s * priors.speed_sd_rel
-    places = {"tension": TENSION, "line_length": LINE_LENGTH, "speed": SPEED}
+    slopes = tow.slopes_of(plan)
+    priors, noise, tension = setting.priors, setting.noise, setting.tow(plan).resistance
+    shared_by_all = commons(setting)
+    if not np.isfinite(slopes).all():
+        return np.zeros((6 + len(shared_by_all),) * 2)
+    keep = tow.times_s >= from_s
     columns = [slopes[:, :, i] * setting.scale[i] for i in range(6)]
-    names = common_names(priors)
-    columns += [slopes[:, :, places[name]] * sizes[name] for name in names]
+    for common in shared_by_all:
+        size = float(common.sd[0])
+        if common.factor:
+            size *= tension
+        elif common.name == "speed":
+            size *= plan.speed_m_s / setting.hull.speed_m_s
+        columns.append(slopes[:, :, common.place] * size)
     shared = len(columns)
     # nuisances in units of their prior, or, free ones, as they are
     known: list[float] = []
@@ -140,13 +243,12 @@ def run_information(setting: Setting, plan: TowPlan, unit: UnitTow, from_s: floa
         column[:, channel] = 1.0 if sd is None else sd
         columns.append(column)
         known.append(0.0 if sd is None else 1.0)
-    tension_sd = float(np.hypot(priors.tension_sd_rel * tow.tension_n, noise.tension_sd_n))
-    for place, sd in ((TENSION, tension_sd), (TOW_POINT, priors.tow_point_sd_m)):
+    for place, sd in ((TENSION, setting.tension_scatter(plan) * tension), (TOW_POINT, priors.tow_point_sd_m)):
         if sd:
             columns.append(slopes[:, :, place] * sd)
             known.append(1.0)
     weight = (
-        np.sqrt(unit.weights[keep])[:, None, None] / np.array([noise.sigma_y_m, noise.sigma_beta_rad])[None, :, None]
+        np.sqrt(tow.weights[keep])[:, None, None] / np.array([noise.sigma_y_m, noise.sigma_beta_rad])[None, :, None]
     )
     j = (np.stack(columns, axis=-1)[keep] * weight).reshape(-1, len(columns))
     full = j.T @ j
@@ -160,22 +262,27 @@ def run_information(setting: Setting, plan: TowPlan, unit: UnitTow, from_s: floa
 
 
 def prior_information(setting: Setting) -> Array:
-    """Information (6 + c, 6 + c) that is there before any run: priors on derivatives and on common errors."""
-    names = common_names(setting.priors)
-    matrix = np.zeros((6 + len(names), 6 + len(names)))
+    """Information (6 + c, 6 + c) that is there before any run: priors on derivatives and on what all runs share."""
+    shared = commons(setting)
+    matrix = np.zeros((6 + len(shared), 6 + len(shared)))
     for i, name in enumerate(DERIVATIVE_NAMES):
         prior = getattr(setting.priors.derivatives, name)
         if prior is not None:
             matrix[i, i] = (setting.scale[i] / prior.std) ** 2
-    for i in range(6, len(matrix)):
-        matrix[i, i] = 1.0
+    for i, common in enumerate(shared, start=6):
+        matrix[i, i] = 1.0 if common.known else 0.0
     return matrix
 
 
-def relative_covariance(information: Array) -> Array:
-    """Covariance (..., 6, 6) of the relative derivatives from information (..., 6 + c, 6 + c), priors included."""
+def whole_covariance(information: Array) -> Array:
+    """Covariance (..., k, k) from information (..., k, k), priors included."""
     size = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 1e-300))
     scaled = information / size[..., :, None] / size[..., None, :]
     # information that is not there at all leaves a very large variance, not an error
     inverse = np.linalg.inv(scaled + np.eye(scaled.shape[-1]) * 1e-14)
-    return (inverse / size[..., :, None] / size[..., None, :])[..., :6, :6]
+    return inverse / size[..., :, None] / size[..., None, :]
+
+
+def relative_covariance(information: Array) -> Array:
+    """Covariance (..., 6, 6) of the relative derivatives from information (..., 6 + c, 6 + c), priors included."""
+    return whole_covariance(information)[..., :6, :6]

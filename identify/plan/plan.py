@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,15 @@ from ...record.errors import EstimationError, InputError
 from ...record.plan_file import Campaign, PlanFile, PlanRequest, RuleTable, RunForecast
 from ...record.results import DerivativesFile, read_result
 from ...simulate.model import DERIVATIVE_UNITS, Array, Hull
+from ..data import usual_resistance
 from ..prime import prime_factors
 from ..reference import ReferenceSet, reference_set, set_of_result
-from .candidates import gather, plan_text
+from .candidates import Candidates, gather, nearer, plan_text
 from .checks import Conduct, conduct
 from .choose import best_campaigns
-from .information import prior_information, relative_covariance, run_information, unit_tow
+from .information import prior_information, relative_covariance, run_information
+from .kept import tows
+from .releases import release_rows, release_rule
 from .rules import cycles_rule, swing_sensitivity, transient_rule
 from .setting import Setting, TowPlan
 
@@ -48,11 +52,14 @@ def guessed_hull(request: PlanRequest, folder: Path) -> Hull:
 
 def setting_of(request: PlanRequest, folder: Path) -> Setting:
     """What the request asks the plan to be made for."""
-    model = request.model
+    model, choices = request.model, request.choices
+    tension = choices.tension_n
+    if tension is None:
+        tension = usual_resistance(model.mass_kg, model.length_pp_m, choices.tension_speed_m_s)
     return Setting(
         hull=guessed_hull(request, folder),
-        tension_n=request.choices.tension_n,
-        tension_speed_m_s=request.choices.tension_speed_m_s,
+        tension_n=tension,
+        tension_speed_m_s=choices.tension_speed_m_s,
         way_m=request.tank.length_m - request.tank.lost_m,
         width_m=request.tank.width_m,
         hull_length_m=model.hull_length_m or HULL_LENGTH_LBP * model.length_pp_m,
@@ -61,6 +68,10 @@ def setting_of(request: PlanRequest, folder: Path) -> Setting:
         noise=request.noise,
         priors=request.priors,
         limits=request.limits,
+        line=request.tow.line,
+        gauge=request.tow.gauge,
+        length_pp_m=model.length_pp_m,
+        unlike_speeds=len(set(request.tank.speeds_m_s)) > 1,
     )
 
 
@@ -91,6 +102,8 @@ def make_plan(
         raise EstimationError(f"{path}: no tow is possible within [limits]: {reasons}")
     prior = prior_information(setting)
     wish = np.array(request.wish.percents) / 100 / NORMAL_95
+    if setting.line == "surge":
+        found = nearer(setting, found, [i for c in ("A", "D") for i in _best(setting, request, found, wish, c)[-1]])
     made: dict[str, list[Campaign]] = {}
     for criterion in ("A", "D"):
         made[criterion] = [
@@ -101,7 +114,7 @@ def make_plan(
                 prior + found.information[chosen].sum(axis=0),
                 wish,
             )
-            for chosen in best_campaigns(found.information, prior, wish, criterion, request.wish.max_runs)
+            for chosen in _best(setting, request, found, wish, criterion)
         ]
     ours = made[request.wish.criterion]
     chosen = next((c for c in ours if c.reached), ours[-1])
@@ -110,6 +123,7 @@ def make_plan(
         TowPlan(r.tow_point_m, r.line_length_m, r.speed_m_s, r.release_y_m, r.release_beta_rad) for r in request.run
     ]
     own = judged(setting, own_plans, wish) if own_plans else None
+    rows = release_rows(setting, own_plans or plans) if setting.line == "surge" else []
     return PlanFile(
         schema="towline/plan",
         tool=tool,
@@ -126,18 +140,26 @@ def make_plan(
         runs_needed=_needed(ours, request.wish.percents),
         own=own,
         rules=thesis_rules(setting, own_plans or plans),
+        line=setting.line,
+        gauge=setting.gauge,
+        releases=rows,
+        release_rule=release_rule(setting, rows) if rows else None,
         notes=_notes(setting, request, chosen, ours),
     )
 
 
+def _best(setting: Setting, request: PlanRequest, found: Candidates, wish: Array, criterion: str) -> list[list[int]]:
+    return best_campaigns(found.information, prior_information(setting), wish, criterion, request.wish.max_runs)
+
+
 def judged(setting: Setting, plans: Sequence[TowPlan], wish: Array | None = None) -> Campaign:
     """A given campaign: what it is expected to give, and its warnings. ``wish``: relative sd (6,) asked for."""
+    setting = replace(setting, unlike_speeds=len({p.speed_m_s for p in plans}) > 1)
     total = prior_information(setting)
     conducts = []
-    for plan in plans:
-        unit = unit_tow(setting, plan)
-        conducts.append(conduct(setting, plan, unit))
-        total = total + run_information(setting, plan, unit)
+    for plan, tow in zip(plans, tows(setting, plans), strict=True):
+        conducts.append(conduct(setting, plan, tow))
+        total = total + run_information(setting, plan, tow)
     return _campaign(setting, list(plans), conducts, total, np.full(6, np.inf) if wish is None else wish)
 
 
@@ -211,13 +233,11 @@ def _campaign(
 
 
 def _forecast(setting: Setting, plan: TowPlan, found: Conduct) -> RunForecast:
-    tension = setting.tow(plan).tension_n
-    assert tension is not None
     return RunForecast(
         tow_point_m=plan.tow_point_m,
         line_length_m=plan.line_length_m,
         speed_m_s=plan.speed_m_s,
-        tension_n=tension,
+        tension_n=setting.tow(plan).resistance,
         release_y_m=plan.release_y_m,
         release_beta_rad=plan.release_beta_rad,
         duration_s=found.duration_s,
@@ -250,14 +270,23 @@ def _needed(campaigns: Sequence[Campaign], wished: Sequence[float]) -> dict[str,
 def _notes(setting: Setting, request: PlanRequest, chosen: Campaign, ours: Sequence[Campaign]) -> list[str]:
     notes = ["the plan holds for the guess: plan again with the first run's derivatives.json"]
     priors = setting.priors
-    scatter = np.hypot(priors.tension_sd_rel, [request.noise.tension_sd_n / r.tension_n for r in chosen.runs])
-    if scatter.all():
+    scatter = np.array([setting.tension_scatter(p) for p in _plans_of(chosen)])
+    if setting.line == "constant" and scatter.all():
         notes.append(
             f"the scatter of T ({100 * scatter.min():.2g} to {100 * scatter.max():.2g} % in a run) puts a floor of "
             f"{100 / np.sqrt((1 / scatter**2).sum()):.2g} % (sd) under every derivative of the chosen campaign; only "
             "more runs or a better force gauge lower it"
         )
-    if priors.tension_common_sd_rel:
+    if setting.line == "surge" and not setting.gauge:
+        notes.append(
+            "no gauge: nearly all that is left of the scale is X_udot, for the motion tells (m - X_udot)/T; [priors.surge] "
+            "x_udot_kg, or a gauge, makes it smaller"
+        )
+        if request.choices.tension_n is None:
+            notes.append(
+                f"T of {setting.tension_n:.2f} N at {setting.tension_speed_m_s:g} m/s is a bare hull's of this size"
+            )
+    if setting.line == "constant" and priors.tension_common_sd_rel:
         notes.append(
             f"T's common error of {100 * priors.tension_common_sd_rel:.2g} % stays in every derivative, however many runs"
         )

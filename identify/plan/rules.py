@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...simulate.model import DERIVATIVE_UNITS, Array, linear_system
-from .information import prior_information, relative_covariance, run_information, unit_tow
+from .information import prior_information, relative_covariance, run_information
+from .kept import tows
 from .setting import Setting, TowPlan
 
 CYCLES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0)
@@ -46,8 +47,8 @@ def _matrix(setting: Setting, length, x_t, speed) -> Array:
 def campaign_sd(setting: Setting, plans: Sequence[TowPlan], durations_s: Sequence[float], from_s: float = 0.0) -> Array:
     """Relative standard deviations (6,) of a campaign whose records last ``durations_s`` and begin ``from_s`` after the release."""
     total = prior_information(setting)
-    for plan, span in zip(plans, durations_s, strict=True):
-        total = total + run_information(setting, plan, unit_tow(setting, plan, span), from_s)
+    for plan, tow in zip(plans, tows(setting, plans, durations_s), strict=True):
+        total = total + run_information(setting, plan, tow, from_s)
     return np.sqrt(np.diag(relative_covariance(total)))
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from ...record.plan_file import LimitsTable, PlanNoise
 from ...record.priors import Priors
-from ...simulate.model import Array, Hull, Tow
+from ...simulate.model import Array, Hull, Line, Tow
+from ..joint.problem import GUESSED_SCATTER
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,10 @@ class Setting:
     hull_length_m, breadth_m : of the model, LCG midway
     mass_kg : of the model
     noise, priors, limits : as in plan.toml
+    line : what the runs' lines keep: "surge", their length; "constant", their tension
+    gauge : their tension is measured; else the scale of all forces is free
+    length_pp_m : of the model; the usual model along its way goes with it (``joint.common``)
+    unlike_speeds : the campaign holds several speeds: without a gauge their resistances are guessed apart
     """
 
     hull: Hull
@@ -54,6 +59,10 @@ class Setting:
     noise: PlanNoise
     priors: Priors
     limits: LimitsTable
+    line: Line = "surge"
+    gauge: bool = True
+    length_pp_m: float = float("nan")
+    unlike_speeds: bool = False
 
     def duration_s(self, speed_m_s: float) -> float:
         """Usable way over U, s."""
@@ -62,7 +71,14 @@ class Setting:
     def tow(self, plan: TowPlan) -> Tow:
         """The tow of a planned run, T = tension_n (U/tension_speed_m_s)^2."""
         tension = self.tension_n * (plan.speed_m_s / self.tension_speed_m_s) ** 2
-        return Tow(plan.speed_m_s, plan.line_length_m, plan.tow_point_m, tension)
+        return Tow(plan.speed_m_s, plan.line_length_m, plan.tow_point_m, tension, line=self.line)
+
+    def tension_scatter(self, plan: TowPlan) -> float:
+        """Relative scatter of a run's own T about what is stated, or about the guess, as the fit takes it."""
+        stated = self.priors.tension_sd_rel
+        if self.gauge:
+            return float(np.hypot(stated, self.noise.tension_sd_n / self.tow(plan).resistance))
+        return max(stated, GUESSED_SCATTER) if self.unlike_speeds else stated
 
     def hull_at(self, speed_m_s: float) -> Hull:
         """The guess at another speed."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...record.plan_file import Campaign, PlanFile, RuleTable
+from ...record.plan_file import Campaign, PlanFile, ReleaseRow, RuleTable
 
 SHORT = {
     "y_v": "Y_v",
@@ -53,6 +53,10 @@ def plan_lines(plan: PlanFile) -> list[str]:
             "half-width of its 95 % intervals, %: "
             + ", ".join(f"{s} {plan.own.percent[n]:.2f}" for n, s in SHORT.items())
         )
+    if plan.releases:
+        lines += ["", *release_lines(plan.releases)]
+    if plan.release_rule is not None:
+        lines.append(plan.release_rule)
     for rule in plan.rules:
         lines += ["", *rule_lines(rule)]
     return [*lines, "", *(f"note: {note}" for note in plan.notes)]
@@ -72,6 +76,29 @@ def campaign_lines(campaign: Campaign) -> list[str]:
             f"{run.wall_room_m:7.2f}{100 * run.line_share:7.0f}"
         )
         lines += [f"    warning: {warning}" for warning in run.warnings]
+    return lines
+
+
+def release_lines(rows: list[ReleaseRow]) -> list[str]:
+    """Release against what the scale and the six gain; a star: [limits] forbid it in some run."""
+    lines = [
+        "release (angle of the line, heading 0) against what it tells, sd in %: the scale (T) without and with a gauge, and",
+        "the six with it; *: [limits] forbid it in some run",
+        f"{'degrees':>11}{'no gauge':>10}{'gauge':>8}"
+        + "".join(f"{s:>8}" for s in SHORT.values())
+        + f"{'least T %':>11}",
+    ]
+    for row in rows:
+        angle = "as planned" if row.release_deg is None else f"{row.release_deg:g}"
+        angle += "*" if row.limits else " "
+        if row.scale_sd_percent is None or row.sd_percent is None:
+            lines.append(f"{angle:>11}  a run goes broadside or slackens its line")
+            continue
+        lines.append(
+            f"{angle:>11}{row.scale_sd_percent:>10.3g}{row.gauged_scale_sd_percent:>8.2f}"
+            + "".join(f"{row.sd_percent[n]:>8.2f}" for n in SHORT)
+            + f"{100 * (row.least_line_share or 0.0):>11.0f}"
+        )
     return lines
 
 

@@ -57,6 +57,7 @@ TABLES = {
     "geometry": Table("benchmarks/geometry.py", "geometry.txt", 15, "random cameras, planted faults"),
     "trapezoid": Table("benchmarks/trapezoid.py", "trapezoid.txt", 1, "the thesis's trapezoid against the exact form"),
     "identify": Table("benchmarks/identify.py", "identify.txt", 90, "the joint fit, its bound, scipy, CasADi, jax-sysid, pysindy"),
+    "steady": Table("benchmarks/steady.py", "steady.txt", 8, "swinging and settled tows told apart, stability, bracket of X_v"),
     "methods": Table("benchmarks/methods.py", "methods.txt", 6, "every estimator under one noise"),
     "gap": Table("benchmarks/gap.py", "gap.txt", 5, "every effect of the library, planted once"),
     "app": Table("benchmarks/app.py", "app.txt", 3, "the page: seconds per interaction, memory"),

@@ -39,6 +39,9 @@ HOLDS = 1.5
 """A longer tail's fit holds in a shorter one where it leaves at most so many times what the shorter one's own leaves."""
 FAIR = 4.0
 """A settled tow's decay is read where the fit leaves at most so many times the median of all."""
+WORTH = 0.5
+"""The window is the longest settled tail, unless a shorter one's mean has less than this share of its variance: by chance alone
+one of several has a little less."""
 PARAMETERS = 11
 SURE = 3.0
 """A rate of growth or decay is one beyond so many of its standard deviations."""
@@ -191,7 +194,7 @@ def judge(
         force, slope = pull(mean)
         tolerance = _tolerance(found[-1][1], force, slope, error(first) if error is not None else None)
         left, small = _left(found, slope, tolerance)
-        if not left and (best is None or np.trace(noise + small) < best[0]):
+        if not left and (best is None or np.trace(noise + small) < WORTH * best[0]):
             best = float(np.trace(noise + small)), first, small
         last = first, left
     if not found:
@@ -306,25 +309,36 @@ def _wait_s(fit: Transient, left: tuple[Left, ...], stability: Stability) -> flo
 
 
 def tail_mean(angles: Array) -> tuple[Array, Array]:
-    """Mean of the angles ``(n, 2)`` and its covariance from their long-run variance (an autoregression's, at frequency 0)."""
+    """Mean of the angles ``(n, 2)`` and its covariance from their long-run variance (an autoregression's, at frequency 0).
+
+    The larger of two: of the samples, and of means of several, whose regression reaches back far enough for a slow noise under a
+    fast one.
+    """
     mean = angles.mean(axis=0)
     rest = angles - mean
-    sd = np.empty(2)
-    for channel in range(2):
-        variance = float(np.mean(rest[:, channel] ** 2))
-        coefficients, share = autoregression(rest[:, channel], min(LARGEST_ORDER, len(rest) // 20))
-        # a slow root that the record cannot resolve counts as one memory as long as a batch
-        gain = max(1.0 - float(coefficients.sum()), BATCHES / len(rest))
-        square = variance * share / gain**2 / len(rest)
-        independent = variance / max(
-            square, 1e-300
-        )  # as many samples the record is worth; the mean and its memory cost three
-        sd[channel] = np.sqrt(square * independent / max(independent - 3.0, 1.0))
+    size = max(len(rest) // COARSE, 1)
+    coarse = rest[: len(rest) // size * size].reshape(-1, size, 2).mean(axis=1)
+    sd = np.array([max(_sd_of_mean(rest[:, k]), _sd_of_mean(coarse[:, k])) for k in range(2)])
     scatter = np.sqrt(np.maximum(np.diag(rest.T @ rest), 1e-300))
     correlation = (rest.T @ rest) / scatter[:, None] / scatter[None, :]
     return mean, correlation * sd[:, None] * sd[None, :]
 
 
+def _sd_of_mean(rest: Array) -> float:
+    """Standard deviation of the mean of one channel, (n,), whose mean is 0."""
+    variance = float(np.mean(rest**2))
+    coefficients, share = autoregression(rest, min(LARGEST_ORDER, len(rest) // 20))
+    # a slow root that the record cannot resolve counts as one memory as long as a batch
+    gain = max(1.0 - float(coefficients.sum()), BATCHES / len(rest))
+    square = variance * share / gain**2 / len(rest)
+    independent = variance / max(
+        square, 1e-300
+    )  # as many samples the record is worth; the mean and its memory cost three
+    return float(np.sqrt(square * independent / max(independent - 3.0, 1.0)))
+
+
+COARSE = 120
+"""Means that a slow noise is looked for in."""
 BATCHES = 8
 """No memory of the noise is taken for longer than a record's length over this."""
 

@@ -27,7 +27,9 @@ GRID = 24
 LARGEST_RATIO = 0.5
 """A swing that falls faster than this share of its circular frequency is none; exponentials stand for it."""
 LARGEST_GROWTH = 6.0
-"""A swing or an exponential that grows is looked for up to this power of e over the record."""
+"""What grows is looked for up to this power of e over the record ..."""
+SWING_GROWTH = 0.3
+"""... and a swing up to this share of the slowest circular frequency: what runs away faster is no swing."""
 ROUNDS = 2
 TOLERANCE = 1e-8
 
@@ -142,7 +144,9 @@ def _limits(span: float, slowest_s: float) -> tuple[Array, Array]:
     slow = max(2 * np.pi * FEWEST_SWINGS / span, np.pi / slowest_s)
     fast = max(2 * np.pi / (SHORTEST_SHARE * slowest_s), 1.2 * slow)
     grow = LARGEST_GROWTH / span
-    return np.array([-grow, -grow, slow]), np.array([fast, LARGEST_RATIO * fast, fast])
+    return np.array([-grow, -min(grow, SWING_GROWTH * 2 * np.pi / slowest_s), slow]), np.array(
+        [fast, LARGEST_RATIO * fast, fast]
+    )
 
 
 def _starts(t: Array, scaled: Array, limits: tuple[Array, Array]) -> list[Array]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import fdtri
 
 from ..record.errors import EstimationError
 from ..simulate.model import Array
@@ -27,8 +27,8 @@ SHORTEST_SWING = 0.5
 """A tail shorter than this share of the longest swing cannot tell a swing from a drift."""
 STEP = 0.1
 """Tails begin at every such share of the record."""
-CHANCE = 1e-5
-"""Noise alone passes for a swing or a drift in one fit in so many at a fixed rate; the search over rates makes it some 50 more."""
+CHANCE = 1e-4
+"""Noise alone passes for a swing or a drift in this share of fits at a fixed rate; the search over rates makes it more."""
 SMALL_SHARE = 0.5
 """What is left may move F by this share of F's standard deviation: added in quadrature it widens that by 12 % ..."""
 SMALL_FORCE = 1e-3
@@ -43,6 +43,8 @@ WORTH = 0.5
 """The window is the longest settled tail, unless a shorter one's mean has less than this share of its variance: by chance alone
 one of several has a little less."""
 PARAMETERS = 11
+ROUNDING_RAD = 1e-8
+"""Less is nothing, in records without noise."""
 SURE = 3.0
 """A rate of growth or decay is one beyond so many of its standard deviations."""
 LONGEST_WAIT_S = 600.0
@@ -62,6 +64,7 @@ class Left:
     tolerance : what it might, in the same unit
     size_rad : (2,), of alpha and beta: amplitude at the window's end, or change over the window
     span_s : of the window
+    fit : that says so
     """
 
     what: str
@@ -69,6 +72,7 @@ class Left:
     tolerance: float
     size_rad: Array
     span_s: float
+    fit: Transient
 
 
 Verdict = Literal["settled", "decaying", "swinging", "growing", "drifting", "shearing off"]
@@ -176,7 +180,9 @@ def judge(
     """
     shortest = max(SHORTEST_S, SHORTEST_SWING * slowest_s)
     whole = t_s[-1] - t_s[0] if len(t_s) else 0.0
-    if whole < shortest or len(t_s) < FEWEST_BLOCKS:
+    if len(t_s) < FEWEST_BLOCKS:
+        raise EstimationError(f"{len(t_s)} samples of alpha and beta; at least {FEWEST_BLOCKS} are needed")
+    if whole < shortest:
         raise EstimationError(
             f"{len(t_s)} samples of alpha and beta over {whole:.1f} s; a swing may last {slowest_s:.1f} s "
             f"({SLOWEST_SHIP_LENGTHS:g} ship lengths), and less than {shortest:.1f} s of one cannot be told from a drift"
@@ -194,15 +200,18 @@ def judge(
         force, slope = pull(mean)
         tolerance = _tolerance(found[-1][1], force, slope, error(first) if error is not None else None)
         left, small = _left(found, slope, tolerance)
-        if not left and (best is None or np.trace(noise + small) < WORTH * best[0]):
-            best = float(np.trace(noise + small)), first, small
+        variance = float(np.trace(noise + small)) + ROUNDING_RAD**2
+        if not left and (best is None or variance < WORTH * best[0]):
+            best = variance, first, small
         last = first, left
-    if not found:
-        raise EstimationError(f"{len(t_s)} samples of alpha and beta over {whole:.1f} s are too few to judge a tow by")
+    if not found:  # many samples, but at few times
+        raise EstimationError(f"alpha and beta over {whole:.1f} s stand at too few times to judge a tow by")
     transient = _describes(found)
     if best is not None:
         return Judged(best[1], (), best[2], transient, _came_to_rest([fit for _, fit in found]))
-    left = tuple(sorted(last[1], key=lambda one: -one.leak / one.tolerance))
+    # in the words of the fit that describes the end, if it sees what the others do
+    mine = [one for one in last[1] if one.fit is transient]
+    left = tuple(sorted(mine or last[1], key=lambda one: -one.leak / one.tolerance))
     stability = _stability(transient, left)
     return Judged(last[0], left, np.zeros((2, 2)), transient, stability, _wait_s(transient, left, stability))
 
@@ -232,25 +241,31 @@ def _left(fits: list[tuple[int, Transient]], slope: Array, tolerance: float) -> 
         half, turns = 0.5 * fit.rates[1] * span, fit.rates[2] * span
         envelope = float(np.sinh(half) / half) if abs(half) > 1e-6 else 1.0
         share = envelope * min(1.0, 2.0 / turns)
-        if _square(parts.ravel(), covariance) > chdtri(4, CHANCE):
+        if _seen(parts.ravel(), covariance, fit):
             leak = share * float(np.hypot(*(slope @ parts)))
             if leak > tolerance:
-                found.append(Left("swing", leak, tolerance, np.hypot(*parts.T) * np.exp(-half), span))
+                found.append(Left("swing", leak, tolerance, np.hypot(*parts.T) * np.exp(-half), span, fit))
             elif fit is own:
                 small += share**2 / 2 * parts @ parts.T
         change, covariance = fit.drift(begin, end)
-        if _square(change, covariance) > chdtri(2, CHANCE):
+        if _seen(change, covariance, fit):
             leak = abs(float(slope @ change)) / 2
             if leak > tolerance:
-                found.append(Left("drift", leak, tolerance, np.abs(change), span))
+                found.append(Left("drift", leak, tolerance, np.abs(change), span, fit))
             elif fit is own:
                 small += np.outer(change, change) / 12
     return found, small
 
 
+def _seen(values: Array, covariance: Array, fit: Transient) -> bool:
+    """Whether values differ from 0 beyond chance: an F test with the fit's own degrees of freedom."""
+    return _square(values, covariance) > len(values) * float(fdtri(len(values), fit.freedom, 1 - CHANCE))
+
+
 def _square(values: Array, covariance: Array) -> float:
     """values' covariance^-1 values, with what the covariance does not hold left out."""
-    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    covariance = covariance + ROUNDING_RAD**2 * np.eye(len(values))
+    scale = np.sqrt(np.diag(covariance))
     inverse = np.linalg.pinv(covariance / scale[:, None] / scale, rcond=1e-10, hermitian=True)
     return float((values / scale) @ inverse @ (values / scale))
 
@@ -269,14 +284,11 @@ def _came_to_rest(fits: list[Transient]) -> Stability:
     scatter = np.array([np.sqrt((fit.residual**2).mean(axis=0)).max() for fit in fits])
     seen = []
     for fit in [f for f, s in zip(fits, scatter, strict=True) if s < FAIR * np.median(scatter)]:
-        size, (rate, sd) = _square(*_flat(fit.swing(fit.begin_s))), fit.rate(1)
-        if size > chdtri(4, CHANCE) and rate < -SURE * sd:
-            seen.append((size, Stability("settled", rate, sd, fit.period_s)))
+        parts, covariance = fit.swing(fit.begin_s)
+        rate, sd = fit.rate(1)
+        if _seen(parts.ravel(), covariance, fit) and rate < -SURE * sd:
+            seen.append((_square(parts.ravel(), covariance), Stability("settled", rate, sd, fit.period_s)))
     return max(seen, key=lambda one: one[0])[1] if seen else Stability("settled")
-
-
-def _flat(swing: tuple[Array, Array]) -> tuple[Array, Array]:
-    return swing[0].ravel(), swing[1]
 
 
 def _stability(fit: Transient, left: tuple[Left, ...]) -> Stability:
@@ -284,7 +296,7 @@ def _stability(fit: Transient, left: tuple[Left, ...]) -> Stability:
     span = fit.end_s - fit.begin_s
     rate, sd = fit.rate(0)
     change, covariance = fit.drift(fit.begin_s, fit.end_s)
-    grown = rate * span > 1.0 and rate > SURE * sd and _square(change, covariance) > chdtri(2, CHANCE)
+    grown = rate * span > 1.0 and rate > SURE * sd and _seen(change, covariance, fit)
     if left and grown and np.abs(change).max() > SHEARED_RAD and "drift" in {one.what for one in left}:
         return Stability("shearing off", rate, sd)
     if "swing" not in {one.what for one in left}:

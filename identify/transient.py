@@ -30,6 +30,8 @@ LARGEST_GROWTH = 6.0
 """What grows is looked for up to this power of e over the record ..."""
 SWING_GROWTH = 0.3
 """... and a swing up to this share of the slowest circular frequency: what runs away faster is no swing."""
+LEAST_FREEDOM = 10.0
+"""Of a covariance, however slow the noise: with fewer no swing would ever be significant."""
 ROUNDS = 2
 TOLERANCE = 1e-8
 
@@ -45,6 +47,7 @@ class Transient:
     amplitudes : (2, 4), of alpha and beta: mean, exponential, cos, sin; rad
     covariance : (11, 11), of rates, then amplitudes of alpha, then of beta; the noise's colour included
     t_s, residual : (n,) and (n, 2), block means, rad
+    freedom : degrees of freedom of the covariance: as many samples as the coloured noise is worth, less what was fitted
     """
 
     begin_s: float
@@ -54,6 +57,7 @@ class Transient:
     covariance: Array
     t_s: Array
     residual: Array
+    freedom: float
 
     @property
     def period_s(self) -> float:
@@ -184,4 +188,11 @@ def _result(begin_s: float, times: Array, means: Array, weight: Whitener, p: Arr
         covariance=inverse * max(per_dof, 1e-300),
         t_s=times,
         residual=means - model,
+        freedom=max(_worth(weight, len(t)) - 11, LEAST_FREEDOM),
     )
+
+
+def _worth(weight: Whitener, count: int) -> float:
+    """Samples of white noise that know a mean as well as ``count`` of both channels do."""
+    share = [(1 - float(np.sum(a))) ** 2 / s**2 for a, s in zip(weight.regression, weight.innovation, strict=True)]
+    return float(count * sum(min(max(one, 0.0), 1.0) for one in share))

@@ -12,11 +12,14 @@ import pandas as pd
 
 from . import __version__
 from .identify import Fit, RunData, derivatives_file, fit_steady, fit_with_noise, run_data, steady_file, steady_state
-from .identify.steady import SteadyState
+from .identify.bracket import SHEARS, bracket_words, neutral_bracket
+from .identify.cut import cut_of
+from .identify.report import tow_stability
+from .identify.steady import SteadyState, UnsettledError, stands_off
 from .processes import Each, in_turn
 from .record.errors import EstimationError, InputError, TowlineError
 from .record.priors import Priors
-from .record.results import DerivativesFile, SteadyFile
+from .record.results import DerivativesFile, SteadyFile, TowStability
 from .record.run import RUN_FILE, Run, all_inputs, read_run
 from .simulate.model import DERIVATIVE_UNITS, Hull, Line, alpha_from_y
 from .stages import Moved, Progress, moved, static_motion, truth_of
@@ -141,6 +144,8 @@ def identified(
         failed,
         _true_six(used, fit.speed_m_s),
     )
+    if cut := _cut_short(used):
+        result = result.model_copy(update={"notes": [*result.notes, *cut]})
     fitted = {d.name: _fitted(fit, d, m, i) for i, (d, m) in enumerate(zip(data, used, strict=True))}
     return Identified(result, fitted, fit, data, used)
 
@@ -196,7 +201,7 @@ def _true_six(runs: Sequence[Moved], speed_m_s: float) -> dict[str, float] | Non
 
 
 def steadied(batch: Batch) -> SteadyFile:
-    """Neutral point of the batch's steady tows.
+    """Neutral point of the batch's steady tows; those that still swing, drift or shear off are failed runs.
 
     Raises
     ------
@@ -205,25 +210,59 @@ def steadied(batch: Batch) -> SteadyFile:
     failed = dict(batch.failed)
     tows: list[SteadyState] = []
     used: list[Moved] = []
+    seen: dict[str, TowStability] = {}
     for m in batch.runs:
         try:
             tows.append(steady_state(m.run, m.motion, m.common))
             used.append(m)
+            seen[m.run.name] = tow_stability(m.run, tows[-1].stability)
+        except UnsettledError as error:
+            failed[m.run.name] = str(error)
+            seen[m.run.name] = tow_stability(m.run, error.stability)
         except TowlineError as error:
             failed[m.run.name] = str(error)
     if len(tows) < 2:
         reasons = "; ".join(f"{name}: {why}" for name, why in failed.items())
-        raise EstimationError(f"{len(tows)} steady tows; two or more are needed{f' ({reasons})' if reasons else ''}")
+        bracket = neutral_bracket(seen, standing_off=[tow.name for tow in tows if stands_off(tow)])
+        known = bracket_words(bracket) if bracket is not None else ""
+        raise EstimationError(
+            f"{len(tows)} steady tows; two or more are needed{f' ({reasons})' if reasons else ''}{f'; {known}' if known else ''}"
+        )
     fit = fit_steady(tows, used[0].run.model.x_delta_m)
     truths = {t.x_v_m for m in used if (t := truth_of(m.run)) is not None}
     true_x_v = truths.pop() if len(truths) == 1 else None
-    return steady_file(fit, tows, __version__, all_inputs([m.run for m in used]), failed, true_x_v)
+    result = steady_file(fit, tows, __version__, all_inputs([m.run for m in used]), failed, true_x_v, seen)
+    return result.model_copy(update={"notes": [*result.notes, *_cut_short(batch.runs)]})
 
 
-def wants_steady(m: Moved) -> bool:
-    """A tow with its rudder over, or without a measured tension, is analysed for its steady state."""
-    tow = m.run.file.tow
-    return m.run.file.kind == "tow" and tow is not None and (tow.rudder_rad != 0.0 or not has_tension(m))
+def _cut_short(runs: Sequence[Moved]) -> list[str]:
+    """Which of the runs end early, and why: the model touched the wall, or was lost for good."""
+    cuts = {m.run.name: cut_of(m.run, m.motion) for m in runs}
+    return [f"run {name!r}: {cut.words}" for name, cut in cuts.items() if cut is not None]
+
+
+def good_for(m: Moved) -> tuple[str, ...]:
+    """What a run is analysed for, by its motion and by whether T is known: "derivatives", "steady", both or none.
+
+    A tow without a measured tension can give its steady state only. One with it gives derivatives, and beside them its steady state
+    where it has settled off the line behind its post, whatever rudder_rad says; one that was there from its first frame on holds
+    nothing of the six. A tow that shears off stands with the steady ones: it brackets X_v.
+    """
+    if m.run.file.kind == "free" or m.run.file.tow is None:
+        return ()
+    if m.run.file.kind != "tow":
+        return ("derivatives",) if has_tension(m) else ()
+    if not has_tension(m):
+        return ("steady",)
+    try:
+        tow = steady_state(m.run, m.motion, m.common)
+    except UnsettledError as error:
+        return ("derivatives", "steady") if error.stability.verdict == SHEARS else ("derivatives",)
+    except TowlineError:
+        return ("derivatives",)
+    if not stands_off(tow):
+        return ("derivatives",)
+    return ("steady",) if tow.whole else ("derivatives", "steady")
 
 
 def has_tension(m: Moved) -> bool:

@@ -503,7 +503,7 @@ def _steady_and_write(options: argparse.Namespace, batch: Any, out: Path) -> Any
 
 
 def _run(options: argparse.Namespace) -> int:
-    from .analysis import Batch, has_tension, output_folder, wants_steady
+    from .analysis import Batch, good_for, has_tension, output_folder
     from .record.errors import TowlineError
     from .report import write_page
     from .stages import run_page
@@ -519,8 +519,9 @@ def _run(options: argparse.Namespace) -> int:
     remarks: list[str] = []
     identified = steady = None
     fitted: dict[str, Any] = {}
-    tensioned = [m for m in batch.runs if m.run.file.kind != "free" and has_tension(m)]
-    settled = [m for m in batch.runs if wants_steady(m)]
+    kinds = [good_for(m) for m in batch.runs]
+    settled = [m for m, good in zip(batch.runs, kinds, strict=True) if "steady" in good]
+    tensioned = [m for m, good in zip(batch.runs, kinds, strict=True) if "derivatives" in good]
     if tensioned:
         try:
             identified = _fit_and_write(options, Batch(tensioned, batch.failed), out)
@@ -531,13 +532,13 @@ def _run(options: argparse.Namespace) -> int:
     if len({m.run.tow.tow_point_m for m in settled}) > 1:
         try:
             steady = _steady_and_write(options, Batch(settled, batch.failed), out)
-            failed |= steady.failed
+            # a tow that is not steady may have served the derivatives
+            failed |= {name: why for name, why in steady.failed.items() if name not in fitted}
         except TowlineError as error:
-            problems.append(f"no neutral point: {one_line(str(error))}")
+            (remarks if identified is not None else problems).append(f"no neutral point: {one_line(str(error))}")
     elif settled and not tensioned:
-        problems.append(
-            "no derivatives: no tension is given; no neutral point: steady tows at two or more tow points are needed"
-        )
+        why = "the tows were at rest from their first frame" if has_tension(settled[0]) else "no tension is given"
+        problems.append(f"no derivatives: {why}; no neutral point: steady tows at two or more tow points are needed")
     elif not tensioned and not settled:
         remarks.append(
             'no derivatives: runs of kind "free" give their motion only; this version identifies towed and forced runs'

@@ -60,6 +60,7 @@ TABLES = {
     "identify_scale": Table(
         "benchmarks/identify_scale.py", "identify_scale.txt", 3, "the joint fit by the command against runs and frames"
     ),
+    "steady": Table("benchmarks/steady.py", "steady.txt", 8, "swinging and settled tows told apart, stability, bracket of X_v"),
     "methods": Table("benchmarks/methods.py", "methods.txt", 6, "every estimator under one noise"),
     "gap": Table("benchmarks/gap.py", "gap.txt", 5, "every effect of the library, planted once"),
     "app": Table("benchmarks/app.py", "app.txt", 3, "the page: seconds per interaction, memory"),

@@ -15,7 +15,7 @@ from ..record.errors import TowlineError
 from ..record.run import RUN_FILE
 from .find import OUT, run_folders
 from .table import tidy, write_tidy
-from .work import Answer, Options, fit_job, restored, run_job
+from .work import WANTS, Answer, Options, fit_job, restored, run_job
 
 LOCK = ".campaign.lock"
 
@@ -107,8 +107,8 @@ def _fits(runs: Sequence[Answer], folder: Path, out: Path) -> list[tuple[str, st
     """Name, kind, folders and place of every fit: one of each kind for each hull."""
     groups: dict[tuple[str, tuple[float, ...]], list[str]] = {}
     for a in runs:
-        if not a.reason and a.wants:
-            groups.setdefault((a.wants, a.hull), []).append(a.job)
+        for kind in a.wants.split(WANTS) if a.wants and not a.reason else ():
+            groups.setdefault((kind, a.hull), []).append(a.job)
     plan = []
     for kind in ("derivatives", "steady"):
         own = {hull: members for (k, hull), members in groups.items() if k == kind}

@@ -18,6 +18,7 @@ from ..record.schema import Line
 
 RECORD = "campaign.json"
 """Beside a fit's results, written last: what they were made from, and the answer."""
+WANTS = ", "
 ROOMS = ("record", "geometry", "vision", "simulate", "identify")
 Number = tuple[str, float, float | None, str]
 """Quantity, value, standard deviation, unit."""
@@ -52,7 +53,7 @@ class Answer:
     job : its name
     name : of the run, or of the group
     reason : why there is no result; empty where there is one
-    wants : "derivatives", "steady" or "" (motion alone): what the run is good for
+    wants : "derivatives", "steady", both ("derivatives, steady") or "" (motion alone): what the run is good for
     hull : length, mass and density that runs of one fit share
     numbers : what is tabulated
     failed : runs left out of a fit, and why
@@ -109,7 +110,7 @@ def _fit(job: str, kind: str, folders: Sequence[str], out: Path, options: Option
 
 
 def _moved(job: str, folder: Path, options: Options) -> Answer:
-    from ..analysis import has_tension, hull_of, wants_steady
+    from ..analysis import good_for, hull_of
     from ..record.run import read_run
     from ..record.tables import input_hash_of
     from ..stages import MOTION, moved
@@ -117,7 +118,7 @@ def _moved(job: str, folder: Path, options: Options) -> Answer:
     run = read_run(folder, options.line)
     before = input_hash_of(run.out / MOTION) if (run.out / MOTION).is_file() else ""
     m = moved(run, options.method, fresh=options.fresh)
-    wants = "steady" if wants_steady(m) else "derivatives" if run.file.kind != "free" and has_tension(m) else ""
+    wants = WANTS.join(good_for(m))
     hull = hull_of(run) if run.file.model is not None and run.file.water is not None else ()
     if run.file.source.motion is not None:
         return Answer(job, run.name, "", wants, hull, _numbers(run, m), stamp=run.input_hash(), redone=False)

@@ -14,6 +14,7 @@ from ..record.run import RUN_FILE, Run
 from ..record.tables import read_history
 from ..simulate.model import Array, Tow
 from ..simulate.scenario import tow_from_table
+from .cut import before_cut
 from .still import Still
 
 SHORTEST_LOG_S = 2.0
@@ -121,6 +122,7 @@ def run_data(
     )
     if span is not None:
         measured &= motion["t_s"].between(span[0], span[1]).to_numpy()
+    measured &= before_cut(run, motion)  # named by analysis.identified
     if measured.sum() < 20:
         raise InputError(run.source_path, "", f"{int(measured.sum())} measured samples; at least 20 are needed")
     rows = motion[measured]

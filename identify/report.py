@@ -12,9 +12,13 @@ from ..record.results import (
     RunFit,
     SteadyFile,
     TensionResult,
+    TowStability,
 )
+from ..record.run import Run
 from ..record.schema import ModelTable, WaterTable
 from ..simulate.model import DERIVATIVE_UNITS, Hull
+from .added_mass import added_masses
+from .bracket import bracket_words, neutral_bracket
 from .data import RunData
 from .fit import OWN, Fit, fit_runs
 from .limits.cure import cure
@@ -22,7 +26,8 @@ from .limits.identifiability import Identifiability, examine
 from .limits.words import correlation_lines, refusal_lines, transient_line
 from .noise import autocorrelation, ljung_box_p
 from .prime import prime_factors
-from .steady import SteadyFit, SteadyState, steady_tow_result
+from .settled import Stability
+from .steady import SteadyFit, SteadyState, stands_off, steady_tow_result
 from .surge import along_lines, surge_moves
 from .tension import TensionFromMotion, refuse_impossible, tension_from_motion
 
@@ -69,6 +74,7 @@ def derivatives_file(
         )
         for i in single
     }
+    y_vdot, n_rdot = added_masses(model, derivatives)
     correlation = (covariance / sd[:, None] / sd[None, :])[np.ix_(single, single)]
     hull = Hull(*(float(x) for x in fit.six), speed_m_s=fit.speed_m_s)
     return DerivativesFile(
@@ -82,6 +88,8 @@ def derivatives_file(
         length_pp_m=model.length_pp_m,
         mass_kg=model.mass_kg,
         derivatives=derivatives,
+        y_vdot_kg=y_vdot,
+        n_rdot_kg_m2=n_rdot,
         correlation=correlation.tolist(),
         straight_line_stable=hull.straight_line_stable,
         runs={data.name: _run_fit(fit, data, index) for index, data in enumerate(runs)},
@@ -249,8 +257,17 @@ def steady_file(
     inputs: dict[str, str],
     failed: dict[str, str],
     x_v_true_m: float | None,
+    stability: dict[str, TowStability] | None = None,
 ) -> SteadyFile:
-    """Put a steady analysis into its file."""
+    """Put a steady analysis into its file.
+
+    Parameters
+    ----------
+    stability : of every tow that was judged, settled or not; None: not judged
+    """
+    seen = stability or {}
+    bracket = neutral_bracket(seen, fit.interval_m, [tow.name for tow in tows if stands_off(tow)])
+    said = bracket_words(bracket) if bracket is not None else ""
     return SteadyFile(
         schema="towline/steady",
         tool=tool,
@@ -267,6 +284,19 @@ def steady_file(
         n_delta_delta=fit.n_delta_delta,
         x_v_true_m=x_v_true_m,
         tows={t.name: steady_tow_result(t) for t in tows},
+        stability=seen,
+        x_v_bracket=bracket,
         failed=failed,
-        notes=list(fit.notes),
+        notes=[*fit.notes, *([said] if said else [])],
+    )
+
+
+def tow_stability(run: Run, stability: Stability) -> TowStability:
+    """The verdict on a run as it stands in steady.json."""
+    rate, sd = stability.lambda_per_s, stability.lambda_sd_per_s
+    return TowStability(
+        verdict=stability.verdict,
+        lambda_per_s=None if rate is None or sd is None else Measured(value=rate, std=sd),
+        period_s=stability.period_s,
+        tow_point_m=run.need(run.tow.tow_point_m, "tow.tow_point_m"),
     )

@@ -17,18 +17,18 @@ from ..record.results import Measured, SteadyTow
 from ..record.run import RUN_FILE, Run
 from ..record.tables import read_history
 from ..simulate.model import Array
+from .cut import before_cut
 from .data import check_times, common_key
-from .noise import LARGEST_ORDER, autoregression
+from .settled import Judged, Stability, judge, slowest_swing_s, tail_mean, words
 
-BATCHES = 8
-DRIFT_T = 3.0
-"""A trend over the batch means beyond this many of its standard deviations is a drift ..."""
-DRIFT_RAD = 1e-4
-"""... unless it is smaller than this over the whole window (0.006 degrees)."""
-SHORTEST_S = 4.0
-SHORTEST_SHARE = 0.15
 CLOSEST_FORCES = 1e-3
 """Two tows whose F differ by less than this share give no X_v."""
+
+UNSEEN = Stability("settled")
+STANDS_OFF = 10.0
+STANDS_OFF_RAD = np.radians(3.0)
+"""A tow stands off the line behind its post where F is so many of its standard deviations and alpha + beta this large: 2 mm and 0.2
+degrees that a datum errs by unsaid are a tenth of it, and X_v then errs by a tenth of X_T - X_v."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,9 @@ class SteadyState:
     alpha_rad, beta_rad : means over the window
     covariance : (2, 2), of the two means, frame part (long-run variance)
     common : (k, 2), change of (alpha, beta) with each unit-variance common mode; common_key: whose modes
-    span_s, settled : the window; False: the angles still drift in it
+    span_s, settled : the window; False: it was not judged to be settled
+    stability : what the record says of the tow's stability (3.2.3)
+    whole : the window is the whole record: the tow was at rest from its beginning
     """
 
     name: str
@@ -64,6 +66,8 @@ class SteadyState:
     speed_sd_rel: float = 0.0
     span_s: tuple[float, float] = (0.0, 0.0)
     settled: bool = True
+    stability: Stability = UNSEEN
+    whole: bool = False
 
     def force(self) -> tuple[float, Array]:
         """F = T sin(alpha+beta), N, or F/R = sin(alpha+beta)/cos(alpha); and its slope by (alpha, beta), (2,)."""
@@ -106,6 +110,75 @@ def two_tow_x_v(force_a: float, x_t_a: float, force_b: float, x_t_b: float) -> f
     return (force_a * x_t_a - force_b * x_t_b) / (force_a - force_b)
 
 
+class UnsettledError(EstimationError):
+    """A tow that is not steady.
+
+    Attributes
+    ----------
+    stability : what its record says instead
+    """
+
+    def __init__(self, message: str, stability: Stability) -> None:
+        super().__init__(message)
+        self.stability = stability
+
+
+def tow_angles(run: Run, motion: pd.DataFrame) -> tuple[Array, Array, Array]:
+    """The usable angles of a tow: which rows of ``motion`` (n,), their times (m,) and (alpha, beta) (m, 2).
+
+    Raises
+    ------
+    InputError : not a tow, or times that do not rise
+    """
+    if run.file.kind != "tow":
+        raise InputError(run.folder / RUN_FILE, "kind", f'{run.file.kind!r}; a steady tow is of kind "tow"')
+    span = run.file.source.span_s
+    angles = motion[["alpha_rad", "beta_rad"]].to_numpy()
+    good = (motion["status"] == "measured").to_numpy() & np.isfinite(angles).all(axis=1) & before_cut(run, motion)
+    if span is not None:
+        good &= motion["t_s"].between(span[0], span[1]).to_numpy()
+    times = motion["t_s"].to_numpy()[good]
+    check_times(run, times)
+    return good, times, angles[good]
+
+
+def judged_tow(run: Run, motion: pd.DataFrame, common: Array | None) -> Judged:
+    """Whether a tow has settled, by what is left of its motion against F's own uncertainty (``settled.judge``).
+
+    Parameters, raises: as ``steady_state``, which refuses what this only judges
+    """
+    good, times, angles = tow_angles(run, motion)
+    tow, priors = run.tow, run.file.priors
+    x_t = run.need(tow.tow_point_m, "tow.tow_point_m")
+    known = tension_known(run)
+    # X_v lies ahead of LCG: an error of X_T does to X_v at least what this share of F does
+    relative = float(np.hypot(priors.tension_sd_rel, priors.tow_point_sd_m / max(abs(x_t), 1e-9)))
+
+    def pull(mean: Array) -> tuple[float, Array]:
+        force, slope = SteadyState("", x_t, *mean, tension_n=1.0 if known else None).force()
+        return float(force), slope
+
+    def error(first: int) -> tuple[Array, float]:
+        modes = _modes(common, good, first)
+        return modes.T @ modes, relative
+
+    slowest_s = slowest_swing_s(run.model.length_pp_m, tow.speed_m_s)
+    try:
+        return judge(times, angles, slowest_s, pull, error)
+    except EstimationError as short:
+        raise InputError(run.source_path, "", str(short)) from None
+
+
+def tension_known(run: Run) -> bool:
+    """T is stated or logged."""
+    return run.tow.tension_n is not None or run.tow.tension is not None
+
+
+def _modes(common: Array | None, good: Array, first: int) -> Array:
+    """(k, 2), mean change of (alpha, beta) over the tail with each common mode."""
+    return np.zeros((0, 2)) if common is None else common[:, good][:, first:][:, :, [2, 1]].mean(axis=1)
+
+
 def steady_state(run: Run, motion: pd.DataFrame, common: Array | None) -> SteadyState:
     """Find the steady part of a tow and its mean angles.
 
@@ -117,28 +190,16 @@ def steady_state(run: Run, motion: pd.DataFrame, common: Array | None) -> Steady
     Raises
     ------
     InputError : not a tow, no alpha, or too short
+    UnsettledError : the tow still swings, drifts or shears off
     """
-    where = run.folder / RUN_FILE
-    if run.file.kind != "tow":
-        raise InputError(where, "kind", f'{run.file.kind!r}; a steady tow is of kind "tow"')
-    tow = run.tow
+    good, times, angles = tow_angles(run, motion)
+    found = judged_tow(run, motion, common)
+    if not found.settled:
+        raise UnsettledError(f"run {run.name!r} is not steady: {words(found, tension_known(run))}", found.stability)
+    tow, first = run.tow, found.first
     x_t = run.need(tow.tow_point_m, "tow.tow_point_m")
-    span = run.file.source.span_s
-    good = (motion["status"] == "measured").to_numpy() & np.isfinite(motion[["alpha_rad", "beta_rad"]].to_numpy()).all(
-        axis=1
-    )
-    if span is not None:
-        good &= motion["t_s"].between(span[0], span[1]).to_numpy()
-    times = motion["t_s"].to_numpy()[good]
-    check_times(run, times)
-    if good.sum() < 5 * BATCHES or times[-1] - times[0] < SHORTEST_S:
-        raise InputError(
-            run.source_path, "", f"{int(good.sum())} samples with alpha and beta; {SHORTEST_S:g} s are needed"
-        )
-    angles = motion[["alpha_rad", "beta_rad"]].to_numpy()[good]
-    first, settled = _window(times, angles)
-    mean, covariance = _tail_mean(angles[first:])
-    modes = np.zeros((0, 2)) if common is None else common[:, good][:, first:][:, :, [2, 1]].mean(axis=1)
+    mean, covariance = tail_mean(angles[first:])
+    modes = _modes(common, good, first)
     tension = tow.tension_n
     if tow.tension is not None:
         log = read_history(run.path(tow.tension), "tension_n")
@@ -155,7 +216,7 @@ def steady_state(run: Run, motion: pd.DataFrame, common: Array | None) -> Steady
         tow_point_m=x_t,
         alpha_rad=float(mean[0]),
         beta_rad=float(mean[1]),
-        covariance=covariance,
+        covariance=covariance + found.small,
         common=modes,
         common_key=common_key(run),
         tow_point_sd_m=priors.tow_point_sd_m,
@@ -165,65 +226,9 @@ def steady_state(run: Run, motion: pd.DataFrame, common: Array | None) -> Steady
         tension_common_sd_rel=priors.tension_common_sd_rel,
         speed_sd_rel=priors.speed_sd_rel,
         span_s=(float(times[first]), float(times[-1])),
-        settled=settled,
+        stability=found.stability,
+        whole=first == 0,
     )
-
-
-def _window(times: Array, angles: Array) -> tuple[int, bool]:
-    """First sample of the tail whose mean is known best, among the tails without a trend; else the last fifth, not settled.
-
-    An early start lets the transient scatter the batch means, a late one has few samples: the least sum of both wins.
-    """
-    whole = times[-1] - times[0]
-    shortest = max(SHORTEST_S, SHORTEST_SHARE * whole)
-    best: tuple[float, int] | None = None
-    for start in np.arange(times[0], times[-1] - shortest, 0.05 * whole):
-        first = int(np.searchsorted(times, start))
-        if len(times) - first < 3 * BATCHES or _drifts(times[first:], angles[first:]):
-            continue
-        variance = float(np.trace(_tail_mean(angles[first:])[1]))
-        if best is None or variance < best[0]:
-            best = (variance, first)
-    if best is not None:
-        return best[1], True
-    return int(np.searchsorted(times, times[-1] - max(shortest, 0.2 * whole))), False
-
-
-def _batches(times: Array, angles: Array) -> tuple[Array, Array]:
-    parts = np.array_split(np.arange(len(times)), BATCHES)
-    return np.array([times[p].mean() for p in parts]), np.array([angles[p].mean(axis=0) for p in parts])
-
-
-def _drifts(times: Array, angles: Array) -> bool:
-    t, means = _batches(times, angles)
-    x = (t - t.mean()) / (t[-1] - t[0])
-    for column in means.T:
-        slope = float(x @ column / (x @ x))
-        rest = column - column.mean() - slope * x
-        sd = np.sqrt(rest @ rest / (BATCHES - 2) / (x @ x))
-        if abs(slope) > max(DRIFT_T * sd, DRIFT_RAD) or abs(slope) > 20 * DRIFT_RAD:
-            return True
-    return False
-
-
-def _tail_mean(angles: Array) -> tuple[Array, Array]:
-    """Mean of the angles ``(n, 2)`` and its covariance from their long-run variance (an autoregression's, at frequency 0)."""
-    mean = angles.mean(axis=0)
-    rest = angles - mean
-    sd = np.empty(2)
-    for channel in range(2):
-        variance = float(np.mean(rest[:, channel] ** 2))
-        coefficients, share = autoregression(rest[:, channel], min(LARGEST_ORDER, len(rest) // 20))
-        # a slow root that the record cannot resolve counts as one memory as long as a batch
-        gain = max(1.0 - float(coefficients.sum()), BATCHES / len(rest))
-        square = variance * share / gain**2 / len(rest)
-        independent = variance / max(
-            square, 1e-300
-        )  # as many samples the record is worth; the mean and its memory cost three
-        sd[channel] = np.sqrt(square * independent / max(independent - 3.0, 1.0))
-    scatter = np.sqrt(np.maximum(np.diag(rest.T @ rest), 1e-300))
-    correlation = (rest.T @ rest) / scatter[:, None] / scatter[None, :]
-    return mean, correlation * sd[:, None] * sd[None, :]
 
 
 @solvable(EstimationError)
@@ -288,7 +293,7 @@ def fit_steady(tows: list[SteadyState], x_delta_m: float | None = None) -> Stead
         notes.append("two tows fix the line without a check; a third tow point would test it")
     for tow in tows:
         if not tow.settled:
-            notes.append(f"run {tow.name!r} still drifts at its end; a longer tow would settle it")
+            notes.append(f"run {tow.name!r} was not judged to be settled")
     sd = np.sqrt(np.diag(inverse) * widened)
     half = float(ndtri(0.975) * sd[0])
     by_gap = by_force.copy()  # of F - k/(X_T - X_v)
@@ -401,6 +406,14 @@ def _hull_from_steady(
     both = float(np.hypot(tension, speed))
     damping = measured(y_v, y_v_by, both), measured(x_v * y_v, x_v * y_v_by + y_v * x_v_by, both)
     return *damping, *rudder
+
+
+def stands_off(tow: SteadyState) -> bool:
+    """F is large enough to give an X_v (``STANDS_OFF``, ``STANDS_OFF_RAD``)."""
+    force, slope = tow.force()
+    total = tow.covariance + tow.common.T @ tow.common
+    large = abs(tow.alpha_rad + tow.beta_rad) > STANDS_OFF_RAD
+    return bool(large and abs(force) > STANDS_OFF * np.sqrt(slope @ total @ slope))
 
 
 def steady_tow_result(tow: SteadyState) -> SteadyTow:

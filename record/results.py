@@ -98,6 +98,12 @@ class DerivativesFile(ResultFile):
     derivatives: dict[str, Derivative] = Field(
         description="m_minus_y_vdot, i_minus_n_rdot, y_v, y_r_minus_mu, n_v, n_r"
     )
+    y_vdot_kg: Measured | None = Field(
+        default=None, description="Y_vdot alone, with model.dry_mass_kg given and m_minus_y_vdot fixed by the runs"
+    )
+    n_rdot_kg_m2: Measured | None = Field(
+        default=None, description="N_rdot alone, with model.yaw_inertia_kg_m2 or gyration_k2_m2 and i_minus_n_rdot"
+    )
     correlation: list[list[float]] = Field(description="of the derivatives, in the order of the keys above")
     straight_line_stable: bool = Field(description="X_r > X_v, that is Y_v N_r - N_v Y_R > 0")
     runs: dict[str, RunFit] = Field(description="per run, by name")
@@ -127,6 +133,29 @@ class SteadyTow(_Part):
     settled: bool = Field(description="false: the angles still drift within that part")
 
 
+class TowStability(_Part):
+    """What a run's own record says of its stability (3.2.3)."""
+
+    verdict: Literal["settled", "decaying", "swinging", "growing", "drifting", "shearing off"] = Field(
+        description="settled: nothing is left that matters; swinging: neither growth nor decay is told"
+    )
+    lambda_per_s: Measured | None = Field(
+        default=None, description="of its swing, or of the real root that shears off; negative = decaying"
+    )
+    period_s: float | None = Field(default=None, description="of its swing")
+    tow_point_m: float = Field(description="X_T")
+
+
+class NeutralBracket(_Part):
+    """X_v between tow points that shear off and tow points that tow stably (4.7.1, 9.2)."""
+
+    above_m: float | None = Field(description="largest X_T that sheared off, X_v lies ahead of it; null: none did")
+    below_m: float | None = Field(description="smallest X_T that towed stably, X_v lies aft of it; null: none did")
+    sheared_off: list[str] = Field(description="runs that sheared off")
+    towed_stably: list[str] = Field(description="runs that settled, off the line behind the post or after a swing")
+    agrees: bool | None = Field(description="x_v_interval_m and the bracket overlap; null: nothing to compare")
+
+
 class SteadyFile(ResultFile):
     """out/steady.json."""
 
@@ -144,6 +173,12 @@ class SteadyFile(ResultFile):
     n_delta_delta: Measured | None = Field(description="N_delta delta, N m")
     x_v_true_m: float | None = Field(default=None, description="where the runs carry their truth (rendered runs)")
     tows: dict[str, SteadyTow] = Field(description="per run, by name")
+    stability: dict[str, TowStability] = Field(
+        default={}, description="per run, settled or not: what its own record says"
+    )
+    x_v_bracket: NeutralBracket | None = Field(
+        default=None, description="X_v from which tow points tow stably and which shear off"
+    )
     failed: dict[str, str] = Field(description="runs that could not be used, and why")
     notes: list[str] = Field(description="what the reader must know")
 

@@ -221,8 +221,29 @@ class ModelTable(Table):
 
     length_pp_m: PositiveLength = Field(description="LBP, the length of the prime system")
     mass_kg: Positive = Field(description="displacement mass m")
-    yaw_inertia_kg_m2: Positive | None = Field(default=None, description="I, dry, about the LCG")
+    dry_mass_kg: Positive | None = Field(
+        default=None, description="m of the ballasted model as weighed; with it Y_vdot stands alone in derivatives.json"
+    )
+    dry_mass_sd_kg: NotNegative = Field(default=0.0, description="standard deviation of dry_mass_kg")
+    yaw_inertia_kg_m2: Positive | None = Field(
+        default=None, description="I, dry, about the LCG; with it N_rdot stands alone in derivatives.json"
+    )
+    yaw_inertia_sd_kg_m2: NotNegative = Field(default=0.0, description="standard deviation of yaw_inertia_kg_m2")
+    gyration_k2_m2: Positive | None = Field(
+        default=None,
+        description="K^2 = I/m of the dry model from its ballast's places; instead of yaw_inertia_kg_m2, not beside it",
+    )
+    gyration_k2_sd_m2: NotNegative = Field(default=0.0, description="standard deviation of gyration_k2_m2")
+    beam_m: PositiveLength | None = Field(
+        default=None, description="beam, by which a touch of the wall is seen; default length_pp_m / 7"
+    )
     rudder_arm_m: Length | None = Field(default=None, description="X_delta ahead of LCG; default -0.45 length_pp_m")
+
+    @model_validator(mode="after")
+    def _one_inertia(self) -> ModelTable:
+        if self.yaw_inertia_kg_m2 is not None and self.gyration_k2_m2 is not None:
+            raise ValueError("yaw_inertia_kg_m2 and gyration_k2_m2 are both given; one of them is expected")
+        return self
 
     @property
     def x_delta_m(self) -> float:
@@ -234,7 +255,9 @@ class WaterTable(Table):
     """The water and the tank."""
 
     density_kg_m3: Density = Field(default=1000.0, description="rho of the prime system")
-    tank_width_m: PositiveLength | None = Field(default=None, description="between the walls")
+    tank_width_m: PositiveLength | None = Field(
+        default=None, description="between the walls, which stand at y = +- half of it"
+    )
 
 
 class ApartTable(Table):

@@ -152,8 +152,10 @@ def derivative_row(key: str, derivative: Derivative) -> Row:
 
 
 def derivative_rows(result: DerivativesFile) -> list[Row]:
-    """The lines of the derivatives table in the file's order."""
-    return [derivative_row(key, derivative) for key, derivative in result.derivatives.items()]
+    """The lines of the derivatives table in the file's order; then Y_vdot and N_rdot where the dry model was weighed and swung."""
+    rows = [derivative_row(key, derivative) for key, derivative in result.derivatives.items()]
+    alone = ("y_vdot_kg", "Y_vdot", result.y_vdot_kg, "kg"), ("n_rdot_kg_m2", "N_rdot", result.n_rdot_kg_m2, "kg m2")
+    return rows + [quantity_row(key, symbol, value, unit) for key, symbol, value, unit in alone if value is not None]
 
 
 def quantity_row(key: str, symbol: str, measured: Measured, unit: str, true: float | None = None) -> Row:

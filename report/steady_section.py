@@ -23,6 +23,11 @@ def steady_section(result: SteadyFile) -> Html:
         inside = low <= result.x_v_true_m <= high
         words.append(f"; the true {significant(result.x_v_true_m, 4)} m lies {'inside' if inside else 'outside'} it")
     words.append(". A tow can be stable only with its tow point ahead of it.")
+    bracket = result.x_v_bracket
+    if bracket is not None and bracket.above_m is not None and bracket.below_m is not None:
+        words.append(
+            f" By which tows shear off and which settle it lies from {bracket.above_m:g} to {bracket.below_m:g} m."
+        )
     if result.chi2_per_dof is not None:
         words.append(
             f" Scatter of the tows about the line: chi²/dof = {significant(result.chi2_per_dof)} (about 1 fits)."
@@ -41,11 +46,28 @@ def steady_section(result: SteadyFile) -> Html:
     numbers = tag("div", numbers, class_="numbers")
     parts.append(tag("div", figure(drawn, caption) if drawn else "", numbers, class_="grid"))
     parts.append(_tows_table(result))
+    if result.stability:
+        parts.append(_stability_table(result))
     if result.failed:
         parts.append(failed_box("Tows without a steady state", result.failed))
     if result.notes:
         parts += [tag("h3", "Notes on the steady tows"), bullets(result.notes)]
     return tag("section", *parts, id="steady")
+
+
+def _stability_table(result: SteadyFile) -> Html:
+    head: list[object] = ["run", Html("<i>X</i><sub>T</sub> (m)"), "motion", "λ (1/s)", "period (s)"]
+    rows = [
+        [
+            name,
+            f"{seen.tow_point_m:g}",
+            seen.verdict,
+            "-" if seen.lambda_per_s is None else number(plus_minus(seen.lambda_per_s.value, seen.lambda_per_s.std)),
+            "-" if seen.period_s is None else f"{seen.period_s:.1f}",
+        ]
+        for name, seen in sorted(result.stability.items(), key=lambda item: item[1].tow_point_m)
+    ]
+    return table(head, rows, kind="tows", caption="What each record says of its stability; λ below 0 decays")
 
 
 def _tows_table(result: SteadyFile) -> Html:

@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from towline.identify.decay_search import _peak_rad_s, limits_of
 from towline.identify.methods.characteristic import derivatives_from_coefficients
 from towline.identify.methods.decay import fit_decay
-from towline.identify.methods.decay_search import _peak_rad_s, limits_of
 from towline.identify.methods.forced import modal_derivatives
 from towline.identify.methods.phase import phase_from_amplitudes
 from towline.record import EstimationError

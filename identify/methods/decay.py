@@ -16,9 +16,9 @@ from ...record.errors import EstimationError, solvable
 from ...record.results import Measured
 from ...simulate.model import Array, Tow
 from ..data import ASSUMED_SIGMA_BETA_RAD, ASSUMED_SIGMA_Y_M
+from ..decay_search import Sign, basis_of, best_model, from_all_starts, limits_of, search
 from ..noise import Whitener, measured, stated
 from .common import check_series, propagate
-from .decay_search import Sign, basis_of, best_model, from_all_starts, limits_of, search
 from .forced import Swing
 from .phase import Amplitudes
 

@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import least_squares
 
-from ...record.errors import EstimationError
-from ...simulate.model import Array
-from ..noise import Whitener, stated
+from ..record.errors import EstimationError
+from ..simulate.model import Array
+from .noise import Whitener, stated
 
 Sign = Literal["stable", "unstable", "free"]
 SLOWEST_SHARE = 0.2

@@ -42,9 +42,9 @@ EFFECTS: dict[str, dict[str, Range]] = {
     "speed_drift": {"share": (0.008, 0.05, "either"), "settle_s": (8.0, 60.0, "log")},
     "tension_variation": {"power": (0.6, 1.8, "log"), "period_s": (0.6, 3.0, "log")},
     "constant_tension": {
-        "weight": (0.998, 1.005, "even"),
         "friction": (0.002, 0.02, "log"),
         "drag_n_s_m": (0.5, 5.0, "log"),
+        "weight": (0.998, 1.003, "even"),
     },
     "elastic_line": {
         "compliance_m_n": (0.002, 0.01, "log"),
@@ -77,7 +77,7 @@ EFFECTS: dict[str, dict[str, Range]] = {
     "sync_delay": {"delay_s": (0.08, 0.5, "either")},
     "rolling_shutter": {"readout_s": (0.008, 0.035, "log")},
 }
-"""Effects that the library knows by name (formats.md)."""
+"""Effects that the library knows by name (formats.md); the first number of each may be cut down (``draw.gentle``)."""
 
 OUTSIDE: dict[str, dict[str, Range]] = {
     "washboard": {

@@ -17,7 +17,7 @@ from ..record.files import write_text
 from .truth.camera import camera_of
 from .truth.cases import LONG_S, Case, RunTruth, lane_of
 from .truth.hulls import FREE, HULLS
-from .truth.motion import STEP_S, B, Y, swim
+from .truth.motion import STEP_S, B, X, Y, swim
 from .truth.sizes import EFFECTS, FORCES, IN_SOME_RUNS, MASS_ARMS, MOMENTS, OUTSIDE, Range
 
 NULLS, UNKNOWN, PAIRS = 0.25, 0.15, 0.10
@@ -25,6 +25,16 @@ NULLS, UNKNOWN, PAIRS = 0.25, 0.15, 0.10
 COLOURED = 0.5
 SMALL = {"tension_n": 0.004, "tow_point_m": 0.0005, "line_m": 0.0005, "speed_m_s": 0.001}
 """Standard deviations of the settings: tension and speed as shares, lengths in metres."""
+MASS_SD = 0.003
+"""Of the weighing, as a share."""
+SURGE_MASS, POWER = (1.02, 1.08), (1.8, 2.0)
+"""m - X_udot as a share of m; how resistance grows with the speed through the water."""
+X_VR, X_VV, X_RR = (0.0, 1.0), (-1.2, 0.0), (-0.02, 0.02)
+"""Shares of -Y_vdot, of m/Lpp and of m Lpp."""
+STIFFNESS_N_M, LINE_DAMPING = (20000.0, 60000.0), (0.05, 0.3)
+"""Of a taut line, and its damping as a share of the critical one for surge. 0.9 m of 0.5 mm steel wire or braided aramid has 20 to
+45 kN/m. At 20 kN/m a tow differs from that on a line without stretch by a chi-square of 3 to 25 after all refitting, at 6 kN/m by
+30 to 310: that would be a soft line, and no null."""
 HISTORY = 0.1
 FAINT = 0.3
 """Share of the cases with one effect whose size is not that of a tank but near the limit of what can be told."""
@@ -35,8 +45,13 @@ LONGEST = 1.4
 LARGEST_GROWTH_1_S = 0.012
 REACH_M, FILLED = 0.5, 0.94
 """How far marks may stray sideways on a hull of 2.66 m, and the share of the picture that all of it fills."""
+PULLED = {"tension_variation", "constant_tension"}
+"""Something else than the line's length holds T: no two of these, and no stretch or slack beside one, make a pair."""
+HELD = {"elastic_line", "slack_line"}
 LARGEST_SINE, LARGEST_HEADING = 0.55, 0.4
 """Of the line's angle, and rad: a tow that swings further is none that a tank would keep."""
+LARGEST_DRIFT = 0.35
+"""Of the line's length, ahead or astern, where the line pays out: a model that drifts further is towed over."""
 TOW_POINTS = (0.56, 0.60, 0.64, 0.68)
 """Ahead of the LCG, as shares of the length between perpendiculars."""
 TRUTH, SEAL, CASES, ANSWERS = "sealed/truth.json", "seal.txt", "cases", "answers"
@@ -151,10 +166,13 @@ def gentle(case: Case) -> Case:
         # with the effects and without: a simulator that lacks them must be able to follow, too
         lanes = [lane_of(case, i, effects) for effects in (True, False) for i in range(n)]
         with np.errstate(all="ignore"):
-            path = swim(lanes, case.duration_s + LONG_S, None, 4 * STEP_S)
+            path = swim(lanes, case.duration_s + LONG_S, None, 2 * STEP_S)
             point, line = (np.array([lane[name] for lane in lanes]) for name in ("x_t", "line"))
-            swing = np.abs((path.states[:, Y] + point * np.sin(path.states[:, B])) / line).max(axis=0)
-        calm = (swing < LARGEST_SINE) & (np.abs(path.states[:, B]).max(axis=0) < LARGEST_HEADING)
+            heading = path.states[:, B]
+            aside, behind = path.states[:, Y] + point * np.sin(heading), path.states[:, X] + point * np.cos(heading)
+            length = np.hypot(aside, behind)
+            swing, drift = np.abs(aside / length).max(axis=0), np.abs(length / line - 1).max(axis=0)
+        calm = (swing < LARGEST_SINE) & (np.abs(heading).max(axis=0) < LARGEST_HEADING) & (drift < LARGEST_DRIFT)
         wild = ~(calm[:n] & calm[n:])
         if not wild.any():
             return case
@@ -182,7 +200,10 @@ def _dealt(names: list[str], count: int, rng: np.random.Generator) -> list[str]:
 
 def _pair(rng: np.random.Generator) -> list[str]:
     names = [name for name in EFFECTS if name != "sync_delay"]
-    return [names[i] for i in sorted(rng.choice(len(names), 2, replace=False))]
+    while True:
+        pair = [names[i] for i in sorted(rng.choice(len(names), 2, replace=False))]
+        if not PULLED & set(pair) or not set(pair) <= PULLED | HELD:
+            return pair
 
 
 def case_of(
@@ -203,17 +224,10 @@ def case_of(
     coloured = bool(rng.random() < COLOURED) if coloured is None else coloured
     runs = _runs(hull, rng)
     camera, datum = _camera(hull, runs, video, rng)
-    history = "sync_delay" in effects or (rng.random() < HISTORY and "tension_variation" not in effects)
+    history = "sync_delay" in effects or bool(rng.random() < HISTORY)
     numbers: dict[str, float] = {}
     for effect in effects:
         numbers |= _numbers(effect, hull, rng, len(runs))
-    if history:
-        numbers |= {
-            "history.size": _number((0.04, 0.12, "log"), rng),
-            "history.rate_hz": _number((0.05, 0.15, "even"), rng),
-            "history.second_hz": _number((0.15, 0.4, "even"), rng),
-            "history.phase": _number((0.0, 6.28, "even"), rng),
-        }
     return Case(
         name,
         int(rng.integers(2**31)),
@@ -241,8 +255,26 @@ def _hull(name: str, rng: np.random.Generator) -> dict[str, float]:
         hull = dict(HULLS[name])
         for key in FREE:
             hull[key] *= 1 + SCATTER * float(rng.normal())
+        hull |= _surge(hull, rng)
         if max(_growth(hull, point * hull["length_pp"]) for point in TOW_POINTS) < LARGEST_GROWTH_1_S:
             return hull
+
+
+def _surge(hull: dict[str, float], rng: np.random.Generator) -> dict[str, float]:
+    """What a tow needs beside the six: the hull in surge, its mass as weighed, the line."""
+    mass, length = hull["mass"] * (1 + SCATTER * float(rng.normal())), hull["length_pp"]
+    return {
+        "mass": mass,
+        "tension": hull["tension"] * (1 + SCATTER * float(rng.normal())),
+        "surge_mass": mass * float(rng.uniform(*SURGE_MASS)),
+        "x_vr": (hull["m"] - mass) * float(rng.uniform(*X_VR)),
+        "x_vv": mass / length * float(rng.uniform(*X_VV)),
+        "x_rr": mass * length * float(rng.uniform(*X_RR)),
+        "power": float(rng.uniform(*POWER)),
+        "mass_stated": mass * (1 + MASS_SD * float(rng.normal())),
+        "stiffness_n_m": _number((*STIFFNESS_N_M, "log"), rng),
+        "line_damping": float(rng.uniform(*LINE_DAMPING)),
+    }
 
 
 def _growth(hull: dict[str, float], x_t: float) -> float:
@@ -364,17 +396,25 @@ def _runs(hull: dict[str, float], rng: np.random.Generator) -> list[RunTruth]:
             "tow_point_m": round(point * hull["length_pp"], 4),
             "line_m": round(longer * line, 4),
             "speed_m_s": round(faster * speed, 4),
-            "tension_n": round(hull["tension"] * faster**2 * float(rng.uniform(0.97, 1.03)), 4),
             "y_m": round(float(rng.choice([-1.0, 1.0]) * rng.uniform(0.12, 0.22)) * hull["length_pp"] / 2.66, 3),
             "beta_rad": beta,
         }
-        small = {
-            name: (stated[name] if name in ("tension_n", "speed_m_s") else 1.0) * sd * float(rng.normal())
-            for name, sd in SMALL.items()
-        }
-        small |= {"y_m": 0.004 * float(rng.normal()), "beta_rad": 0.004 * float(rng.normal())}
-        found.append(RunTruth(stated, small))
+        run = tow_of(hull, stated, rng)
+        start = {"y_m": 0.004 * float(rng.normal()), "beta_rad": 0.004 * float(rng.normal())}
+        found.append(replace(run, small=run.small | start))
     return found
+
+
+def tow_of(hull: dict[str, float], stated: dict[str, float], rng: np.random.Generator) -> RunTruth:
+    """A tow by what is stated of it but its pull: the settings' small errors, and R as somebody read it from a straight tow."""
+    small = {
+        name: (stated[name] if name == "speed_m_s" else 1.0) * sd * float(rng.normal())
+        for name, sd in SMALL.items()
+        if name != "tension_n"
+    }
+    straight = hull["tension"] * ((stated["speed_m_s"] + small["speed_m_s"]) / hull["speed_ref"]) ** hull["power"]
+    read = round(straight * (1 + SMALL["tension_n"] * float(rng.normal())), 4)
+    return RunTruth({**stated, "tension_n": read}, {**small, "tension_n": straight - read})
 
 
 def truth_text(cases: list[Case], wanted: Wanted) -> str:

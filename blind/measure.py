@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ..record.files import write_text
-from .signature import STEP_S, Sensed, block_means, distances_of, linear, pictured, simulated_lane
+from .signature import STEP_S, Sensed, block_means, distances_of, linear, pictured
 from .truth.cases import Case, filmed, lane_of, swum
 from .truth.lanes import Array
 from .truth.motion import swim
@@ -50,14 +50,14 @@ def oracle(case: Case, sensed: Sensed) -> tuple[float, float]:
     path = swum(case)
     runs = range(len(case.runs))
     with np.errstate(all="ignore"):
-        plain = swim([simulated_lane(case, i) for i in runs], case.duration_s + 1.5, None, STEP_S)
+        plain = swim([lane_of(case, i, effects=False) for i in runs], case.duration_s + 1.5, None, STEP_S)
         true = swim([lane_of(case, i) for i in runs], case.duration_s + 1.5, None, STEP_S)
     missing, noise = [], []
     for i in runs:
         film = filmed(case, path, i)
         # the picked datum's own error is part of the camera's pose, whose prior is in ``common``
         data = block_means(case, film.pixel)
-        without = pictured(case, simulated_lane(case, i), plain, i, i)
+        without = pictured(case, lane_of(case, i, effects=False), plain, i, i)
         within = pictured(case, lane_of(case, i), true, i, i)
         exact = _exact(case, true, i)
         factor = sensed.whiteners[i]

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from ..record.files import write_text
-from .draw import ANSWERS, CASES, SMALL, opened
+from .draw import ANSWERS, CASES, opened, tow_of
 from .judge import Call, call_of, truth_of
 from .run import answered, read_answers
 from .scores import Score, share
 from .truth.apart import measured_apart
-from .truth.cases import Case, RunTruth
+from .truth.cases import Case
 
 NEXT, NEXT_ANSWERS = "next", "next-answers"
 Progress = Callable[[str, int, int | None], None]
@@ -47,23 +47,15 @@ class Settled:
 
 
 def with_next_run(case: Case, proposed: dict[str, Any]) -> Case:
-    """The case with one tow more, as proposed; the tension follows the speed squared."""
-    rng = np.random.default_rng([case.seed, 9])
-    first = case.runs[0].stated
-    speed = float(proposed["speed_m_s"])
+    """The case with one tow more, as proposed; the pull of a straight tow is the hull's at that speed, and read anew."""
     stated = {
         "tow_point_m": float(proposed["tow_point_m"]),
         "line_m": float(proposed["line_length_m"]),
-        "speed_m_s": speed,
-        "tension_n": round(first["tension_n"] * (speed / first["speed_m_s"]) ** 2, 4),
+        "speed_m_s": float(proposed["speed_m_s"]),
         "y_m": float(proposed["y_release_m"]),
         "beta_rad": float(proposed["beta_release_rad"]),
     }
-    small = {
-        name: (stated[name] if name in ("tension_n", "speed_m_s") else 1.0) * sd * float(rng.normal())
-        for name, sd in SMALL.items()
-    }
-    return replace(case, runs=[*case.runs, RunTruth(stated, small)])
+    return replace(case, runs=[*case.runs, tow_of(case.hull, stated, np.random.default_rng([case.seed, 9]))])
 
 
 def next_runs(out: Path, workers: int = 1, progress: Progress | None = None) -> list[Settled]:

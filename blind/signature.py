@@ -1,10 +1,11 @@
 """What reality's own motion says about an effect: signatures in the picture, their noise, and the distance D between them.
 
-D_ij = lambda_i (1 - cos^2 rho_ij), from the generator alone: the noise-free pixels of both marks with and without the effect,
-whitened by the case's true noise, after everything that any diagnosis must refit is projected out (derivatives, each run's start,
-settings within their errors, place and heading of the marks, the camera's pose from the picked datum). Signatures are taken at a
-twentieth of the size and scaled up: a straight line from no effect, so that D counts what can be told and not how far a fit has to
-walk. A slack line is no rival of others (its window is free), and is taken at its whole size.
+D_ij = lambda_i (1 - cos^2 rho_ij), from the generator alone: the noise-free pixels of both marks (and a load cell's record, where
+there is one) with and without the effect, whitened by the case's true noise, after everything that any diagnosis must refit is
+projected out (derivatives, surge within what a person knows of it, each run's start, settings within their errors, place and
+heading of the marks, the camera's pose from the picked datum). Signatures are taken at a twentieth of the size and scaled up: a
+straight line from no effect, so that D counts what can be told and not how far a fit has to walk. What is there or is not (a slack
+line, a line that something holds at a tension) is taken at its whole size; a slack line is no rival of others (its window is free).
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from scipy.linalg import solve_triangular
 
 from .response import pose_covariance
 from .truth.camera import Camera, camera_of
-from .truth.cases import PICK_PX, Case, clean_picks, lane_of, seen
+from .truth.cases import CELL_HZ, CELL_SD, PICK_PX, Case, clean_picks, lane_of, seen
 from .truth.hulls import FREE
 from .truth.lanes import Array
 from .truth.motion import ROLL, B, Path, X, Y, swim
@@ -27,6 +28,10 @@ SMALL = 0.05
 STEP_S = 0.04
 SETTINGS = {"tension": (0.005, True), "line": (0.0007, False), "x_t": (0.0007, False), "speed": (0.0015, True)}
 """What a diagnosis grants a run (standard deviation, as a share of the value or not): the defaults of [priors]."""
+SURGE = {"surge_mass": (0.03, 0), "x_vr": (0.26, 0), "x_vv": (1.2, -1), "x_rr": (0.02, 1)}
+"""What it grants a hull (standard deviation as a share of the mass, times the length to a power)."""
+POWER = 0.1
+"""Of the growth of resistance, plainly."""
 PLACE_M, HEADING_RAD = 0.0015, 0.0016
 START = {"y_release": 0.01, "beta_release": 0.01, "v_release": 0.01, "r_release": 0.01}
 """Steps of the start's derivatives; the start is free."""
@@ -40,7 +45,8 @@ STRENGTH: dict[str, tuple[str, ...]] = {
     "bank_suction": ("strength_m5",),
     "cross_current": ("flow_m_s",),
     "speed_drift": ("share",),
-    "tension_variation": ("power",),
+    "tension_variation": (),
+    "constant_tension": (),
     "elastic_line": ("compliance_m_n",),
     "slack_line": (),
     "tow_point_offset": ("offset_m",),
@@ -77,7 +83,8 @@ RIVALS: dict[str, tuple[dict[str, float], ...]] = {
     "bank_suction": ({"strength_m5": 0.0005}, {"strength_m5": 0.0005, "lead": 1.0}),
     "cross_current": ({"flow_m_s": 0.001},),
     "speed_drift": ({"share": 0.002, "settle_s": 300.0},),
-    "tension_variation": ({"power": 0.1, "period_s": 0.6},),
+    "tension_variation": ({"power": 1.0, "period_s": 0.6},),
+    "constant_tension": ({"weight": 1.0},),
     "elastic_line": ({"compliance_m_n": 0.0003, "damping": 0.3},),
     "tow_point_offset": ({"offset_m": 0.001},),
     "swivel_friction": ({"moment_n_m": 0.003},),
@@ -95,6 +102,8 @@ RIVALS: dict[str, tuple[dict[str, float], ...]] = {
     "rolling_shutter": ({"readout_s": 0.003},),
 }
 """The directions in which the library's effects move the picture; an effect of several is refitted in all of them."""
+CELL_MEAN, CELL_SKIPS_S = 5, 3.0
+"""Samples of the load cell to a mean; the spring's ring after the release, which no line without stretch has, is left out."""
 
 
 @dataclass(frozen=True)
@@ -121,12 +130,12 @@ class Sensed:
 
     Attributes
     ----------
-    common : ``(n, c)`` derivatives (free) and the camera's pose (unit prior)
+    common : ``(n, c)`` derivatives (free), surge and the camera's pose (unit prior)
     prior : ``(c,)`` 1/sd^2 of the common numbers
     truth : effect -> ``(n, 1)`` its signature at its true size
     rivals : effect -> ``(n, k)``
-    rows : slice of each run
-    whiteners : lower Cholesky factor of each run's covariance
+    rows : slice of each run's pixels (a load cell's rows, where there are any, follow them)
+    whiteners : lower Cholesky factor of the covariance of each run's pixels
     eyes : of each run ``(blocks, 2, 4)``: y and heading by the four pixel numbers
     """
 
@@ -187,22 +196,22 @@ def linear(case: Case) -> Sensed:
         lanes.append(lane)
 
     known = {name: RIVALS[name] for name in RIVALS if case.history or name != "sync_delay"}
-    if case.history:
-        known.pop("tension_variation")
     for i in runs:
         add("base", i, base[i], 1.0)
         for name in FREE:
             add(f"common {name}", i, base[i] | {name: base[i][name] * 1.001}, 0.001)
+        for name, sd in surge_sd(case).items():
+            add(f"common {name}", i, base[i] | {name: base[i][name] + 0.1 * sd}, 0.1)
         for name, step in START.items():
             add(f"own {name}", i, base[i] | {name: base[i].get(name, 0.0) + 0.01 * step}, 0.01)
         for name, (sd, share) in SETTINGS.items():
             size = sd * (base[i][name] if share else 1.0)
             add(f"own {name}", i, base[i] | {name: base[i][name] + 0.1 * size}, 0.1)
         for effect, cases in small.items():
-            add(f"truth {effect}", i, base[i] | cases[i], 1.0 if effect == "slack_line" else SMALL)
+            add(f"truth {effect}", i, base[i] | cases[i], SMALL if STRENGTH[effect] else 1.0)
         for effect, ways in known.items():
             for k, way in enumerate(ways):
-                add(f"rival {effect} {k}", i, base[i] | _driven({f"{effect}.{n}": v for n, v in way.items()}), 1.0)
+                add(f"rival {effect} {k}", i, base[i] | {f"{effect}.{n}": v for n, v in way.items()}, 1.0)
     with np.errstate(all="ignore"):
         path = swim(lanes, case.duration_s + 1.5, None, STEP_S)
     return _assembled(case, lanes, labels, path, known)
@@ -210,20 +219,13 @@ def linear(case: Case) -> Sensed:
 
 def _scaled(case: Case, effect: str, lane: dict[str, float], by: float) -> dict[str, float]:
     keys = {f"{effect}.{name}" for name in STRENGTH[effect]}
-    return _driven({n: v * (by if n in keys else 1.0) for n, v in lane.items() if n.startswith(f"{effect}.")})
+    return {n: v * (by if n in keys else 1.0) for n, v in lane.items() if n.startswith(f"{effect}.")}
 
 
-def _driven(numbers: dict[str, float]) -> dict[str, float]:
-    """A load cell that is off in time does nothing to the tow, but to a simulator that is driven by its record."""
-    late = {"history.late_s": -numbers["sync_delay.delay_s"]} if "sync_delay.delay_s" in numbers else {}
-    return {n: v for n, v in numbers.items() if n != "sync_delay.delay_s"} | late
-
-
-def simulated_lane(case: Case, run: int) -> dict[str, float]:
-    """What a simulator without the effects would follow, were it perfect otherwise."""
-    lane = lane_of(case, run)
-    delay = {n: v for n, v in lane.items() if n == "sync_delay.delay_s"}
-    return lane_of(case, run, effects=False) | _driven(delay)
+def surge_sd(case: Case) -> dict[str, float]:
+    """What a person does not know of the hull in surge: number of a lane -> standard deviation."""
+    mass, length = case.hull["mass"], case.hull["length_pp"]
+    return {name: share * mass * length**power for name, (share, power) in SURGE.items()} | {"power": POWER}
 
 
 def block_times(case: Case) -> Array:
@@ -254,6 +256,16 @@ def pictured(case: Case, lane: dict[str, float], path: Path, index: int, run: in
         places = _places(case, pose_at(true_s))
         pixel = pixel - (_pose_columns(case, places) @ pose).reshape(pixel.shape)
     return pixel.ravel()
+
+
+def celled(case: Case, lane: dict[str, float], path: Path, index: int) -> Array:
+    """A lane's pull as the load cell's means have it, ``(means,)`` in standard deviations of one; empty where there is no cell."""
+    if not case.history:
+        return np.zeros(0)
+    t_s = np.arange(CELL_SKIPS_S, case.duration_s, 1 / CELL_HZ)
+    t_s = t_s[: len(t_s) // CELL_MEAN * CELL_MEAN] + lane.get("sync_delay.delay_s", 0.0)
+    pull = np.interp(t_s, path.t_s, path.tension_n[:, index])
+    return pull.reshape(-1, CELL_MEAN).mean(axis=1) / (CELL_SD * case.hull["tension"] / np.sqrt(CELL_MEAN))
 
 
 def _picks_of(case: Case, lane: dict[str, float]) -> Array:
@@ -294,8 +306,8 @@ def _assembled(
     runs = range(len(case.runs))
     seen_at: dict[tuple[str, int], Array] = {}
     for index, ((label, run, step), lane) in enumerate(zip(labels, lanes, strict=True)):
-        pixel = pictured(case, lane, path, index, run)
-        seen_at[label, run] = pixel if label == "base" else (pixel - seen_at["base", run]) / step
+        told = np.concatenate([pictured(case, lane, path, index, run), celled(case, lane, path, index)])
+        seen_at[label, run] = told if label == "base" else (told - seen_at["base", run]) / step
     index_of = {(label, run): i for i, (label, run, _) in enumerate(labels)}
     datum = _pose_columns(case, np.array(case.datum))
     pose_sd = np.linalg.cholesky(PICK_PX**2 * np.linalg.inv(datum.T @ datum))
@@ -307,6 +319,7 @@ def _assembled(
         moved = pose_covariance(tows, path, at_base, t_s, noise["side_n"], noise["moment_n_m"], noise["force_s"])
     eyes: list[Array] = []
     commons, truths, rivals, whiteners, rows, at = [], {e: [] for e in case.effects}, {e: [] for e in known}, [], [], 0
+    surge = tuple(surge_sd(case))
     for run in runs:
         pose = path.at(t_s, index_of["base", run], (X, Y, B, ROLL))
         places = _places(case, pose)
@@ -314,27 +327,34 @@ def _assembled(
         by_pose = _by_pose(case, pose)
         own = [seen_at[f"own {name}", run] * FREE_SD for name in START]
         own += [seen_at[f"own {name}", run] for name in SETTINGS]
-        own += [by_pose[:, :, 1].ravel() * PLACE_M, by_pose[:, :, 2].ravel() * HEADING_RAD]
-        covariance = (
-            _noise(case, by_pose, None if moved is None else moved[run]) + np.column_stack(own) @ np.column_stack(own).T
-        )
+        cell = np.zeros(len(own[0]) - 4 * len(t_s))
+        for pixels in (by_pose[:, :, 1].ravel() * PLACE_M, by_pose[:, :, 2].ravel() * HEADING_RAD):
+            own.append(np.concatenate([pixels, cell]))
+        if len(cell):  # the cell's own scale
+            own.append(
+                np.concatenate([np.zeros(4 * len(t_s)), seen_at["base", run][4 * len(t_s) :] * SETTINGS["tension"][0]])
+            )
+        covariance = np.column_stack(own) @ np.column_stack(own).T + np.eye(len(own[0]))
+        here = slice(0, 4 * len(t_s))
+        covariance[here, here] += _noise(case, by_pose, None if moved is None else moved[run]) - np.eye(here.stop)
         factor = np.linalg.cholesky(covariance)
 
         def white(columns: Array, factor: Array = factor) -> Array:
             return solve_triangular(factor, columns, lower=True)
 
-        commons.append(white(np.column_stack([*(seen_at[f"common {n}", run] for n in FREE), camera])))
+        camera = np.vstack([camera, np.zeros((len(cell), camera.shape[1]))])
+        commons.append(white(np.column_stack([*(seen_at[f"common {n}", run] for n in (*FREE, *surge)), camera])))
         for effect in case.effects:
             truths[effect].append(white(seen_at[f"truth {effect}", run][:, None]))
         for effect, ways in known.items():
             rivals[effect].append(
                 white(np.column_stack([seen_at[f"rival {effect} {k}", run] for k in range(len(ways))]))
             )
-        whiteners.append(factor)
+        whiteners.append(factor[here, here])
         eyes.append(np.linalg.pinv(by_pose)[:, 1:])
-        rows.append(slice(at, at + len(factor)))
+        rows.append(slice(at, at + here.stop))
         at += len(factor)
-    prior = np.concatenate([np.zeros(len(FREE)), np.ones(6)])
+    prior = np.concatenate([np.zeros(len(FREE)), np.ones(len(surge) + 6)])
     return Sensed(
         np.vstack(commons),
         prior,
@@ -375,4 +395,4 @@ def _noise(case: Case, by_pose: Array, moved: Array | None) -> Array:
     return found
 
 
-__all__ = ["Distances", "Sensed", "block_means", "block_times", "distances_of", "linear", "pictured", "simulated_lane"]
+__all__ = ["Distances", "Sensed", "block_means", "block_times", "distances_of", "linear", "pictured", "surge_sd"]

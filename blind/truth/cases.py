@@ -8,12 +8,16 @@ from typing import Any
 import numpy as np
 
 from .camera import Camera, camera_of
-from .lanes import Array, Lane, Lanes
-from .motion import ROLL, STEP_S, B, Path, X, Y, swim, wanted_tension
+from .lanes import Array, Lane
+from .motion import ROLL, STEP_S, B, Path, X, Y, swim
 from .noise import wandering
 
 CAMERA_NAMES = ("lens_distortion", "deck_height", "camera_shift", "datum_scale", "frame_rate", "rolling_shutter")
 PICK_PX = 0.15
+CELL_HZ, CELL_SD = 10.0, 0.005
+"""Samples of the load cell, and the standard deviation of one as a share of R."""
+CELL_BEFORE_S = 3.0
+"""It runs this long before the release, while the line is held straight with R."""
 LONG_S = 1.5
 """The motion is followed this much longer than filmed: a clock may run fast."""
 
@@ -25,7 +29,7 @@ class RunTruth:
     Attributes
     ----------
     stated : what run.toml says: tow_point_m, line_m, speed_m_s, tension_n, y_m, beta_rad
-    small : what the truth adds to it: the same names
+    small : what the truth adds to it: the same names. The truth of tension_n is R at the true speed
     """
 
     stated: dict[str, float]
@@ -49,7 +53,7 @@ class Case:
     noise : white_px, shake_px, shake_s, side_n, moment_n_m, force_s, stated_px, coloured
     runs : tows
     rate_hz, duration_s, static_s : the films
-    history : tension.csv instead of a constant
+    history : a load cell's record of the pull (tension.csv) instead of R
     video : films instead of tracks
     """
 
@@ -113,8 +117,6 @@ def lane_of(case: Case, index: int, effects: bool = True) -> dict[str, float]:
     }
     if effects:
         lane |= run_numbers(case, index)
-    elif case.history:
-        lane |= {name: value for name, value in run_numbers(case, index).items() if name.startswith("history.")}
     return lane
 
 
@@ -257,14 +259,16 @@ def clean_picks(case: Case, effects: bool = True) -> Array:
     return camera_of(case.camera, numbers.get("lens_distortion.bend", 0.0)).pixels(points)
 
 
-def load_cell(case: Case, index: int) -> tuple[Array, Array]:
-    """The tension's record on the load cell's own clock: times and newtons (of a cell that reads as stated)."""
+def load_cell(case: Case, path: Path, index: int) -> tuple[Array, Array]:
+    """The pull of the line as a load cell saw it (one that reads as stated): times on its own clock, and newtons.
+
+    An observation of the tow and no input to it: what the line pulls with is in ``path``.
+    """
     numbers = lane_of(case, index)
     rng = np.random.default_rng([case.seed, 4, index])
-    true_s = np.arange(-3.0, case.duration_s + 3.0, 0.1)
-    lanes = Lanes([numbers])
-    pull = np.array([wanted_tension(lanes, float(t))[0] for t in true_s])
+    true_s = np.arange(-CELL_BEFORE_S, path.t_s[-1], 1 / CELL_HZ)
+    pull = np.interp(true_s, path.t_s, path.tension_n[:, index])
+    pull[true_s < 0] = numbers["tension"]
     pull *= case.runs[index].stated["tension_n"] / numbers["tension"]
-    return true_s - numbers.get("sync_delay.delay_s", 0.0), pull + 0.002 * numbers["tension"] * rng.normal(
-        size=len(pull)
-    )
+    noise = CELL_SD * numbers["tension"] * rng.normal(size=len(pull))
+    return true_s - numbers.get("sync_delay.delay_s", 0.0), pull + noise

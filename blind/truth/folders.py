@@ -11,20 +11,24 @@ from ...record import write_table
 from ...record.files import write_text
 from .cases import Case, Filmed, filmed, load_cell, picks, swum
 from .lanes import Array
+from .motion import Path as Swum
 
 
 def write_case(folder: Path, case: Case) -> list[Path]:
     """Write run-1, run-2, ... of a case into ``folder``; returns them."""
     path, picked = swum(case), picks(case)
-    return [_write_run(folder / f"run-{i + 1}", case, i, filmed(case, path, i), picked) for i in range(len(case.runs))]
+    return [
+        _write_run(folder / f"run-{i + 1}", case, i, path, filmed(case, path, i), picked) for i in range(len(case.runs))
+    ]
 
 
 def write_run(folder: Path, case: Case, index: int) -> Path:
     """Write one run of a case into ``folder``; raises ValueError where the tow turns over."""
-    return _write_run(folder / f"run-{index + 1}", case, index, filmed(case, swum(case), index), picks(case))
+    path = swum(case)
+    return _write_run(folder / f"run-{index + 1}", case, index, path, filmed(case, path, index), picks(case))
 
 
-def _write_run(folder: Path, case: Case, index: int, film: Filmed, picked: Array) -> Path:
+def _write_run(folder: Path, case: Case, index: int, path: Swum, film: Filmed, picked: Array) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     if case.video:
         from .film import write_film
@@ -35,7 +39,7 @@ def _write_run(folder: Path, case: Case, index: int, film: Filmed, picked: Array
         write_table(folder / "tracks.parquet", _tracks(case, film.t_s, film.pixel))
         write_table(folder / "static.parquet", _tracks(case, np.arange(len(film.still)) / case.rate_hz, film.still))
     if case.history:
-        t_s, pull = load_cell(case, index)
+        t_s, pull = load_cell(case, path, index)
         write_table(folder / "tension.csv", pd.DataFrame({"t_s": t_s, "tension_n": pull}))
     # the description last: a folder without one is not finished
     write_text(folder / "run.toml", _description(case, index, picked, film))
@@ -103,7 +107,7 @@ def _description(case: Case, index: int, picked: Array, film: Filmed) -> str:
         "",
         "[model]",
         f"length_pp_m = {hull['length_pp']:.3f}",
-        f"mass_kg = {hull['mass']:.2f}",
+        f"mass_kg = {hull['mass_stated']:.2f}",
         "",
         "[water]",
         f"density_kg_m3 = {hull['density']:.1f}",

@@ -25,7 +25,7 @@ class Now:
     ----------
     t_s : float
     y_m, beta, v, r : place of the LCG, heading, sway velocity, yaw rate
-    speed : carriage speed
+    speed : forward speed through the water
     side_n : the line's pull to starboard
     turning : rate of the line against the hull, rad/s
     lag : memory states ``(4, n)``: v fast, v slow, r fast, r slow

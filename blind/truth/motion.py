@@ -1,9 +1,11 @@
 """Surge, sway and yaw of a model towed on a spring line, many lanes at once.
 
 Carriage axes: x ahead, y to starboard, z down, origin at the stated post. The state is place, heading and body velocities through
-the water; nothing is linearised. The line is a spring with a damper that cannot push. The hull's resistance is what a stiff line
-needs to pull with the tension of the settings, so that the taut line with constant tension (theory.md 2) is the limit of a reality
-without effects; a tension that varies, a soft line or a slack one take that away.
+the water; nothing is linearised. Surge is a mass that the line pulls and the hull's resistance holds back, nothing more: the
+line is a spring with a damper that cannot push, and what it pulls with is what its stretch makes it. A line that a winch or a
+falling weight keeps at a tension has no length of its own.
+
+Signs and symbols are theory.md's, section 10. What a run's ``tension`` names is R, the pull of a straight tow at the run's speed.
 """
 
 from __future__ import annotations
@@ -18,10 +20,12 @@ from .forces import Now, forces_of
 from .lanes import Array, Lane, Lanes
 
 STEP_S = 0.02
-STIFF_N_M = 64000.0
-"""A taut line gives by less than 0.01 mm as its tension varies by a tenth of 4 N: at 8000 N/m the model surged by 0.05 mm
-with the load, and that was no null any more."""
-LINE_DAMPING = 0.35
+"""A line of 60 kN/m rings at up to 55 rad/s on the lighter hull: 1.1 in a step, and classical Runge-Kutta is stable to 2.8. What
+half the step, or twice it (``signature``), changes is held by a test."""
+SLACK_STEP_S, BOUNCES_S = 0.005, 8.0
+"""Where a slack line comes straight the pull has a kink: steps are cut to this, until it has bounced out."""
+SLIDES_M_S = 0.002
+"""Dry friction of a pulley has turned over at this speed of the line."""
 X, Y, B, U, V, R = range(6)
 LAG = slice(6, 10)
 PULL, PULL_RATE, ROLL, ROLL_RATE, SLOSH, SLOSH_RATE = range(10, 16)
@@ -69,18 +73,22 @@ def swim(lanes: Sequence[Lane], duration_s: float, random: Array | None = None, 
     states = np.empty((steps + 1, STATES, q.n))
     rates = np.empty_like(states)
     tension = np.empty((steps + 1, q.n))
-    half, still = step_s / 2, np.zeros((2, q.n))
     for k in range(steps + 1):
-        t = t_s[k]
-        a, mid, b = _of_step(random, k, still)
-        k1, tension[k] = _rates(q, terms, t, state, a)
-        states[k], rates[k] = state, k1
-        if k == steps:
-            break
-        k2, _ = _rates(q, terms, t + half, state + half * k1, mid)
-        k3, _ = _rates(q, terms, t + half, state + half * k2, mid)
-        k4, _ = _rates(q, terms, t + step_s, state + step_s * k3, b)
-        state = state + step_s / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        cuts = _cuts(q, t_s[k], step_s)
+        step = step_s / cuts
+        half = step / 2
+        given = _of_step(random, k, cuts, q.n)
+        for cut in range(cuts):
+            t = t_s[k] + cut * step
+            k1, pull = _rates(q, terms, t, state, given[2 * cut])
+            if cut == 0:
+                states[k], rates[k], tension[k] = state, k1, pull
+            if k == steps:
+                break
+            k2, _ = _rates(q, terms, t + half, state + half * k1, given[2 * cut + 1])
+            k3, _ = _rates(q, terms, t + half, state + half * k2, given[2 * cut + 1])
+            k4, _ = _rates(q, terms, t + step, state + step * k3, given[2 * cut + 2])
+            state = state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     return Path(t_s, states, rates, tension)
 
 
@@ -89,90 +97,122 @@ def instant(q: Lanes, t_s: float, state: Array, forces: Array) -> Array:
     return _rates(q, forces_of(q), t_s, state, forces)[0]
 
 
-def _of_step(random: Array | None, k: int, still: Array) -> tuple[Array, Array, Array]:
+def _cuts(q: Lanes, t: float, step_s: float) -> int:
+    """How many parts a step is cut into: more than one while some line may be slack, or has just come straight."""
+    begin, end = q["slack_line.begin_s"] - step_s, q["slack_line.begin_s"] + q["slack_line.length_s"] + BOUNCES_S
+    if not np.any((q["slack_line.surplus"] > 0) & (t > begin) & (t < end)):
+        return 1
+    return int(np.ceil(step_s / SLACK_STEP_S - 1e-9))
+
+
+def _of_step(random: Array | None, k: int, cuts: int, lanes: int) -> Array:
+    """Forces at the half steps of a step's cuts, ``(2 cuts + 1, 2, lanes)``; straight between those that are given."""
     if random is None:
-        return still, still, still
-    last = len(random) - 1
-    return random[2 * k], random[min(2 * k + 1, last)], random[min(2 * k + 2, last)]
+        return np.zeros((2 * cuts + 1, 2, lanes))
+    three = random[np.minimum([2 * k, 2 * k + 1, 2 * k + 2], len(random) - 1)]
+    at = np.arange(2 * cuts + 1) / cuts
+    first = np.minimum(at.astype(int), 1)
+    share = (at - first)[:, None, None]
+    return (1 - share) * three[first] + share * three[first + 1]
 
 
 def _released(q: Lanes) -> Array:
-    """Held on the carriage, then let go: the tow point at the line's length from the post."""
+    """Held on the carriage, the line straight and at its length; then let go. The line does not lengthen at that moment."""
     state = np.zeros((STATES, q.n))
     y, b = q["y_release"], q["beta_release"]
-    stretch = np.where(q["elastic_line.compliance_m_n"] > 0, q["elastic_line.compliance_m_n"] * q["tension"], 0.0)
+    stretch = q["elastic_line.compliance_m_n"] * q["tension"]
     line = q["line"] + stretch * (1 - q["elastic_line.shock"])
     sb, cb = np.sin(b), np.cos(b)
-    across = y + q["x_t"] * sb + q["tow_point_offset.offset_m"] * cb - _post(q, 0.0)[0]
+    post, post_v = _post(q, 0.0)
+    xt, yt = q["x_t"], q["tow_point_offset.offset_m"]
+    across = y + xt * sb + yt * cb - post
     along = np.sqrt(np.maximum(line**2 - across**2, 1e-6))
-    state[X] = q["datum_bias.ahead_m"] - along - q["x_t"] * cb + q["tow_point_offset.offset_m"] * sb
+    state[X] = q["datum_bias.ahead_m"] - along - xt * cb + yt * sb
     state[Y], state[B] = y, b
-    speed, _ = _speed(q, 0.0)
-    state[U], state[V] = speed * cb, -speed * sb + q["v_release"]
-    state[R] = q["r_release"]
+    speed = _speed(q, 0.0)
+    state[V], state[R] = -speed * sb + q["v_release"], q["r_release"]
+    nx, ny = -along / line, across / line
+    c, side = nx * cb + ny * sb, ny * cb - nx * sb
+    state[U] = state[R] * yt + (nx * speed + ny * post_v - side * (state[V] + state[R] * xt)) / c
     state[6] = state[7] = state[V]
-    state[PULL] = q["tension"] / np.maximum(along / line, 0.1) ** q["tension_variation.power"]
+    state[PULL] = q["tension"] / np.maximum(-nx, 0.1) ** q["tension_variation.power"]
     state[SLOSH] = np.where(q["sloshing.side_n"] != 0, 1.0, 0.0)
     return state
 
 
-def _speed(q: Lanes, t: float) -> tuple[Array, Array]:
-    """Carriage speed and its rate: a drift that settles, and a drive that sticks and slips."""
-    speed, rate = q["speed"], np.zeros(q.n)
+def _speed(q: Lanes, t: float) -> Array:
+    """Carriage speed: a drift that settles, a drive that sticks and slips, a drive that fails for a moment.
+
+    Nothing more is needed: the model's own inertia meets it through the line.
+    """
+    speed = q["speed"]
     if q.has("speed_drift.share"):
         settle = np.maximum(q["speed_drift.settle_s"], 1.0)
         span = 1 - np.exp(-q["duration"] / settle)
-        fall = np.exp(-t / settle)
-        share = q["speed_drift.share"]
-        speed, rate = (
-            speed + q["speed"] * share * ((1 - fall) / span - 0.5),
-            rate + q["speed"] * share * fall / settle / span,
-        )
+        speed = speed + q["speed"] * q["speed_drift.share"] * ((1 - np.exp(-t / settle)) / span - 0.5)
     if q.has("stick_slip.share"):
         for k in (1, 2, 3):
             w = 2 * np.pi * k * q["stick_slip.rate_hz"]
-            size = q["speed"] * q["stick_slip.share"] * (-1) ** (k + 1) / k
-            speed, rate = speed + size * np.sin(w * t), rate + size * w * np.cos(w * t)
-    return speed, rate
+            speed = speed + q["speed"] * q["stick_slip.share"] * (-1) ** (k + 1) / k * np.sin(w * t)
+    if q.has("slack_line.surplus"):
+        share, length = _of_event(q, t)
+        fastest = q["slack_line.surplus"] * q["tension"] / q["surge_mass"]
+        dip = fastest * length / (2 * np.pi) * (1 - np.cos(2 * np.pi * share))
+        speed = speed - np.where(q["slack_line.carriage"] > 0.5, dip, 0.0)
+    return speed
 
 
-def _post(q: Lanes, t: float) -> tuple[Array, Array, Array]:
-    """The post across the tank, its rate and acceleration: off its stated place, shaken by the carriage."""
+def _of_event(q: Lanes, t: float) -> tuple[Array, Array]:
+    """How far a slackening is (0 to 1, held there), and how long it lasts."""
+    length = np.maximum(q["slack_line.length_s"], 0.1)
+    return np.clip((t - q["slack_line.begin_s"]) / length, 0.0, 1.0), length
+
+
+def _wave(q: Lanes, t: float) -> Array:
+    """A following wave pushes the model ahead, then back: N along the hull."""
+    if not q.has("slack_line.surplus"):
+        return np.zeros(q.n)
+    push = q["slack_line.surplus"] * q["tension"] * np.sin(2 * np.pi * _of_event(q, t)[0])
+    return np.where(q["slack_line.carriage"] > 0.5, 0.0, push)
+
+
+def _post(q: Lanes, t: float) -> tuple[Array, Array]:
+    """The post across the tank, and its rate: off its stated place, shaken by the carriage."""
     place = q["datum_bias.aside_m"]
     if not q.has("carriage_shake.size_m"):
-        return place, np.zeros(q.n), np.zeros(q.n)
+        return place, np.zeros(q.n)
     w = 2 * np.pi * q["carriage_shake.rate_hz"]
     phase = w * t + q["carriage_shake.phase"]
     size = q["carriage_shake.size_m"]
-    return place + size * np.sin(phase), size * w * np.cos(phase), -size * w**2 * np.sin(phase)
+    return place + size * np.sin(phase), size * w * np.cos(phase)
 
 
-def wanted_tension(q: Lanes, t: float) -> Array:
-    """The tension that the settings hold: constant, or the history that the load cell saw."""
-    pull = q["tension"]
-    if q.has("history.size"):
-        a, b = 2 * np.pi * q["history.rate_hz"], 2 * np.pi * q["history.second_hz"]
-        at = t - q["history.late_s"]
-        swing = np.sin(a * at + q["history.phase"]) + 0.6 * np.sin(b * at + 2 * q["history.phase"])
-        pull = pull * (1 + q["history.size"] * swing)
-    return pull
-
-
-def _slackening(q: Lanes, t: float) -> tuple[Array, Array, Array]:
-    """How much nearer a following wave carries the model, its rate and acceleration."""
-    share = (t - q["slack_line.begin_s"]) / np.maximum(q["slack_line.length_s"], 0.1)
-    inside = (share > 0) & (share < 1)
-    w = 2 * np.pi / np.maximum(q["slack_line.length_s"], 0.1)
-    size = np.where(inside, 0.5 * q["slack_line.nearer_m"], 0.0)
-    angle = 2 * np.pi * share
-    return size * (1 - np.cos(angle)), size * w * np.sin(angle), size * w**2 * np.cos(angle)
+def _pull(q: Lanes, s: Array, length: Array, length_rate: Array) -> Array:
+    """What the line pulls with, N: a spring that cannot push, or what a winch or a weight at its other end makes it."""
+    rest = q["tension"]
+    soft = q["elastic_line.compliance_m_n"]
+    stiff = np.where(soft > 0, 1 / np.where(soft > 0, soft, 1.0), q["stiffness_n_m"])
+    # a taut line's length is taken under the pull of a tow; a soft one's with none
+    stretch = length - q["line"] + np.where(soft > 0, 0.0, rest / stiff)
+    ratio = np.where(soft > 0, q["elastic_line.damping"], q["line_damping"])
+    damper = 2 * ratio * np.sqrt(stiff * q["surge_mass"])
+    # strands grip as they tighten: no jump of the pull where a slack line comes straight
+    grip = np.clip(stiff * stretch / rest, 0.0, 1.0)
+    pull = np.where(stretch > 0, stiff * stretch + grip * damper * length_rate, 0.0)
+    if q.has("tension_variation.power"):
+        pull = np.where(q["tension_variation.power"] != 0, s[PULL], pull)
+    if q.has("constant_tension.weight"):
+        rub = q["constant_tension.friction"] * np.tanh(length_rate / SLIDES_M_S)
+        held = q["constant_tension.weight"] * rest * (1 + rub) + q["constant_tension.drag_n_s_m"] * length_rate
+        pull = np.where(q["constant_tension.weight"] > 0, held, pull)
+    return np.maximum(pull, 0.0)
 
 
 def _rates(q: Lanes, terms, t: float, s: Array, random: Array) -> tuple[Array, Array]:
     x, y, b, u, v, r = s[:6]
     sb, cb = np.sin(b), np.cos(b)
-    speed, speed_rate = _speed(q, t)
-    post_y, post_v, post_a = _post(q, t)
+    speed = _speed(q, t)
+    post_y, post_v = _post(q, t)
     xt, yt = q["x_t"], q["tow_point_offset.offset_m"]
     out = np.zeros_like(s)
     out[X], out[Y], out[B] = u * cb - v * sb - speed, u * sb + v * cb, r
@@ -183,56 +223,43 @@ def _rates(q: Lanes, terms, t: float, s: Array, random: Array) -> tuple[Array, A
     nx, ny = px / length, py / length
     vx = out[X] + r * (-xt * sb - yt * cb)
     vy = out[Y] + r * (xt * cb - yt * sb) - post_v
-    out_rate = nx * vx + ny * vy
     turn = (nx * vy - ny * vx) / length
-    base = wanted_tension(q, t)
-    target = base
+    tension = _pull(q, s, length, nx * vx + ny * vy)
     if q.has("tension_variation.power"):
         varied = q["tension_variation.power"] != 0
-        target = np.where(varied, s[PULL], base)
         w = 2 * np.pi / np.maximum(q["tension_variation.period_s"], 0.2)
-        command = base / np.maximum(-nx, 0.1) ** q["tension_variation.power"]
+        command = q["tension"] / np.maximum(-nx, 0.1) ** q["tension_variation.power"]
         out[PULL] = np.where(varied, s[PULL_RATE], 0.0)
         out[PULL_RATE] = np.where(varied, w**2 * (command - s[PULL]) - 1.4 * w * s[PULL_RATE], 0.0)
-    soft = q["elastic_line.compliance_m_n"]
-    stiff = np.where(soft > 0, 1 / np.where(soft > 0, soft, 1.0), STIFF_N_M)
-    natural = q["line"] - np.where(soft > 0, 0.0, q["tension"] / STIFF_N_M)
-    mass = q["surge_mass"]
-    ratio = np.where(soft > 0, q["elastic_line.damping"], LINE_DAMPING)
-    damper = 2 * ratio * np.sqrt(stiff * mass)
-    tension = np.maximum(target + stiff * (length - natural - target / stiff) + damper * out_rate, 0.0)
-    held, nearer_a = target, 0.0
-    if q.has("slack_line.nearer_m"):
-        nearer, nearer_v, nearer_a = _slackening(q, t)
-        held = np.maximum(target - stiff * nearer - damper * nearer_v, 0.0)
     c, side = nx * cb + ny * sb, ny * cb - nx * sb
-    # sway and yaw
-    scale = speed / q["speed_ref"]
-    force = scale * (q["y_v"] * v + q["y_r"] * r) - tension * side + random[0]
+    # the hull: what grows with its own speed through the water, not with the carriage's
+    scale = u / q["speed_ref"]
+    share = u / q["speed"]
+    added = np.zeros(q.n)
+    if q.has("new_mass.share"):
+        added = q["m"] * q["new_mass.share"] * 0.5 * (1 + np.tanh((t - q["new_mass.time_s"]) / 0.3))
+    mass = q["mass"] + added
+    y_r = q["y_r"] + q["mass"] * q["speed_ref"]
+    ahead = _wave(q, t) - q["tension"] * share * np.abs(share) ** (q["power"] - 1)
+    ahead = ahead + q["x_vv"] * v**2 + (q["x_vr"] + mass) * v * r + q["x_rr"] * r**2 - tension * c
+    force = scale * (q["y_v"] * v + y_r * r) - mass * u * r - tension * side + random[0]
     moment = scale * (q["n_v"] * v + q["n_r"] * r) - tension * (xt * side - yt * c) + random[1]
     # the line's direction in tank axes turns with ``turn``, the hull's with r: the swivel feels the difference
-    now = Now(t, y, b, v, r, speed, -tension * side, r - turn, s[LAG], s[SLOSH])
+    now = Now(t, y, b, v, r, u, -tension * side, r - turn, s[LAG], s[SLOSH])
     for term in terms:
         one, two = term(q, now)
         force, moment = force + one, moment + two
-    m, i = q["m"], q["i"]
-    if q.has("new_mass.share"):
-        m = m * (1 + q["new_mass.share"] * 0.5 * (1 + np.tanh((t - q["new_mass.time_s"]) / 0.3)))
+    m, i = q["m"] + added, q["i"]
     cross, other = q["added_mass_coupling.y_rdot"], q["added_mass_coupling.n_vdot"]
     det = m * i - cross * other
+    out[U] = ahead / (q["surge_mass"] + added)
     out[V] = (i * force + cross * moment) / det
     out[R] = (m * moment + other * force) / det
-    # surge: the resistance that keeps a taut line taut, and what the line does beyond it
-    swing = vx**2 + vy**2 - out_rate**2
-    across = (
-        side * (out[V] + u * r + out[R] * xt - r**2 * yt) - nx * speed_rate - ny * post_a + swing / length + nearer_a
-    )
-    out[U] = v * r + out[R] * yt + r**2 * xt - across / c - (tension - held) * c / mass
-    _slow_states(q, s, out, speed, tension, side)
+    _slow_states(q, s, out, tension, side)
     return out, tension
 
 
-def _slow_states(q: Lanes, s: Array, out: Array, speed: Array, tension: Array, side: Array) -> None:
+def _slow_states(q: Lanes, s: Array, out: Array, tension: Array, side: Array) -> None:
     if q.has("fluid_memory.sway") or q.has("fluid_memory.yaw"):
         fast, slow = (np.maximum(q[f"fluid_memory.{name}_s"], 0.1) for name in ("fast", "slow"))
         out[6], out[7] = (s[V] - s[6]) / fast, (s[V] - s[7]) / slow

@@ -2,6 +2,18 @@
 
 A range is (from, to, how): ``log`` logarithmically even, ``even`` even, ``either`` logarithmically even with either sign.
 Numbers of forces are those of the MARINER hull; ``draw`` scales them by the line's pull (and by the length, for moments).
+
+What holds the line, in words:
+
+- tension_variation: a winch whose servo (of ``period_s``) holds T at R/cos(alpha)^power; the line pays out and in, its length is
+  free.
+- constant_tension: the line runs over a pulley to a falling weight, or to a winch without a law: T = weight R, and a little more
+  while it pays out (friction of the pulley, drag of the drive). The model surges freely, its distance from the post is free.
+- elastic_line: a soft spring whose stated length is the unloaded one. In every other tow the line is a stiff spring, measured
+  taut.
+- slack_line: the carriage slows (``carriage`` above 0.5) by ``surplus`` R/(m - X_udot) at the worst and comes back to its speed,
+  or a following wave pushes the model with ``surplus`` R and pulls it back: the line falls slack, and straightens with a jerk.
+- stick_slip: the drive's speed swings by a share of it and two harmonics; 0.6 % at 0.2 Hz take six tenths of the pull away.
 """
 
 from __future__ import annotations
@@ -28,13 +40,23 @@ EFFECTS: dict[str, dict[str, Range]] = {
     "bank_suction": {"strength_m5": (0.003, 0.015, "log"), "lead": (-0.5, 0.5, "even")},
     "cross_current": {"flow_m_s": (0.003, 0.02, "either"), "shear": (-0.8, 0.8, "even")},
     "speed_drift": {"share": (0.008, 0.05, "either"), "settle_s": (8.0, 60.0, "log")},
-    "tension_variation": {"power": (0.6, 2.5, "log"), "period_s": (0.6, 3.0, "log")},
+    "tension_variation": {"power": (0.6, 1.8, "log"), "period_s": (0.6, 3.0, "log")},
+    "constant_tension": {
+        "friction": (0.002, 0.02, "log"),
+        "drag_n_s_m": (0.5, 5.0, "log"),
+        "weight": (0.998, 1.003, "even"),
+    },
     "elastic_line": {
         "compliance_m_n": (0.002, 0.01, "log"),
         "damping": (0.02, 0.1, "log"),
         "shock": (0.0, 0.6, "even"),
     },
-    "slack_line": {"nearer_m": (0.01, 0.04, "log"), "length_s": (2.0, 4.0, "even"), "begin_s": (8.0, 30.0, "even")},
+    "slack_line": {
+        "surplus": (1.3, 1.9, "log"),
+        "length_s": (1.6, 2.8, "even"),
+        "begin_s": (8.0, 30.0, "even"),
+        "carriage": (0.0, 1.0, "even"),
+    },
     "tow_point_offset": {"offset_m": (0.003, 0.015, "either")},
     "swivel_friction": {"moment_n_m": (0.015, 0.09, "log"), "stick": (0.0, 0.5, "even")},
     "lens_distortion": {"bend": (0.01, 0.05, "either")},
@@ -55,7 +77,7 @@ EFFECTS: dict[str, dict[str, Range]] = {
     "sync_delay": {"delay_s": (0.08, 0.5, "either")},
     "rolling_shutter": {"readout_s": (0.008, 0.035, "log")},
 }
-"""Effects that the library knows by name (formats.md)."""
+"""Effects that the library knows by name (formats.md); the first number of each may be cut down (``draw.gentle``)."""
 
 OUTSIDE: dict[str, dict[str, Range]] = {
     "washboard": {
@@ -86,7 +108,7 @@ OUTSIDE: dict[str, dict[str, Range]] = {
     },
     "carriage_shake": {"size_m": (0.002, 0.01, "log"), "rate_hz": (0.12, 0.5, "log"), "phase": (0.0, 6.28, "even")},
     "new_mass": {"share": (0.08, 0.35, "log"), "time_s": (10.0, 28.0, "even")},
-    "stick_slip": {"share": (0.03, 0.12, "log"), "rate_hz": (0.1, 0.5, "log")},
+    "stick_slip": {"share": (0.001, 0.006, "log"), "rate_hz": (0.1, 0.3, "log")},
 }
 """What no library holds."""
 

@@ -316,7 +316,8 @@ def _run(index: int, lens: Lens, picks, x_t: float, line: float, speed: float, t
             {"name": name, "body_m": list(b), "depth_m": float(d)}
             for name, b, d in zip(("bow", "stern"), BODY, depth, strict=True)
         ],
-        "tow": {"speed_m_s": speed, "line_length_m": line, "tow_point_m": x_t, "tension_n": float(tension)},
+        "tow": {"speed_m_s": speed, "line_length_m": line, "tow_point_m": x_t, "tension_n": float(tension)}
+        | {"line": "constant"},
         "model": {"length_pp_m": LENGTH_M, "mass_kg": 78.0},
         "water": {"density_kg_m3": DENSITY, "tank_width_m": WIDTH_M},
     }

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..record.errors import InputError
 from ..record.scenario import ScenarioFile
-from ..simulate.model import Array, ExtraForce, Hull, Tow, line_angle_rate, line_force
+from ..simulate.model import Array, ExtraForce, Hull, Tow, full_state, line_angle_rate, line_force
 from .effects import LIBRARY, Effect, Situation
 
 
@@ -28,7 +28,8 @@ def effects_of(file: ScenarioFile, path: Path) -> list[tuple[Effect, Array]]:
             raise InputError(
                 path, f"{where}.name", f"{table.name!r}; expected one of {', '.join(sorted({e.name for e in LIBRARY}))}"
             )
-        effect = named[0]
+        # variants of one name differ in their numbers
+        effect = next((e for e in named if set(table.numbers) <= {p.name for p in e.parameters}), named[0])
         if not (effect.force or effect.tension or effect.coupling or effect.length or effect.offset) or effect.lag_s:
             raise InputError(
                 path,
@@ -46,13 +47,20 @@ def effects_of(file: ScenarioFile, path: Path) -> list[tuple[Effect, Array]]:
 def with_effects(
     hull: Hull, tow: Tow, effects: list[tuple[Effect, Array]], file: ScenarioFile
 ) -> tuple[Hull, Tow, ExtraForce | None]:
-    """Hull, tow and added force of a simulation with effects."""
+    """Hull, tow and added force of a simulation with effects.
+
+    What a line that keeps its length stretches by (``Effect.length``) makes it a spring. A change of its tension acts beyond what
+    keeps its length, as in the diagnosis: the constraint answers a force, so that a force is put in whose answer is just that. The
+    carriage's speed is taken as constant there.
+    """
     pull = tow.tension_n if tow.tension_n is not None else float(tow.resistance_n or 0.0)
     for effect, n in effects:
         if effect.coupling is not None:
             y_rdot, n_vdot = effect.coupling(*n)
             hull = replace(hull, y_rdot=hull.y_rdot + float(y_rdot), n_vdot=hull.n_vdot + float(n_vdot))
-        if effect.length is not None:
+        if effect.length is not None and tow.line == "surge" and float(effect.length(1.0, *n)) > 0:
+            tow = replace(tow, stiffness_n_m=1 / float(effect.length(1.0, *n)))
+        elif effect.length is not None:
             tow = replace(tow, line_length_m=tow.line_length_m + float(effect.length(pull, *n)))
         if effect.offset is not None:
             tow = replace(tow, tow_point_offset_m=tow.tow_point_offset_m + float(effect.offset(*n)))
@@ -76,9 +84,18 @@ def with_effects(
             if effect.force is not None:
                 one, two = effect.force(s, *n)
                 side, moment = side + one, moment + two
-            if effect.tension is not None:
-                one, two = line_force(tow, effect.tension(s, *n), np.sin(angle), np.cos(angle))
-                side, moment = side + one, moment + two
-        return side, moment
+        if not any(effect.tension is not None for effect, _ in pushing):
+            return side, moment
+        state, newton = (alpha, beta, v, r), line_force(tow, 1.0, np.sin(angle), np.cos(angle))
+        plain, more = (
+            full_state(
+                t_s, state, here, tow, lambda *_, share=share: (side + share * newton[0], moment + share * newton[1])
+            )
+            for share in (0.0, 1.0)
+        )
+        at = replace(s, tension_n=plain.tension_n, beyond_n=plain.tension_n - pull)
+        change = sum(effect.tension(at, *n) for effect, n in pushing if effect.tension is not None)
+        change = change / (1 + more.tension_n - plain.tension_n)
+        return side + change * newton[0], moment + change * newton[1]
 
     return hull, tow, extra

@@ -14,11 +14,11 @@ from .diagnose.effects import LIBRARY, Effect, installed_effects, load_effects
 from .diagnose.gap import Diagnosis, diagnosed
 from .diagnose.tow import TowSimulator
 from .diagnose.tow_data import TowRun, block_step, tow_run
+from .diagnose.tow_numbers import COMPLIANCE
 from .record.errors import EstimationError, InputError, TowlineError
 from .record.files import write_text
 from .record.results import DerivativesFile, read_result
 from .record.run import RUN_FILE, Run, all_inputs, read_run
-from .diagnose.tow_numbers import COMPLIANCE
 from .simulate.model import DERIVATIVE_UNITS
 from .stages import Moved, datum_of, moved, static_tracks
 

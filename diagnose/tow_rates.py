@@ -237,6 +237,7 @@ class TowRates:
         self._hull = self._reference.at_speed(tow.speed_m_s)
         self._pushing = [a for a in numbers.active if a.effect.force is not None]
         self._pulling = [a for a in numbers.active if a.effect.tension is not None]
+        self._keeping = [a for a in numbers.active if a.effect.keeps is not None]
         self._speeding = [a for a in numbers.active if a.effect.speed is not None]
 
     def __call__(self, t: Any, state: Array) -> Array:
@@ -292,7 +293,7 @@ class TowRates:
         if self._speeding or fields.driven:
             speed, rate = self._speed(t, _Moment(hull, tow, core))
             # on a line that keeps its length the forces take u, and the speed they are quoted at stays the run's own
-            if "constant" in fields.lines:
+            if "constant" in fields.lines or self._keeping:
                 hull = self._reference.at_speed(speed)
             tow = replace(tow, speed_m_s=speed, speed_rate_m_s2=rate)
         return _Moment(hull, tow, core)
@@ -326,16 +327,22 @@ class TowRates:
             return side, moment
 
         pushed = extra if self._pushing else None
-        found = []
-        for line in self._fields.lines:
+        lines = ("surge", "constant") if self._keeping else self._fields.lines
+        found = {}
+        for line in lines:
             hull = self._hull if line == "surge" else now.hull
             tow = now.tow if now.tow.line == line else replace(now.tow, line=line)
-            found.append(full_state(t, now.core, hull, tow, pushed))
+            found[line] = full_state(t, now.core, hull, tow, pushed)
         if len(found) == 1:
-            return found[0]
-        one, two = found if self._fields.lines[0] == "surge" else found[::-1]
-        both = ((one.rates, two.rates), (one.tension_n, two.tension_n), (one.u_m_s, two.u_m_s))
-        return Taut(*(np.where(self._fields.surge, *pair) for pair in both))
+            return found[lines[0]]
+        # how far each run, in each column, keeps its tension
+        share = np.where(self._fields.surge, 0.0, 1.0) + 0.0 * now.core[2]
+        for a in self._keeping:
+            assert a.effect.keeps is not None
+            share[..., a.columns] += np.where(self._fields.surge, a.effect.keeps(*a.numbers), 0.0)
+        one, two = (found[line] for line in ("surge", "constant"))
+        pairs = ((one.rates, two.rates), (one.tension_n, two.tension_n), (one.u_m_s, two.u_m_s))
+        return Taut(*(length + share * (pull - length) for length, pull in pairs))
 
     def _pulled(self, t: Any, state: Array, now: _Moment, taut: Taut) -> Array:
         """The rates where effects change T: beyond what keeps the line's length, which they do not ask."""

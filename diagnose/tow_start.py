@@ -111,17 +111,16 @@ def measured_path(run: TowRun, nodes: int, wider: Sequence[float] | Array = (1.0
     at = np.clip(np.arange(nodes) * run.step_s / 2, 0.0, len(run.centre_s) * run.step_s)
     sds = [wider[k] * np.sqrt(np.diag(run.covariance[k])[good]) for k in (0, 1)]
     y, beta = (UnivariateSpline(t_s, run.values[good, k], 1 / sd, s=len(t_s)) for k, sd in enumerate(sds))
-    post_y, post_rate = tow.post_motion(at + run.start_s)
-    sine = (
-        y(at) - post_y + tow.tow_point_m * np.sin(beta(at)) + tow.tow_point_offset_m * np.cos(beta(at))
-    ) / tow.line_length_m
+    y_cg, y_rate, heading, turn = (np.asarray(f(at)) for f in (y, y.derivative(), beta, beta.derivative()))
+    post_y, post_rate = (np.asarray(p) for p in tow.post_motion(at + run.start_s))
+    sin_b, cos_b = np.sin(heading), np.cos(heading)
+    sine = (y_cg - post_y + tow.tow_point_m * sin_b + tow.tow_point_offset_m * cos_b) / tow.line_length_m
     alpha = np.arcsin(np.clip(sine, -LARGEST_SINE, LARGEST_SINE))
     # the tow point's way along its circle gives alpha', and that the sway (2.9)
-    sin_b, cos_b, turn = np.sin(beta(at)), np.cos(beta(at)), beta.derivative()(at)
-    across = y.derivative()(at) - post_rate + (tow.tow_point_m * cos_b - tow.tow_point_offset_m * sin_b) * turn
-    sway = across * np.cos(alpha + beta(at)) / np.cos(alpha) - tow.tow_point_m * turn
-    sway += post_rate * cos_b - tow.speed_m_s * sin_b
-    return np.stack([alpha, beta(at), sway, turn])
+    across = y_rate - post_rate + (tow.tow_point_m * cos_b - tow.tow_point_offset_m * sin_b) * turn
+    sway = across * np.cos(alpha + heading) / np.cos(alpha) - tow.tow_point_m * turn
+    sway = sway + post_rate * cos_b - tow.speed_m_s * sin_b
+    return np.stack([alpha, heading, sway, turn])
 
 
 __all__ = ["base_hypotheses", "measured_path"]

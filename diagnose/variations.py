@@ -86,7 +86,7 @@ class Variations:
         found = [k for k in range(self.shared) if k not in self._seen_only]
         found += [self.shared + k for k in IN_RATES]
         for effect, numbers, at in self.each():
-            works = (effect.coupling, effect.speed, effect.length, effect.offset)
+            works = (effect.coupling, effect.keeps, effect.speed, effect.length, effect.offset)
             if any(work is not None for work in works):
                 found += range(at, at + len(numbers))
         return tuple(found)

@@ -413,4 +413,4 @@ def test_what_an_effect_takes_from_the_tension_acts_where_the_line_does() -> Non
         np.sin(angle),
         np.cos(angle),
     )
-    np.testing.assert_allclose(extra(*state), wanted, rtol=1e-12)
+    np.testing.assert_allclose(extra(*state), wanted, rtol=1e-10)

@@ -126,6 +126,7 @@ class Effect:
     physics, source, cure : a sentence, where it stands, what to do about it
     force : (situation, *numbers) -> (Y N, N N m); a line that keeps its length answers it by its tension
     tension : (situation, *numbers) -> change of T, N, whatever a line that keeps its length asks
+    keeps : (*numbers) -> how far the line keeps its tension instead of its length, 0..1
     coupling : (*numbers) -> (Y_rdot, N_vdot), kg m
     speed : (situation, *numbers) -> change of U, m/s, by the time alone
     length : (tension N, *numbers) -> how much longer the line is than stated, m
@@ -153,6 +154,7 @@ class Effect:
     source: str = ""
     force: Callable[..., tuple[Any, Any]] | None = None
     tension: Callable[..., Any] | None = None
+    keeps: Callable[..., Any] | None = None
     coupling: Callable[..., tuple[Any, Any]] | None = None
     speed: Callable[..., Any] | None = None
     length: Callable[..., Any] | None = None

@@ -41,11 +41,6 @@ def _stretch(seen: Seen, compliance, follows):
     return compliance * (seen.beyond_n + follows * rest)
 
 
-def _kept(s: Situation, share):
-    """So far as a weight or a winch keeps the tension, the line pays out or in by as much as the model swings along it."""
-    return -share * s.beyond_n
-
-
 def _no_length(run) -> str:
     tow = run.file.tow
     return "" if tow is not None and tow.line == "surge" else 'line = "constant" keeps its tension'
@@ -62,7 +57,7 @@ KEPT = Effect(
     "A falling weight or a winch keeps the line at one tension: it gives way instead of swinging the model's mass.",
     'Give line = "constant", or tow on a line that keeps its length.',
     "theory.md 10",
-    tension=_kept,
+    keeps=lambda share: share,
     needs=_no_length,
 )
 TENSION = Effect(

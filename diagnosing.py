@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from .record.errors import EstimationError, InputError, TowlineError
 from .record.files import write_text
 from .record.results import DerivativesFile, read_result
 from .record.run import RUN_FILE, Run, all_inputs, read_run
-from .simulate.model import DERIVATIVE_UNITS
+from .simulate.model import DERIVATIVE_UNITS, Line
 from .stages import Moved, datum_of, moved, static_tracks
 
 Progress = Callable[[str, int, int | None], None]
@@ -55,6 +55,7 @@ def diagnose_folders(
     effects: Sequence[Path] = (),
     reference: Path | None = None,
     progress: Progress | None = None,
+    line: Line | None = None,
 ) -> Diagnosed:
     """Diagnose run folders.
 
@@ -64,6 +65,7 @@ def diagnose_folders(
     held_out : runs kept aside for the shrink (fitted last); none: each run is kept aside in turn
     effects : Python files with effects of one's own
     reference : derivatives.json of the simulator that is to be judged; None: the derivatives are fitted to these runs
+    line : what every run's line keeps, instead of what its run.toml states
 
     Raises
     ------
@@ -76,7 +78,7 @@ def diagnose_folders(
     held: list[int] = []
     for folder in (*folders, *held_out):
         try:
-            run = read_run(folder)
+            run = _on_line(read_run(folder), line)
             if run.file.kind == "free":
                 raise InputError(run.folder / RUN_FILE, "kind", f"{run.file.kind!r}: only towed runs can be diagnosed")
             motions.append(moved(run, progress=progress))
@@ -105,6 +107,13 @@ def diagnose_folders(
             f"the runs' normal equations cannot be solved ({error}); does each run hold a tow?"
         ) from error
     return Diagnosed(found, runs, failed)
+
+
+def _on_line(run: Run, line: Line | None) -> Run:
+    if line is None or run.file.tow is None:
+        return run
+    tow = run.file.tow.model_copy(update={"line": line})
+    return replace(run, file=run.file.model_copy(update={"tow": tow}))
 
 
 def _reference(path: Path) -> tuple[np.ndarray, np.ndarray, float]:

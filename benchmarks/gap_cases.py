@@ -17,7 +17,7 @@ from towline.geometry import Camera, Lens
 from towline.record import Run, RunFile
 from towline.record.toml import check_tables
 from towline.simulate.model import RESISTANCE_EXPONENT, Hull, Line, Tow, alpha_from_y, full_rates, full_x_cg, full_y_cg
-from towline.simulate.motion import Histories
+from towline.simulate.motion import Histories, Start, simulate_full
 
 SIX = (149.19, 62.11, -52.87, -66.33, -48.51, -57.60)
 SPEED_M_S, LENGTH_M, DENSITY, WIDTH_M = 1.28, 2.66, 1000.0, 4.6
@@ -142,9 +142,14 @@ def _tow(
         return one + np.interp(t, fine, random[0]), two + np.interp(t, fine, random[1])
 
     start = float(alpha_from_y(y * (1 + 0.02 * rng.normal()), beta, tow))
-    path = _swum(hull, tow, np.array([start, beta, 0.0, 0.0]), motion_t, histories, force)
-    alpha, heading = path[:, 0], path[:, 1]
-    pose = np.column_stack([full_x_cg(alpha, heading, tow), full_y_cg(0.0, alpha, heading, tow), heading])
+    if planted == "elastic_line" and line_keeps == "surge":  # a spring, and the model bounces on it
+        spring = replace(tow, stiffness_n_m=1 / size)
+        motion = simulate_full(hull, spring, Start(beta_rad=beta, alpha_rad=start), motion_t, extra=force)
+        alpha, pose = motion["alpha_rad"].to_numpy(), motion[["x_cg_m", "y_cg_m", "beta_rad"]].to_numpy()
+    else:
+        path = _swum(hull, tow, np.array([start, beta, 0.0, 0.0]), motion_t, histories, force)
+        alpha, heading = path[:, 0], path[:, 1]
+        pose = np.column_stack([full_x_cg(alpha, heading, tow), full_y_cg(0.0, alpha, heading, tow), heading])
     pose = _geometry(planted, size, pose, alpha, motion_t, tow, index)
     tracks = _filmed(planted, size, camera, pose, depth, t_s, rng, noise)
     held = np.tile(pose[:1], (int(STATIC_S * RATE_HZ), 1))
@@ -182,8 +187,8 @@ def _settings(planted: str, size: float, tow: Tow, hull: Hull) -> tuple[Historie
     if planted == "tow_point_offset":
         return Histories(), replace(tow, tow_point_offset_m=size), hull
     if planted == "elastic_line":
-        longer = tow.line_length_m + size * tow.tension_n
-        return Histories(), replace(tow, line_length_m=longer), hull
+        longer = size * tow.tension_n if tow.line == "constant" else 0.0
+        return Histories(), replace(tow, line_length_m=tow.line_length_m + longer), hull
     if planted == "slack_line":
         full = tow.tension_n
 

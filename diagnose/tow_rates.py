@@ -237,7 +237,8 @@ class TowRates:
         self._hull = self._reference.at_speed(tow.speed_m_s)
         self._pushing = [a for a in numbers.active if a.effect.force is not None]
         self._pulling = [a for a in numbers.active if a.effect.tension is not None]
-        self._keeping = [a for a in numbers.active if a.effect.keeps is not None]
+        # a line that is stated to keep its tension does so already
+        self._keeping = [a for a in numbers.active if a.effect.keeps is not None and fields.surge.any()]
         self._speeding = [a for a in numbers.active if a.effect.speed is not None]
 
     def __call__(self, t: Any, state: Array) -> Array:

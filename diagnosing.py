@@ -14,6 +14,7 @@ from .diagnose.effects import LIBRARY, Effect, installed_effects, load_effects
 from .diagnose.gap import Diagnosis, diagnosed
 from .diagnose.tow import TowSimulator
 from .diagnose.tow_data import TowRun, block_step, tow_run
+from .diagnose.tow_numbers import COMPLIANCE
 from .record.errors import EstimationError, InputError, TowlineError
 from .record.files import write_text
 from .record.results import DerivativesFile, read_result
@@ -78,7 +79,7 @@ def diagnose_folders(
     for folder in (*folders, *held_out):
         try:
             run = read_run(folder, line)
-            if run.file.kind != "tow":
+            if run.file.kind == "free":
                 raise InputError(run.folder / RUN_FILE, "kind", f"{run.file.kind!r}: only towed runs can be diagnosed")
             motions.append(moved(run, progress=progress))
             if folder in held_out:
@@ -116,7 +117,7 @@ def _reference(path: Path) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def write_model(path: Path, found: Diagnosed) -> None:
-    """The simulator that reproduces the tank: derivatives and effect, as a scenario's [hull] and [[effect]] tables."""
+    """The simulator that reproduces the tank: derivatives, what the line keeps and effect, as tables of a scenario."""
     import tomlkit
 
     diagnosis = found.diagnosis
@@ -125,13 +126,17 @@ def write_model(path: Path, found: Diagnosed) -> None:
     document.add(
         tomlkit.comment("Derivatives and unmodelled effects that reproduce these runs; put both into a scenario.toml.")
     )
-    hull = tomlkit.table()
-    for name, value in zip(DERIVATIVE_UNITS, fitted.hypothesis.shared, strict=True):
-        hull[name] = float(value)
     simulator = diagnosis.inference.simulator
     assert isinstance(simulator, TowSimulator)
+    hull = tomlkit.table()
+    for name, value in zip(simulator.shared_names, fitted.hypothesis.shared, strict=True):
+        if name != COMPLIANCE:
+            hull[name] = float(value)
     hull["speed_m_s"] = simulator.speed_m_s
     document["hull"] = hull
+    line = tomlkit.table()
+    line.add("line", "surge" if any(run.data.tow.line == "surge" for run in simulator.runs) else "constant")
+    document["tow"] = line
     tables = tomlkit.aot()
     for effect, numbers in zip(fitted.hypothesis.effects, fitted.hypothesis.numbers, strict=True):
         table = tomlkit.table()

@@ -1,6 +1,6 @@
 """One campaign of six tows for every effect of the library, none, and two that are in no library: what the diagnosis says.
 
-    python benchmarks/gap.py [--seeds 1] [--only NAME ...]
+    python benchmarks/gap.py [--seeds 1] [--only NAME ...] [--line surge]
 
 A look at every effect at a size that is clear to the eye in the residual, not a score: that takes many campaigns of random size
 whose truth is withheld. benchmarks/gap.txt is a run of it.
@@ -12,7 +12,7 @@ import argparse
 import time
 
 import numpy as np
-from gap_cases import EFFECTS, campaign
+from gap_cases import EFFECTS, NEEDS_CONSTANT, NEEDS_SURGE, campaign
 
 from towline import __version__
 from towline.diagnose.effects import LIBRARY
@@ -28,13 +28,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--only", nargs="+", choices=sorted(EFFECTS), default=list(EFFECTS))
+    parser.add_argument("--line", choices=("constant", "surge"), default="surge", help="what the line keeps")
     given = parser.parse_args()
     head = ("planted", "size", "verdict", "first", "p", "no gap", "unknown", "before", "after", "s")
     print(("{:22}{:>8} {:9}{:44}{:>6}{:>8}{:>9}{:>8}{:>7}{:>5}").format(*head), flush=True)
-    for planted in given.only:
+    apart = NEEDS_CONSTANT if given.line == "surge" else NEEDS_SURGE
+    for planted in (name for name in given.only if name not in apart):
         number = list(EFFECTS).index(planted)
         for seed in range(given.seeds):
-            case = campaign(planted, np.random.default_rng([seed, number]))
+            case = campaign(planted, np.random.default_rng([seed, number]), line=given.line)
             began = time.perf_counter()
             fit = run_datum(case.runs[0][0], None)
             runs = []

@@ -16,11 +16,12 @@ from scipy.spatial.transform import Rotation
 from towline.geometry import Camera, Lens
 from towline.record import Run, RunFile
 from towline.record.toml import check_tables
-from towline.simulate.model import Hull, Tow, alpha_from_y, full_rates, full_x_cg, full_y_cg
-from towline.simulate.motion import Histories
+from towline.simulate.model import RESISTANCE_EXPONENT, Hull, Line, Tow, alpha_from_y, full_rates, full_x_cg, full_y_cg
+from towline.simulate.motion import Histories, Start, simulate_full
 
 SIX = (149.19, 62.11, -52.87, -66.33, -48.51, -57.60)
 SPEED_M_S, LENGTH_M, DENSITY, WIDTH_M = 1.28, 2.66, 1000.0, 4.6
+SURGE = {"mass_kg": 78.0, "x_udot_kg": -4.0, "x_vr_kg": 40.0}
 RATE_HZ, DURATION_S, STATIC_S = 25.0, 45.0, 12.0
 DESIGN = (
     # tow point, line, speed, y at release, heading at release
@@ -57,10 +58,13 @@ EFFECTS = {
     "marker_roll": 0.01,
     "frame_rate": 0.012,
     "rolling_shutter": 0.03,
+    "constant_tension": 1.0,
     "unknown washboard": 0.15,
     "unknown kick": 0.12,
 }
 """Effect -> its size (SI): clear to the eye in the residual."""
+NEEDS_CONSTANT, NEEDS_SURGE = ("tension_variation", "slack_line"), ("constant_tension",)
+"""Planted as a course of the tension, or by taking the line's length for what it does not keep."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,9 @@ class Campaign:
     planted: str
 
 
-def campaign(planted: str, rng: np.random.Generator, size: float | None = None, noise: float = 1.0) -> Campaign:
+def campaign(
+    planted: str, rng: np.random.Generator, size: float | None = None, noise: float = 1.0, line: Line = "constant"
+) -> Campaign:
     """Six tows with an effect.
 
     Parameters
@@ -85,6 +91,7 @@ def campaign(planted: str, rng: np.random.Generator, size: float | None = None, 
     planted : of EFFECTS
     size : instead of its usual one
     noise : factor on all noise
+    line : what it keeps, its tension or (as a line does) its length
     """
     size = EFFECTS[planted] if size is None else size
     lens = Lens(1300.0, 1300.0, 640.0 + rng.normal(0, 4), 360.0 + rng.normal(0, 4), np.array([-0.05, 0.0, 0, 0, 0]))
@@ -97,21 +104,32 @@ def campaign(planted: str, rng: np.random.Generator, size: float | None = None, 
     if planted == "datum_scale":
         points = points * [1 + size, 1 + size, 1.0]
     picks = picked_by.project(points) + 0.15 * noise * rng.normal(size=(len(DATUM), 2))
-    return Campaign([_tow(planted, size, i, camera, picks, rng, noise) for i in range(len(DESIGN))], planted)
+    return Campaign([_tow(planted, size, i, camera, picks, rng, noise, line) for i in range(len(DESIGN))], planted)
 
 
 def _tow(
-    planted: str, size: float, index: int, camera: Camera, picks: np.ndarray, rng: np.random.Generator, noise: float
+    planted: str,
+    size: float,
+    index: int,
+    camera: Camera,
+    picks: np.ndarray,
+    rng: np.random.Generator,
+    noise: float,
+    line_keeps: Line,
 ):
     x_t, line, speed, y, beta = DESIGN[index]
-    tension = 3.96 * (speed / SPEED_M_S) ** 2
+    tension = 3.96 * (speed / SPEED_M_S) ** (2 if line_keeps == "constant" else RESISTANCE_EXPONENT)
     depth = (0.19, 0.22)
-    run = _run(index, camera.lens, picks, x_t, line, speed, tension, depth)
+    run = _run(index, camera.lens, picks, x_t, line, speed, tension, depth, line_keeps)
     small = rng.normal(size=4) * noise
     tow = Tow(
-        speed * (1 + 1e-3 * small[0]), line + 5e-4 * small[1], x_t + 5e-4 * small[2], tension * (1 + 4e-3 * small[3])
+        speed * (1 + 1e-3 * small[0]),
+        line + 5e-4 * small[1],
+        x_t + 5e-4 * small[2],
+        tension * (1 + 4e-3 * small[3]),
+        line=line_keeps,
     )
-    hull = Hull(*SIX, speed_m_s=SPEED_M_S)
+    hull = Hull(*SIX, speed_m_s=SPEED_M_S, **SURGE)
     t_s = np.arange(int(DURATION_S * RATE_HZ)) / RATE_HZ
     motion_t = t_s * (1 + size) if planted == "frame_rate" else t_s
     fine = np.linspace(0, motion_t[-1] + 1, int(8 * (motion_t[-1] + 1)))
@@ -124,9 +142,14 @@ def _tow(
         return one + np.interp(t, fine, random[0]), two + np.interp(t, fine, random[1])
 
     start = float(alpha_from_y(y * (1 + 0.02 * rng.normal()), beta, tow))
-    path = _swum(hull, tow, np.array([start, beta, 0.0, 0.0]), motion_t, histories, force)
-    alpha, heading = path[:, 0], path[:, 1]
-    pose = np.column_stack([full_x_cg(alpha, heading, tow), full_y_cg(0.0, alpha, heading, tow), heading])
+    if planted == "elastic_line" and line_keeps == "surge":  # a spring, and the model bounces on it
+        spring = replace(tow, stiffness_n_m=1 / size)
+        motion = simulate_full(hull, spring, Start(beta_rad=beta, alpha_rad=start), motion_t, extra=force)
+        alpha, pose = motion["alpha_rad"].to_numpy(), motion[["x_cg_m", "y_cg_m", "beta_rad"]].to_numpy()
+    else:
+        path = _swum(hull, tow, np.array([start, beta, 0.0, 0.0]), motion_t, histories, force)
+        alpha, heading = path[:, 0], path[:, 1]
+        pose = np.column_stack([full_x_cg(alpha, heading, tow), full_y_cg(0.0, alpha, heading, tow), heading])
     pose = _geometry(planted, size, pose, alpha, motion_t, tow, index)
     tracks = _filmed(planted, size, camera, pose, depth, t_s, rng, noise)
     held = np.tile(pose[:1], (int(STATIC_S * RATE_HZ), 1))
@@ -159,10 +182,13 @@ def _settings(planted: str, size: float, tow: Tow, hull: Hull) -> tuple[Historie
         return Histories(speed_m_s=lambda t: speed * (1 + size * (t / DURATION_S - 0.5))), tow, hull
     if planted == "tension_variation":
         return Histories(), replace(tow, tension_n=None, resistance_n=tow.tension_n), hull
+    if planted == "constant_tension":
+        return Histories(), replace(tow, line="constant"), hull
     if planted == "tow_point_offset":
         return Histories(), replace(tow, tow_point_offset_m=size), hull
     if planted == "elastic_line":
-        return Histories(), replace(tow, line_length_m=tow.line_length_m + size * tow.tension_n), hull
+        longer = size * tow.tension_n if tow.line == "constant" else 0.0
+        return Histories(), replace(tow, line_length_m=tow.line_length_m + longer), hull
     if planted == "slack_line":
         full = tow.tension_n
 
@@ -301,7 +327,9 @@ def _slow(t_s: np.ndarray, sd: float, time_s: float, rng: np.random.Generator) -
     return values
 
 
-def _run(index: int, lens: Lens, picks, x_t: float, line: float, speed: float, tension: float, depth) -> Run:
+def _run(
+    index: int, lens: Lens, picks, x_t: float, line: float, speed: float, tension: float, depth, line_keeps: Line
+) -> Run:
     numbers = dict(zip(("fx_px", "fy_px", "cx_px", "cy_px"), map(float, lens.vector[:4]), strict=True))
     content = {
         "name": f"tow-{index + 1}",
@@ -316,7 +344,8 @@ def _run(index: int, lens: Lens, picks, x_t: float, line: float, speed: float, t
             {"name": name, "body_m": list(b), "depth_m": float(d)}
             for name, b, d in zip(("bow", "stern"), BODY, depth, strict=True)
         ],
-        "tow": {"speed_m_s": speed, "line_length_m": line, "tow_point_m": x_t, "tension_n": float(tension)},
+        "tow": {"speed_m_s": speed, "line_length_m": line, "tow_point_m": x_t, "tension_n": float(tension)}
+        | {"line": line_keeps},
         "model": {"length_pp_m": LENGTH_M, "mass_kg": 78.0},
         "water": {"density_kg_m3": DENSITY, "tank_width_m": WIDTH_M},
     }

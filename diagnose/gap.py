@@ -82,7 +82,7 @@ def diagnosed(
     say("where it lies, and how far it shrinks")
     place = where(inference, ranking, best)
     rows, headline = _rows(inference, ranking, held, rng, best)
-    twins = _twins(ranking, best, simulator.symmetries)
+    twins = _twins(ranking, best, simulator.symmetries(inference, ranking.base))
     names = [run.name for run in simulator.runs]
     say("the run that would tell most")
     file = GapFile(

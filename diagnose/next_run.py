@@ -15,6 +15,7 @@ from .tow_data import TowRun
 from .tow_model import TowModel
 from .tow_noise import tow_noise
 from .tow_rates import OWN
+from .tow_start import straight_pull
 
 LINES = (0.55, 1.0, 1.6)
 SPEEDS = (0.7, 1.0, 1.4)
@@ -54,7 +55,8 @@ def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | No
         return None
     pattern = max(model.runs, key=lambda r: len(r.centre_s))
     runs, settings = _designs(model.runs, pattern)
-    trial = TowModel(runs, model.speed_m_s)
+    trial = TowModel(runs, model.speed_m_s, model.shared_names)
+    count = len(model.shared_names)
     one, two = (_taken_over(f.hypothesis, settings) for f in (first, second))
     try:
         linear = trial.linear([_without_camera(one), _without_camera(two)])
@@ -72,9 +74,9 @@ def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | No
         apart = other - residual
         white, j = noise.whitened(index, first.forces, (apart, slope))
         n = 2 * len(pattern.centre_s)
-        white, own, shared = white[:n], j[:n, 6:16], j[:n, :6]
+        white, own, shared = white[:n], j[:n, count : count + len(OWN)], j[:n, :count]
         # the new run's own numbers are fitted to it, the derivatives as far as they are not known
-        spread = first.solved.covariance[:6, :6]
+        spread = first.solved.covariance[:count, :count]
         known = np.linalg.cholesky(spread + 1e-12 * np.diag(np.diag(spread)))
         columns = np.concatenate([own * own_sd[index], shared @ known], axis=1)
         inner = np.eye(columns.shape[1]) + columns.T @ columns
@@ -102,7 +104,9 @@ def _designs(made: Sequence[TowRun], pattern: TowRun) -> tuple[list[TowRun], lis
             tow_point_m=x_t,
             line_length_m=f * tow.line_length_m,
             speed_m_s=s * tow.speed_m_s,
-            tension_n=s**2 * float(tow.tension_n or 1.0),
+            tension_n=s**2 * straight_pull(pattern)[0],
+            rudder_rad=0.0,
+            post_amplitude_m=0.0,
         )
         if across > here.line_length_m * np.sin(STEEPEST_RAD):
             continue

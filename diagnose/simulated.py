@@ -9,7 +9,7 @@ import numpy as np
 
 from ..record.errors import InputError
 from ..record.scenario import ScenarioFile
-from ..simulate.model import Array, ExtraForce, Hull, Tow, line_angle_rate, line_force
+from ..simulate.model import Array, ExtraForce, Hull, Taut, Tow, accelerated, full_state, line_angle_rate, line_force
 from .effects import LIBRARY, Effect, Situation
 
 
@@ -28,8 +28,10 @@ def effects_of(file: ScenarioFile, path: Path) -> list[tuple[Effect, Array]]:
             raise InputError(
                 path, f"{where}.name", f"{table.name!r}; expected one of {', '.join(sorted({e.name for e in LIBRARY}))}"
             )
-        effect = named[0]
-        if not (effect.force or effect.tension or effect.coupling or effect.length or effect.offset) or effect.lag_s:
+        # variants of one name differ in their numbers
+        effect = next((e for e in named if set(table.numbers) <= {p.name for p in e.parameters}), named[0])
+        works = effect.force, effect.tension, effect.keeps, effect.coupling, effect.length, effect.offset
+        if not any(works) or effect.lag_s:
             raise InputError(
                 path,
                 f"{where}.name",
@@ -46,17 +48,24 @@ def effects_of(file: ScenarioFile, path: Path) -> list[tuple[Effect, Array]]:
 def with_effects(
     hull: Hull, tow: Tow, effects: list[tuple[Effect, Array]], file: ScenarioFile
 ) -> tuple[Hull, Tow, ExtraForce | None]:
-    """Hull, tow and added force of a simulation with effects."""
+    """Hull, tow and added force of a simulation with effects.
+
+    What a line that keeps its length stretches by (``Effect.length``) makes it a spring. What changes its tension acts beyond what
+    keeps its length, as in the diagnosis: the constraint answers a force, so that a force and a moment are put in whose answer is
+    just that. The carriage's speed is taken as constant there.
+    """
     pull = tow.tension_n if tow.tension_n is not None else float(tow.resistance_n or 0.0)
     for effect, n in effects:
         if effect.coupling is not None:
             y_rdot, n_vdot = effect.coupling(*n)
             hull = replace(hull, y_rdot=hull.y_rdot + float(y_rdot), n_vdot=hull.n_vdot + float(n_vdot))
-        if effect.length is not None:
+        if effect.length is not None and tow.line == "surge" and float(effect.length(1.0, *n)) > 0:
+            tow = replace(tow, stiffness_n_m=1 / float(effect.length(1.0, *n)))
+        elif effect.length is not None:
             tow = replace(tow, line_length_m=tow.line_length_m + float(effect.length(pull, *n)))
         if effect.offset is not None:
             tow = replace(tow, tow_point_offset_m=tow.tow_point_offset_m + float(effect.offset(*n)))
-    pushing = [(e, n) for e, n in effects if e.force is not None or e.tension is not None]
+    pushing = [(e, n) for e, n in effects if e.force or e.tension or e.keeps]
     if not pushing:
         return hull, tow, None
     here = hull.at_speed(tow.speed_m_s)
@@ -76,9 +85,23 @@ def with_effects(
             if effect.force is not None:
                 one, two = effect.force(s, *n)
                 side, moment = side + one, moment + two
-            if effect.tension is not None:
-                one, two = line_force(tow, effect.tension(s, *n), np.sin(angle), np.cos(angle))
-                side, moment = side + one, moment + two
-        return side, moment
+        if not any(effect.tension is not None or effect.keeps is not None for effect, _ in pushing):
+            return side, moment
+
+        def answer(more_side: float, more_moment: float, tow: Tow = tow) -> Taut:
+            return full_state(t_s, (alpha, beta, v, r), here, tow, lambda *_: (side + more_side, moment + more_moment))
+
+        plain = answer(0.0, 0.0)
+        kept = sum(float(effect.keeps(*n)) for effect, n in pushing if effect.keeps is not None)
+        tension = (1 - kept) * plain.tension_n + kept * pull
+        at = replace(s, tension_n=tension, beyond_n=tension - pull)
+        change = sum(effect.tension(at, *n) for effect, n in pushing if effect.tension is not None)
+        wanted = np.array(accelerated(here, *line_force(tow, change, np.sin(angle), np.cos(angle))))
+        if kept:
+            wanted = wanted + kept * (answer(0.0, 0.0, replace(tow, line="constant")).rates - plain.rates)[2:]
+        by_force = np.stack([(answer(*one).rates - plain.rates)[2:] for one in np.eye(2)], axis=1)
+        matrix, right = np.moveaxis(by_force, (0, 1), (-2, -1)), np.moveaxis(wanted, 0, -1)[..., None]
+        more = np.linalg.solve(matrix, right)
+        return side + more[..., 0, 0], moment + more[..., 1, 0]
 
     return hull, tow, extra

@@ -12,7 +12,7 @@ from .hypothesis import Hypothesis, Slopes
 from .noise import Noise
 
 if TYPE_CHECKING:
-    from .inference import Fitted
+    from .inference import Fitted, Inference
 
 
 class SimulatedRun(Protocol):
@@ -51,11 +51,10 @@ class Simulator(Protocol):
     free : how many of a run's own numbers its data decide (its start)
     modes : per run (n, c, k): common errors of unit variance
     gone : a simulation this far from the measurement has grown beyond bounds
-    least : size below which a shared number counts as small
+    least : size below which a shared number counts as small; one for all or (s,)
     most_force : random forces above this are a gap, not noise
     force_scale : unit of the random forces' sizes
     apart : effect.number -> what was measured of it apart from the runs
-    symmetries : what no motion can tell apart, each with the effect that raises the question ("": always said)
     """
 
     step_s: float
@@ -66,10 +65,9 @@ class Simulator(Protocol):
     free: int
     modes: list[Array]
     gone: float
-    least: float
+    least: float | Array
     most_force: float
     force_scale: float
-    symmetries: Sequence[tuple[str, Sequence[str]]]
     apart: Mapping[str, Apart]
 
     @property
@@ -99,6 +97,10 @@ class Simulator(Protocol):
 
     def free_forms(self, shaken_hz: Sequence[float]) -> Sequence[Effect]:
         """What stands for an effect in no library; ``shaken_hz`` stand out of what the base leaves."""
+        ...
+
+    def symmetries(self, inference: Inference, base: Fitted) -> Sequence[tuple[str, Sequence[str]]]:
+        """What no motion like these can tell apart, each with the effect that raises the question ("": always said)."""
         ...
 
     def reached(self, fitted: Fitted) -> str:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..simulate.model import DERIVATIVE_UNITS, Array
+from ..geometry.normal import inverse_of_normal
+from ..simulate.model import Array
 from .apart import Apart
 from .effects import Effect
+from .grams import reduced
 from .hypothesis import FREE, Hypothesis
 from .noise import Noise
 from .shifts import shift_effects
@@ -18,12 +21,13 @@ from .springs import springing_effects
 from .tow_data import TowRun
 from .tow_model import TowModel
 from .tow_noise import tow_noise
+from .tow_numbers import SIX, shared_numbers
 from .tow_rates import OWN
-from .tow_start import base_hypotheses
+from .tow_start import base_hypotheses, straight_pull
 from .unknown import free_forms
 
 if TYPE_CHECKING:
-    from .inference import Fitted
+    from .inference import Fitted, Inference
 
 PRIORS = {"y_b": 1.5e-3, "beta_b": 1.5e-3, "tension": 5e-3, "tow_point": 7e-4, "line": 7e-4, "speed": 1.5e-3}
 """Of each run's own numbers where [priors] is silent: m, rad; tension and speed relative."""
@@ -33,8 +37,13 @@ SMALLEST_SD = 0.003
 """Of a reference derivative, relative: no simulator is surer of itself."""
 
 
-SYMMETRIES = (("", ("tension scale", "all derivatives together")), ("frame_rate", ("frame_rate", "carriage speed")))
+TENSION_SCALE = ("", ("tension scale", "all derivatives together"))
+CLOCK = ("frame_rate", ("frame_rate", "carriage speed"))
 """What no motion can tell apart (gap.md), and the effect that raises the question; another standard does: a weight, a clock."""
+UNWEIGHED, WEIGHED = 1.0, 0.1
+"""Swings weigh the model on a line that keeps its length (theory.md 10): were T known to UNWEIGHED only, derivatives known to
+WEIGHED by the motion alone are no symmetry with it.
+"""
 
 
 class TowSimulator(TowModel):
@@ -55,23 +64,43 @@ class TowSimulator(TowModel):
         apart: Mapping[str, Apart] | None = None,
     ) -> None:
         super().__init__(runs, float(np.mean([r.data.tow.speed_m_s for r in runs])))
-        self.shared_names: tuple[str, ...] = tuple(DERIVATIVE_UNITS)
-        self.symmetries: Sequence[tuple[str, Sequence[str]]] = SYMMETRIES
         self.apart: Mapping[str, Apart] = apart or {}
-        self.shared_prior: tuple[Array, Array] | None = None
+        known = None
         if reference is not None:
             six, sd, quoted = reference
             ratio = np.where(np.arange(6) < 2, 1.0, self.speed_m_s / quoted)
-            self.shared_prior = (six * ratio, np.maximum(sd * ratio, SMALLEST_SD * np.abs(six * ratio)))
+            known = (six * ratio, np.maximum(sd * ratio, SMALLEST_SD * np.abs(six * ratio)))
+        self._shared = shared_numbers(runs, self.speed_m_s, known)
+        mean, spread = self._shared.mean, self._shared.sd
+        self.shared_prior: tuple[Array, Array] | None = (mean, spread) if np.isfinite(spread).any() else None
         self.stated, self.own_sd = np.array([_stated(run) for run in runs]), own_sds(runs)
         # alpha, beta, v, r, and what little the biases are free
-        self.free, self.gone, self.least, self.force_scale = 6, 5.0, 1.0, 1.0
+        self.free, self.gone, self.force_scale = 6, 5.0, 1.0
+        self.least: float | Array = self._shared.least
         self.modes = _modes(runs)
-        self.most_force = LARGEST_FORCE_SHARE * float(np.mean([run.data.tow.tension_n or 1.0 for run in runs]))
+        self.most_force = LARGEST_FORCE_SHARE * float(np.mean([straight_pull(run)[0] for run in runs]))
 
     def starts(self) -> Sequence[Hypothesis]:
         """The linear fit of all runs, and a hull like others of its length, along the measured motion."""
-        return base_hypotheses(self.runs, self.speed_m_s)
+        found = base_hypotheses(self.runs, self.speed_m_s)
+        return [replace(h, shared=self._shared.start(h.shared)) for h in found]
+
+    def symmetries(self, inference: Inference, base: Fitted) -> Sequence[tuple[str, Sequence[str]]]:
+        """The scale of all tensions, unless these swings weigh the model; a clock against the carriage's speed."""
+        return [*([] if self._weighed(inference, base) else [TENSION_SCALE]), CLOCK]
+
+    def _weighed(self, inference: Inference, base: Fitted) -> bool:
+        """Whether the motion would tell the derivatives to WEIGHED without any knowledge of T."""
+        if not self._fields.surge.any():
+            return False
+        h, own_sd = base.hypothesis, self.own_sd.copy()
+        at = OWN.index("tension")
+        own_sd[:, at] = UNWEIGHED * np.abs(self.stated[:, at])
+        modes = slice(len(h.shared), inference.fixed(h))
+        part = reduced(base.grams, base.forces, self.stated - h.own, own_sd, None, modes)
+        covariance = inverse_of_normal(part.matrix + np.diag(inference.priors(h).precision))
+        sd = np.sqrt(np.maximum(np.diag(covariance)[: len(SIX)], 0.0))
+        return bool(sd[0] < WEIGHED * abs(h.shared[0]))
 
     def noise(self, hypothesis: Hypothesis) -> Noise:
         """Measurement noise, and slow random side forces and moments."""
@@ -93,7 +122,8 @@ class TowSimulator(TowModel):
                 excluded[effect.name] = why
             else:
                 usable.append(effect)
-        return usable, excluded
+        judged = {effect.name for effect in usable}
+        return usable, {name: why for name, why in excluded.items() if name not in judged}
 
     def suggested(self, base: Fitted) -> list[Effect]:
         """Windows in which the line may have gone slack, its bounces, and when the camera may have been turned."""
@@ -136,7 +166,7 @@ def own_sds(runs: Sequence[TowRun]) -> Array:
     rows = []
     for run in runs:
         tow, priors = run.data.tow, run.data.priors
-        tension, speed = float(tow.tension_n or 1.0), tow.speed_m_s
+        (tension, unsure), speed = straight_pull(run), tow.speed_m_s
         rows.append(
             [
                 FREE,
@@ -145,7 +175,10 @@ def own_sds(runs: Sequence[TowRun]) -> Array:
                 FREE,
                 priors.y_bias_sd_m or PRIORS["y_b"],
                 priors.beta_bias_sd_rad or PRIORS["beta_b"],
-                tension * float(np.hypot(priors.tension_sd_rel or PRIORS["tension"], priors.tension_common_sd_rel)),
+                tension
+                * max(
+                    unsure, float(np.hypot(priors.tension_sd_rel or PRIORS["tension"], priors.tension_common_sd_rel))
+                ),
                 priors.tow_point_sd_m or PRIORS["tow_point"],
                 priors.line_length_sd_m or PRIORS["line"],
                 speed * (priors.speed_sd_rel or PRIORS["speed"]),
@@ -156,7 +189,9 @@ def own_sds(runs: Sequence[TowRun]) -> Array:
 
 def _stated(run) -> Array:
     tow = run.data.tow
-    return np.array([0, 0, 0, 0, 0, 0, tow.tension_n, tow.tow_point_m, tow.line_length_m, tow.speed_m_s], dtype=float)
+    return np.array(
+        [0, 0, 0, 0, 0, 0, straight_pull(run)[0], tow.tow_point_m, tow.line_length_m, tow.speed_m_s], dtype=float
+    )
 
 
 __all__ = ["TowSimulator", "own_sds"]

@@ -12,9 +12,10 @@ from .effects import Effect
 from .hypothesis import EFFECT_STEP, Hypothesis, Path, Slopes
 from .shooting import BLOW_UP, CLOSE, HOPELESS, MOST_CLOSINGS, STATE_STEP, between, carried, integrated, stepped
 from .tow_data import TowRun, corrected
-from .tow_rates import Fields, Numbers, TowRates, tow_of
+from .tow_numbers import shared_numbers
+from .tow_rates import OWN, Fields, Numbers, TowRates, tow_of
 from .tow_seen import TowSeen
-from .variations import FIXED, PROBE_N, Variations, joined
+from .variations import PROBE_N, PROBES, Variations, joined
 
 BEYOND = 4
 """Blocks after the end of the longest run: a clock that runs off may need them."""
@@ -29,16 +30,18 @@ class TowModel:
     ----------
     runs : with one block length
     speed_m_s : at which derivatives are quoted
+    names : of the shared numbers; None: those that the runs ask for
     """
 
-    def __init__(self, runs: Sequence[TowRun], speed_m_s: float) -> None:
+    def __init__(self, runs: Sequence[TowRun], speed_m_s: float, names: tuple[str, ...] | None = None) -> None:
         self.runs, self.speed_m_s = list(runs), speed_m_s
         self.step_s = runs[0].step_s
         self._corrections: dict[tuple, Array] = {}
         self.count = max(len(r.centre_s) for r in runs) + BEYOND
         self.node_s = np.arange(2 * self.count + 1) * self.step_s / 2
         duration = np.array([[len(r.centre_s) * self.step_s] for r in runs])
-        self._fields = Fields(runs, duration, speed_m_s)
+        self.shared_names = shared_numbers(runs, speed_m_s).names if names is None else names
+        self._fields = Fields(runs, duration, speed_m_s, self.shared_names)
         self._seen = TowSeen(runs, self._fields, self.node_s)
 
     # the measured side ------------------------------------------------------------------------------------------------
@@ -86,7 +89,7 @@ class TowModel:
         """
         lags = _lags(hypotheses)
         paths = self._paths(hypotheses, lags, closings)
-        groups = [Variations(h, len(self.runs)) for h in hypotheses]
+        groups = [Variations(h, len(self.runs), self.shared_names) for h in hypotheses]
         transition, push, start = self._steps(groups, paths, lags)
         moved = carried(transition, push, start)  # (nodes, hypotheses, runs, states, 1 + numbers)
         result = []
@@ -105,7 +108,7 @@ class TowModel:
     def values(self, hypotheses: Sequence[Hypothesis]) -> list[list[Array]]:
         """What hypotheses say would be measured: per hypothesis and run (n, 4)."""
         lags = _lags(hypotheses)
-        numbers, _ = joined([Variations(h, len(self.runs)).columns((), 0) for h in hypotheses], lags)
+        numbers, _ = joined([Variations(h, len(self.runs), self.shared_names).columns((), 0) for h in hypotheses], lags)
         return self._seen.values(numbers, np.stack(self._paths(hypotheses, lags, MOST_CLOSINGS), axis=-1))
 
     @property
@@ -132,7 +135,7 @@ class TowModel:
 
     def _paths(self, hypotheses: Sequence[Hypothesis], lags: tuple[float, ...], closings: int) -> list[Array]:
         """A motion (states, nodes, runs) of every hypothesis, closed as far as ``closings`` allow."""
-        numbers, _ = joined([Variations(h, len(self.runs)).columns((), 0) for h in hypotheses], lags)
+        numbers, _ = joined([Variations(h, len(self.runs), self.shared_names).columns((), 0) for h in hypotheses], lags)
         if any(h.path is None for h in hypotheses):
             whole = integrated(self._rates(numbers), numbers.start(), len(self.node_s), self._half)
             return list(np.moveaxis(whole, 3, 0))
@@ -156,7 +159,7 @@ class TowModel:
 
     def _newton(self, hypotheses: Sequence[Hypothesis], lags: tuple[float, ...], paths: Array, start: Array) -> Array:
         """The step that closes the paths, (states, nodes, runs, hypotheses)."""
-        groups = [Variations(h, len(self.runs)) for h in hypotheses]
+        groups = [Variations(h, len(self.runs), self.shared_names) for h in hypotheses]
         transition, push, _ = self._steps(groups, list(np.moveaxis(paths, 3, 0)), lags, False)
         first = (start - paths[:, 0])[..., None].transpose(2, 1, 0, 3)
         return carried(transition, push, first)[..., 0].transpose(3, 0, 2, 1)
@@ -191,7 +194,7 @@ class TowModel:
             own = (rates[..., at : at + len(few)] - here) / group.steps[None, None][..., few]
             change[..., few] = own.transpose(1, 2, 0, 3)
             at += len(few)
-            by_force = ((rates[..., at : at + 2] - here) / PROBE_N).transpose(1, 2, 0, 3)
+            by_force = ((rates[..., at : at + PROBES] - here) / PROBE_N).transpose(1, 2, 0, 3)
             self._pushes(group, path, lags, by_force, change)
             push[:, k, :, :, 1 : 1 + group.size] = early @ change[:-1] + late @ change[1:]
             start[k, :, :, 0] = (group.start(lags)[0] - path[:, 0]).T
@@ -199,7 +202,7 @@ class TowModel:
         return transition, push, start
 
     def _pushes(self, group: Variations, path: Array, lags: tuple[float, ...], by_force: Array, change: Array) -> None:
-        """Put in how the numbers of effects that push change the rates."""
+        """Put in how the numbers of effects that push or pull change the rates."""
         pushing = [(e, n, at) for e, n, at in group.each() if e.force is not None or e.tension is not None]
         if not pushing:
             return
@@ -209,12 +212,12 @@ class TowModel:
             step = EFFECT_STEP * np.array([p.sd for p in effect.parameters])
             table = np.column_stack([here, here[:, None] + np.diag(step)])
             with np.errstate(all="ignore"):
-                both = rates.pushes(self.node_s[:, None, None], path[..., None], effect, table)
-            force = np.stack([(f[..., 1:] - f[..., :1]) / step for f in both], axis=2)
+                found = rates.pushes(self.node_s[:, None, None], path[..., None], effect, table)
+            force = np.stack([(f[..., 1:] - f[..., :1]) / step for f in found], axis=2)
             change[..., at : at + len(here)] += by_force @ force
 
     def _camera_slopes(self, hypothesis: Hypothesis, tow: TowRun, slope: Array) -> None:
-        at = FIXED
+        at = len(hypothesis.shared) + len(OWN)
         for effect, numbers in zip(hypothesis.effects, hypothesis.numbers, strict=True):
             if effect.correct is not None:
                 here = self._correction(tow, effect, numbers) if numbers.any() else 0.0

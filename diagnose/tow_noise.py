@@ -11,6 +11,7 @@ from ..simulate.model import Array, Hull, linear_system
 from .hypothesis import Hypothesis
 from .noise import TIMES_S, Measured, Noise, Roots, forced
 from .tow_data import TowRun
+from .tow_numbers import SIX
 from .tow_rates import OWN
 
 SMALLEST_N = 1e-3
@@ -25,7 +26,9 @@ def tow_noise(runs: Sequence[TowRun], hypothesis: Hypothesis, speed_m_s: float) 
     """
     return Noise(
         [
-            Measured(np.isfinite(run.values), run.covariance, 2, _roots(run, hypothesis.shared, own, speed_m_s))
+            Measured(
+                np.isfinite(run.values), run.covariance, 2, _roots(run, hypothesis.shared[: len(SIX)], own, speed_m_s)
+            )
             for run, own in zip(runs, hypothesis.own, strict=True)
         ]
     )

@@ -10,15 +10,29 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from ..simulate.model import Array, Hull, Tow, full_rates, full_y_cg, line_angle_rate
+from ..simulate.model import (
+    Array,
+    Hull,
+    Taut,
+    Tow,
+    accelerated,
+    full_state,
+    full_y_cg,
+    line_angle_rate,
+    line_force,
+)
 from .effects import Effect, Situation
 from .tow_data import TowRun
+from .tow_numbers import COMPLIANCE, SIX, rudder_history, rudder_is_over
 
 OWN = ("alpha", "beta", "v", "r", "y_b", "beta_b", "tension", "tow_point", "line", "speed")
-"""Each run's own numbers."""
+"""Each run's own numbers; tension: T of a line that keeps it, R of one that keeps its length."""
 LARGEST_ANGLE = 1.4
 SMALLEST_COSINE = 0.05
+SOON_S = 0.05
+"""An effect on the carriage's speed is differentiated over so long to either side."""
 
 
 @dataclass(frozen=True)
@@ -43,16 +57,21 @@ class Numbers:
 
     Attributes
     ----------
-    six : (6, columns)
+    shared : (s, columns), of all runs
     own : (runs, 10, columns)
     active : effects
     lags_s : time constants of lagged velocities, sorted
     """
 
-    six: Array
+    shared: Array
     own: Array
     active: tuple[Active, ...]
     lags_s: tuple[float, ...] = ()
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return self.shared.shape[1]
 
     def start(self) -> Array:
         """(states, runs, columns) at the runs' beginning; lagged velocities begin as the velocities."""
@@ -61,44 +80,114 @@ class Numbers:
 
 
 class Fields:
-    """What effects may ask of the runs, once for all.
+    """What effects may ask of the runs, and what is stated of them, once for all.
 
     Parameters
     ----------
     runs : of the campaign
     duration_s : of the runs, (runs, 1)
     speed_m_s : of the quoted derivatives
+    names : of the shared numbers
+
+    Attributes
+    ----------
+    surge : (runs, 1), whether the line keeps its length
+    lines : which lines there are
+    loaded, steered, driven : whether any run has a history of T that moves it, of the rudder, of the carriage's speed
     """
 
-    def __init__(self, runs: Sequence[TowRun], duration_s: Array, speed_m_s: float) -> None:
-        self.speed_m_s = speed_m_s
+    def __init__(
+        self, runs: Sequence[TowRun], duration_s: Array, speed_m_s: float, names: tuple[str, ...] = SIX
+    ) -> None:
+        self.speed_m_s, self.names = speed_m_s, names
         tows = [run.data.tow for run in runs]
+        self.surge = np.array([[t.line == "surge"] for t in tows])
+        self.lines = tuple(dict.fromkeys(t.line for t in tows))
         self.offset_m = np.array([[t.tow_point_offset_m] for t in tows], dtype=float)
         self.post_x_m = np.array([[t.post_m[0]] for t in tows], dtype=float)
-        names = ("length_pp_m", "density_kg_m3", "half_width_m")
-        self.fixed = {n: np.array([[getattr(r, n)] for r in runs], dtype=float) for n in names}
+        self.mass_kg = np.array([[r.run.model.mass_kg] for r in runs], dtype=float) if self.surge.any() else None
+        self.post = _posts(runs)
+        self.rudder_rad: Any = 0.0
+        if any(rudder_is_over(run) for run in runs):
+            self.rudder_rad = np.array([[t.rudder_rad] for t in tows], dtype=float)
+        fixed = ("length_pp_m", "density_kg_m3", "half_width_m")
+        self.fixed = {n: np.array([[getattr(r, n)] for r in runs], dtype=float) for n in fixed}
         self.fixed["duration_s"] = duration_s
-        self._histories = [(r.start_s, r.data.tension, float(r.data.tow.tension_n or 1.0)) for r in runs]
-        self.loaded = any(h is not None for _, h, _ in self._histories)
+        self._start_s = [r.start_s for r in runs]
+        moved = [r.data.tension if r.data.tow.line == "constant" else None for r in runs]
+        self._tensions = [
+            None if h is None else (h[0], h[1] / float(t.tension_n or 1.0)) for h, t in zip(moved, tows, strict=True)
+        ]
+        self._rudders = [rudder_history(run) for run in runs]
+        self._speeds = [_smooth(run) for run in runs]
+        self.loaded, self.steered, self.driven = (
+            any(h is not None for h in histories) for histories in (self._tensions, self._rudders, self._speeds)
+        )
 
     def history(self, t_s: Any) -> Array:
         """Tension over its mean, (..., runs, columns), at times that broadcast to that."""
-        if not self.loaded:
-            return np.ones((len(self._histories), 1))
-        times = np.broadcast_arrays(np.asarray(t_s, dtype=float), np.zeros((len(self._histories), 1)))[0]
+        return self._interpolated(self._tensions, t_s) if self.loaded else np.ones((len(self._start_s), 1))
+
+    def rudder(self, t_s: Any) -> Any:
+        """Rudder angle, rad, (..., runs, 1)."""
+        if not self.steered:
+            return self.rudder_rad
+        still = np.array([[h is None] for h in self._rudders])
+        return np.where(still, self.rudder_rad, self._interpolated(self._rudders, t_s))
+
+    def pace(self, t_s: Any) -> tuple[Any, Any]:
+        """The carriage's speed over its mean and the rate of that, 1/s, (..., runs, 1)."""
+        times = self._times(t_s)
+        pace, rate = np.ones(times.shape), np.zeros(times.shape)
+        for i, spline in enumerate(self._speeds):
+            if spline is not None:
+                at = np.clip(times[..., i, :], spline.x[0], spline.x[-1])
+                pace[..., i, :], rate[..., i, :] = spline(at), spline(at, 1)
+        return pace, rate
+
+    def _times(self, t_s: Any) -> Array:
+        return np.broadcast_arrays(np.asarray(t_s, dtype=float), np.zeros((len(self._start_s), 1)))[0]
+
+    def _interpolated(self, histories: Sequence[tuple[Array, Array] | None], t_s: Any) -> Array:
+        times = self._times(t_s)
         rows = [
-            np.interp(times[..., i, :] + start, *history) / mean
-            if history is not None
-            else np.ones_like(times[..., i, :])
-            for i, (start, history, mean) in enumerate(self._histories)
+            np.interp(times[..., i, :] + start, *history) if history is not None else np.ones_like(times[..., i, :])
+            for i, (start, history) in enumerate(zip(self._start_s, histories, strict=True))
         ]
         return np.stack(rows, axis=-2)
+
+
+def _posts(runs: Sequence[TowRun]) -> dict[str, Any]:
+    """How the posts swing: fields of Tow, (runs, 1), on the runs' own clocks."""
+    tows = [run.data.tow for run in runs]
+    if not any(t.post_amplitude_m for t in tows):
+        return {}
+    early = [2 * np.pi * t.post_frequency_hz * run.start_s for t, run in zip(tows, runs, strict=True)]
+    return {
+        "post_amplitude_m": np.array([[t.post_amplitude_m] for t in tows]),
+        "post_frequency_hz": np.array([[t.post_frequency_hz] for t in tows]),
+        "post_phase_rad": np.array([[t.post_phase_rad + e] for t, e in zip(tows, early, strict=True)]),
+    }
+
+
+def _smooth(run: TowRun) -> CubicSpline | None:
+    """A carriage's speed over its mean, by a run's own clock: through the means over blocks, so that its rate is no noise's."""
+    if run.data.speed is None:
+        return None
+    t_s, values = run.data.speed[0] - run.start_s, run.data.speed[1]
+    block = np.floor((t_s - t_s[0]) / run.step_s).astype(int)
+    count = np.bincount(block)
+    there = count > 0
+    centre, mean = (np.bincount(block, x)[there] / count[there] for x in (t_s, values))
+    if len(centre) < 2:
+        return None
+    return CubicSpline(centre, mean / run.data.tow.speed_m_s)
 
 
 def tow_of(fields: Fields, numbers: Numbers) -> Any:
     """The tow of every run and column; its fields are arrays that broadcast to (runs, columns)."""
     column = {name: numbers.own[:, k] for k, name in enumerate(OWN)}
-    line, offset = column["line"].copy(), np.tile(fields.offset_m, (1, numbers.six.shape[1]))
+    line, offset = column["line"].copy(), np.tile(fields.offset_m, (1, numbers.width))
     for a in numbers.active:
         if a.effect.length is not None:
             line[:, a.columns] += a.effect.length(column["tension"][:, a.columns], *a.numbers)
@@ -112,7 +201,25 @@ def tow_of(fields: Fields, numbers: Numbers) -> Any:
         column["tension"],
         tow_point_offset_m=offset,
         post_m=(fields.post_x_m, 0.0),
+        rudder_rad=fields.rudder_rad,
+        line=fields.lines[0],
+        **fields.post,
     )
+
+
+@dataclass(frozen=True)
+class _Moment:
+    """A tow at one time.
+
+    Attributes
+    ----------
+    hull, tow : hull at the carriage's speed of this time, tow with its histories
+    core : alpha, beta, v, r, within the angles at which a tow is a tow
+    """
+
+    hull: Any
+    tow: Any
+    core: tuple[Array, ...]
 
 
 class TowRates:
@@ -128,26 +235,18 @@ class TowRates:
         self._fields, self._lags, self._tow = fields, list(numbers.lags_s), tow
         self._reference = _hull_of(fields, numbers)
         self._hull = self._reference.at_speed(tow.speed_m_s)
-        self._pushing = [a for a in numbers.active if a.effect.force is not None or a.effect.tension is not None]
+        self._pushing = [a for a in numbers.active if a.effect.force is not None]
+        self._pulling = [a for a in numbers.active if a.effect.tension is not None]
+        # a line that is stated to keep its tension does so already
+        self._keeping = [a for a in numbers.active if a.effect.keeps is not None and fields.surge.any()]
         self._speeding = [a for a in numbers.active if a.effect.speed is not None]
 
     def __call__(self, t: Any, state: Array) -> Array:
-        here, now, (alpha, beta, v, r) = self._now(t, state)
-
-        def extra(t, y, beta, v, r, alpha):
-            side, moment = np.zeros_like(v), np.zeros_like(v)
-            base = self._situation(t, y, beta, v, r, alpha, here, now)
-            parts: dict[tuple[int, int, float], Situation] = {}
-            for a in self._pushing:
-                key = (a.columns.start, a.columns.stop, a.effect.lag_s)
-                if key not in parts:
-                    parts[key] = columns_of(self._lagging(base, a.effect, state), a.columns)
-                one, two = push(a.effect, parts[key], now.tow_point_offset_m[:, a.columns], a.numbers)
-                side[..., a.columns] += one
-                moment[..., a.columns] += two
-            return side, moment
-
-        core = full_rates(t, (alpha, beta, v, r), here, now, extra if self._pushing else None)
+        now = self._now(t, state)
+        taut = self._taut(t, state, now)
+        core = taut.rates
+        if self._pulling:
+            core = self._pulled(t, state, now, taut)
         if not self._lags:
             return core
         more = [
@@ -157,8 +256,13 @@ class TowRates:
         ]
         return np.concatenate([core, np.stack(more)])
 
-    def pushes(self, t: Any, state: Array, effect: Effect, numbers: Array) -> tuple[Array, Array]:
-        """Side force and moment of an effect along one column's motion (states, times, runs, 1).
+    def beyond(self, t: Any, state: Array) -> Array:
+        """T beyond the straight tow's that the line has without effects on it, N."""
+        now = self._now(t, state)
+        return self._taut(t, state, now).tension_n - now.tow.tension_n
+
+    def pushes(self, t: Any, state: Array, effect: Effect, numbers: Array) -> tuple[Array, Array, Array]:
+        """Side force, moment and change of T of an effect along one column's motion (states, times, runs, 1).
 
         Parameters
         ----------
@@ -168,37 +272,119 @@ class TowRates:
         -------
         (times, runs, k) each
         """
-        here, now, (alpha, beta, v, r) = self._now(t, state)
-        base = self._situation(t, full_y_cg(t, alpha, beta, now), beta, v, r, alpha, here, now)
-        one, two = push(effect, self._lagging(base, effect, state), now.tow_point_offset_m, numbers)
-        shape = (*v.shape[:-1], numbers.shape[1])
-        return np.broadcast_to(one, shape), np.broadcast_to(two, shape)
+        now = self._now(t, state)
+        shape = (*state.shape[1:-1], numbers.shape[1])
+        side, moment, change = 0.0, 0.0, 0.0
+        base = self._lagging(self._situation(t, now), effect, state)
+        if effect.force is not None:
+            side, moment = effect.force(base, *numbers)
+        if effect.tension is not None:
+            change = effect.tension(self._on_line(base, now, self._taut(t, state, now)), *numbers)
+        return tuple(np.broadcast_to(one, shape) for one in (side, moment, change))  # pyright: ignore
 
-    def _now(self, t: Any, state: Array) -> tuple[Any, Any, tuple[Array, ...]]:
-        """Hull, tow and the four states, within the angles at which a tow is a tow."""
-        here, now = self._hull, self._tow
-        if self._fields.loaded:
-            now = replace(now, tension_n=self._tow.tension_n * self._fields.history(t))
+    def _now(self, t: Any, state: Array) -> _Moment:
+        hull, tow, fields = self._hull, self._tow, self._fields
+        if fields.loaded:
+            tow = replace(tow, tension_n=tow.tension_n * fields.history(t))
+        if fields.steered:
+            tow = replace(tow, rudder_rad=fields.rudder(t))
         alpha, beta = (np.clip(state[k], -LARGEST_ANGLE, LARGEST_ANGLE) for k in (0, 1))
         beta = np.clip(beta, -LARGEST_ANGLE - alpha, LARGEST_ANGLE - alpha)
-        v, r = state[2], state[3]
+        core = alpha, beta, state[2], state[3]
+        if self._speeding or fields.driven:
+            speed, rate = self._speed(t, _Moment(hull, tow, core))
+            # on a line that keeps its length the forces take u, and the speed they are quoted at stays the run's own
+            if "constant" in fields.lines or self._keeping:
+                hull = self._reference.at_speed(speed)
+            tow = replace(tow, speed_m_s=speed, speed_rate_m_s2=rate)
+        return _Moment(hull, tow, core)
+
+    def _speed(self, t: Any, now: _Moment) -> tuple[Array, Array]:
+        """The carriage's speed at this time, and its rate."""
+        own, nothing = now.tow.speed_m_s, 0.0 * now.core[0]
+        pace, gain = self._fields.pace(t) if self._fields.driven else (1.0, 0.0)
+        speed, rate = own * pace + nothing, own * gain + nothing
         if self._speeding:
-            base = self._situation(t, 0.0 * v, beta, v, r, alpha, here, now)
-            speed = now.speed_m_s + 0.0 * v
+            base = self._situation(t, now)
+            early, late = replace(base, t_s=t - SOON_S), replace(base, t_s=t + SOON_S)
             for a in self._speeding:
                 assert a.effect.speed is not None
-                speed[..., a.columns] += a.effect.speed(columns_of(base, a.columns), *a.numbers)
-            here, now = self._reference.at_speed(speed), replace(now, speed_m_s=speed)
-        return here, now, (alpha, beta, v, r)
+                one, two, three = (a.effect.speed(columns_of(s, a.columns), *a.numbers) for s in (early, base, late))
+                speed[..., a.columns] += two
+                rate[..., a.columns] += (three - one) / (2 * SOON_S)
+        return speed, rate
 
-    def _situation(self, t, y, beta, v, r, alpha, here: Any, now: Any) -> Situation:
+    def _taut(self, t: Any, state: Array, now: _Moment) -> Taut:
+        """``full_state`` with the effects' forces, by each run's own line."""
+
+        def extra(t, y, beta, v, r, alpha):
+            side, moment = np.zeros_like(v), np.zeros_like(v)
+            base = self._situation(t, now, y)
+            for a, part in self._parts(self._pushing, base, state):
+                assert a.effect.force is not None
+                one, two = a.effect.force(part, *a.numbers)
+                side[..., a.columns] += one
+                moment[..., a.columns] += two
+            return side, moment
+
+        pushed = extra if self._pushing else None
+        lines = ("surge", "constant") if self._keeping else self._fields.lines
+        found = {}
+        for line in lines:
+            hull = self._hull if line == "surge" else now.hull
+            tow = now.tow if now.tow.line == line else replace(now.tow, line=line)
+            found[line] = full_state(t, now.core, hull, tow, pushed)
+        if len(found) == 1:
+            return found[lines[0]]
+        # how far each run, in each column, keeps its tension
+        share = np.where(self._fields.surge, 0.0, 1.0) + 0.0 * now.core[2]
+        for a in self._keeping:
+            assert a.effect.keeps is not None
+            share[..., a.columns] += np.where(self._fields.surge, a.effect.keeps(*a.numbers), 0.0)
+        one, two = (found[line] for line in ("surge", "constant"))
+        pairs = ((one.rates, two.rates), (one.tension_n, two.tension_n), (one.u_m_s, two.u_m_s))
+        return Taut(*(length + share * (pull - length) for length, pull in pairs))
+
+    def _pulled(self, t: Any, state: Array, now: _Moment, taut: Taut) -> Array:
+        """The rates where effects change T: beyond what keeps the line's length, which they do not ask."""
+        change = np.zeros_like(now.core[2])
+        base = self._on_line(self._situation(t, now), now, taut)
+        for a, part in self._parts(self._pulling, base, state):
+            assert a.effect.tension is not None
+            change[..., a.columns] += a.effect.tension(part, *a.numbers)
+        angle = now.core[0] + now.core[1]
+        v_pull, r_pull = accelerated(now.hull, *line_force(now.tow, change, np.sin(angle), np.cos(angle)))
+        rates = taut.rates.copy()
+        rates[2] += v_pull
+        rates[3] += r_pull
+        return rates
+
+    def _parts(self, active: Sequence[Active], base: Situation, state: Array):
+        """Effects with the situation in their columns."""
+        parts: dict[tuple[int, int, float], Situation] = {}
+        for a in active:
+            key = (a.columns.start, a.columns.stop, a.effect.lag_s)
+            if key not in parts:
+                parts[key] = columns_of(self._lagging(base, a.effect, state), a.columns)
+            yield a, parts[key]
+
+    def _situation(self, t: Any, now: _Moment, y: Array | None = None) -> Situation:
+        """``tension_n`` as of a straight tow."""
+        (alpha, beta, v, r), tow, hull = now.core, now.tow, now.hull
         cosine = np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None)
         return Situation(
-            t, y, beta, v, r, alpha, now.speed_m_s, now.line_length_m, now.tow_point_m, now.tension_n,
-            line_angle_rate(now, beta, v, r, cosine),
-            v_lag=v, r_lag=r, y_v=here.y_v, n_v=here.n_v, n_r=here.n_r, history=self._fields.history,
+            t, full_y_cg(t, alpha, beta, tow) if y is None else y, beta, v, r, alpha,
+            tow.speed_m_s, tow.line_length_m, tow.tow_point_m, tow.tension_n,
+            line_angle_rate(tow, beta, v, r, cosine, tow.post_motion(t)[1]),
+            v_lag=v, r_lag=r, y_v=hull.y_v, n_v=hull.n_v, n_r=hull.n_r, history=self._fields.history,
             **self._fields.fixed,
         )  # fmt: skip
+
+    def _on_line(self, base: Situation, now: _Moment, taut: Taut) -> Situation:
+        """The same with the tension that the line has."""
+        if not self._fields.surge.any():
+            return base
+        return replace(base, tension_n=taut.tension_n, beyond_n=taut.tension_n - now.tow.tension_n)
 
     def _lagging(self, base: Situation, effect: Effect, state: Array) -> Situation:
         if not effect.lag_s:
@@ -207,29 +393,18 @@ class TowRates:
         return replace(base, v_lag=state[k], r_lag=state[k + 1])
 
 
-def push(effect: Effect, at: Situation, offset_m: Any, numbers: Array) -> tuple[Any, Any]:
-    """Side force and moment of an effect, by its force and by what it does to the line's pull."""
-    side, moment = effect.force(at, *numbers) if effect.force is not None else (0.0, 0.0)
-    if effect.tension is not None:
-        change = effect.tension(at, *numbers)
-        angle = at.alpha_rad + at.beta_rad
-        sine, cosine = np.sin(angle), np.cos(angle)
-        side = side - change * sine
-        moment = moment - change * (at.tow_point_m * sine + offset_m * cosine)
-    return side, moment
-
-
 def _hull_of(fields: Fields, numbers: Numbers) -> Any:
     coupled = [a for a in numbers.active if a.effect.coupling is not None]
-    y_rdot: Any = np.zeros((1, numbers.six.shape[1])) if coupled else 0.0
-    n_vdot: Any = np.zeros((1, numbers.six.shape[1])) if coupled else 0.0
+    y_rdot: Any = np.zeros((1, numbers.width)) if coupled else 0.0
+    n_vdot: Any = np.zeros((1, numbers.width)) if coupled else 0.0
     for a in coupled:
         assert a.effect.coupling is not None
         one, two = a.effect.coupling(*a.numbers)
         y_rdot[0, a.columns] += one
         n_vdot[0, a.columns] += two
     made: Any = Hull
-    return made(*(s[None] for s in numbers.six), speed_m_s=fields.speed_m_s, y_rdot=y_rdot, n_vdot=n_vdot)
+    shared = {n: row[None] for n, row in zip(fields.names, numbers.shared, strict=True) if n != COMPLIANCE}
+    return made(**shared, speed_m_s=fields.speed_m_s, y_rdot=y_rdot, n_vdot=n_vdot, mass_kg=fields.mass_kg)
 
 
 def columns_of(whole: Any, columns: slice) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,8 @@ from ..simulate.model import Array, full_x_cg, full_x_cg_rate, full_y_cg, full_y
 from .effects import Seen
 from .shooting import STATE_STEP
 from .tow_data import TowRun
-from .tow_rates import SMALLEST_COSINE, Fields, Numbers, columns_of, tow_of
+from .tow_numbers import COMPLIANCE
+from .tow_rates import SMALLEST_COSINE, Fields, Numbers, TowRates, columns_of, tow_of
 from .variations import Variations, joined
 
 POINTS, MIDDLE = 6, 2.5
@@ -57,7 +59,7 @@ class TowSeen:
         along = small * changes if group.remembers else None
         size, direct = len(path) if along is None else group.size, group.seen()
         numbers, _ = joined([group.columns(direct, size)], lags_s)
-        whole = np.repeat(path[..., None], numbers.six.shape[1], axis=3)
+        whole = np.repeat(path[..., None], numbers.width, axis=3)
         if along is None:
             for s in range(size):
                 whole[s, ..., 1 + s] += STATE_STEP
@@ -97,19 +99,20 @@ class TowSeen:
         tow: Any = tow_of(self._fields, numbers)
         t_s = self._node_s[:, None, None]
         seen = self._see(t_s, path, tow)
+        gives = COMPLIANCE in self._fields.names
+        if gives or (self._fields.surge.any() and any(a.effect.stretch is not None for a in numbers.active)):
+            beyond = TowRates(self._fields, numbers, tow).beyond(t_s, path)
+            seen = replace(seen, beyond_n=np.where(self._fields.surge, beyond, 0.0))
         x, y, beta = seen.pose
         more = np.zeros((4, *y.shape))
+        if gives:
+            _stretched(more, slice(None), seen, numbers.shared[self._fields.names.index(COMPLIANCE)] * seen.beyond_n)
         for a in numbers.active:
             if a.effect.stretch is None and a.effect.observe is None:
                 continue
             here = columns_of(seen, a.columns)
             if a.effect.stretch is not None:
-                # a line that gives lets the model surge along its own heading
-                heading = here.pose[2]
-                back = a.effect.stretch(here, *a.numbers)
-                back = back / np.clip(np.cos(here.alpha_rad + heading), SMALLEST_COSINE, None)
-                more[0][..., a.columns] -= back * np.cos(heading)
-                more[1][..., a.columns] -= back * np.sin(heading)
+                _stretched(more, a.columns, here, a.effect.stretch(here, *a.numbers))
             if a.effect.observe is not None:
                 for channel, change in enumerate(a.effect.observe(here, *a.numbers)):
                     more[channel][..., a.columns] += change
@@ -124,15 +127,24 @@ class TowSeen:
 
     def _see(self, t_s: Array, path: Array, tow: Any) -> Seen:
         alpha, beta, v, r = path[:4]
-        x, y = full_x_cg(alpha, beta, tow), full_y_cg(0.0, alpha, beta, tow)
-        turn = line_angle_rate(tow, beta, v, r, np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None))
-        rates = (full_x_cg_rate(alpha, beta, turn, r, tow), full_y_cg_rate(alpha, beta, turn, r, tow), r)
+        x, y = full_x_cg(alpha, beta, tow), full_y_cg(t_s, alpha, beta, tow)
+        post_rate = tow.post_motion(t_s)[1]
+        turn = line_angle_rate(tow, beta, v, r, np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None), post_rate)
+        rates = (full_x_cg_rate(alpha, beta, turn, r, tow), full_y_cg_rate(alpha, beta, turn, r, tow) + post_rate, r)
         return Seen(t_s, (x, y, beta), rates, np.sin(alpha + beta), alpha, tow.tension_n, self._shutter)
+
+
+def _stretched(more: Array, columns: slice, seen: Seen, longer: Array) -> None:
+    """A line that gives lets the model surge along its own heading."""
+    heading = seen.pose[2]
+    back = longer / np.clip(np.cos(seen.alpha_rad + heading), SMALLEST_COSINE, None)
+    more[0][..., columns] -= back * np.cos(heading)
+    more[1][..., columns] -= back * np.sin(heading)
 
 
 def _late(numbers: Numbers, run: TowRun) -> Array:
     """By how much every block of a run is seen later, (n, columns) s."""
-    late = np.zeros((len(run.centre_s), numbers.six.shape[1]))
+    late = np.zeros((len(run.centre_s), numbers.width))
     for a in numbers.active:
         if a.effect.clock is not None:
             late[:, a.columns] += a.effect.clock(run.centre_s[:, None], *a.numbers)

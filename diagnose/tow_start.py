@@ -21,14 +21,29 @@ SAMPLES = 250
 LARGEST_SINE = 0.95
 SMOOTH_S, SMOOTH_ORDER = 3.0, 3
 """A tow's motion is a cubic over so long."""
+USUAL_RESISTANCE = 7e-4
+"""R over rho/2 Lpp^2 U^2 of a bare model: the MARINER's 4 N at 1.28 m/s."""
+UNKNOWN_REL, GAUGED_REL = 1.0, 0.1
+"""Of R where nothing is stated, and where a load cell's mean over a swinging tow stands for it."""
 SHAKEN = 4.0
 """Marks whose place and heading both scatter so many times their noise shake."""
+
+
+def straight_pull(run: TowRun) -> tuple[float, float]:
+    """Tension of a straight tow at the run's speed, N, and how unsure it is at least, relative."""
+    data, tow = run.data, run.data.tow
+    if not tow.tension_n:
+        usual = USUAL_RESISTANCE * 0.5 * run.density_kg_m3 * run.length_pp_m**2 * tow.speed_m_s**2
+        return float(usual), UNKNOWN_REL
+    gauged = data.tension is not None or getattr(data, "gauge", None) is not None
+    return float(tow.tension_n), GAUGED_REL if tow.line == "surge" and gauged else 0.0
 
 
 def base_hypotheses(runs: Sequence[TowRun], speed_m_s: float) -> list[Hypothesis]:
     """The linear fit of all runs, and a MARINER of the model's length, along the measured motion.
 
-    A line that goes slack can lead the linear fit astray; the other begins within a factor of two.
+    A line that goes slack can lead the linear fit astray; the other begins within a factor of two. The linear form holds T; what
+    surge adds begins at its priors.
     """
     few = []
     for run in runs:
@@ -37,6 +52,7 @@ def base_hypotheses(runs: Sequence[TowRun], speed_m_s: float) -> list[Hypothesis
         few.append(
             replace(
                 data,
+                tow=replace(data.tow, tension_n=straight_pull(run)[0]),
                 t_s=data.t_s[thin],
                 y_m=data.y_m[thin],
                 beta_rad=data.beta_rad[thin],
@@ -68,7 +84,7 @@ def _along(runs: Sequence[TowRun], sixes: Sequence[Array], states: Array) -> lis
     own = []
     for start, run in zip(states[:, 0].T, runs, strict=True):
         tow = run.data.tow
-        own.append([*start, 0.0, 0.0, tow.tension_n, tow.tow_point_m, tow.line_length_m, tow.speed_m_s])
+        own.append([*start, 0.0, 0.0, straight_pull(run)[0], tow.tow_point_m, tow.line_length_m, tow.speed_m_s])
     return [Hypothesis(six, np.array(own, dtype=float), path=Path((), states)) for six in sixes]
 
 
@@ -95,10 +111,16 @@ def measured_path(run: TowRun, nodes: int, wider: Sequence[float] | Array = (1.0
     at = np.clip(np.arange(nodes) * run.step_s / 2, 0.0, len(run.centre_s) * run.step_s)
     sds = [wider[k] * np.sqrt(np.diag(run.covariance[k])[good]) for k in (0, 1)]
     y, beta = (UnivariateSpline(t_s, run.values[good, k], 1 / sd, s=len(t_s)) for k, sd in enumerate(sds))
-    sine = (y(at) + tow.tow_point_m * np.sin(beta(at)) + tow.tow_point_offset_m * np.cos(beta(at))) / tow.line_length_m
+    y_cg, y_rate, heading, turn = (np.asarray(f(at)) for f in (y, y.derivative(), beta, beta.derivative()))
+    post_y, post_rate = (np.asarray(p) for p in tow.post_motion(at + run.start_s))
+    sin_b, cos_b = np.sin(heading), np.cos(heading)
+    sine = (y_cg - post_y + tow.tow_point_m * sin_b + tow.tow_point_offset_m * cos_b) / tow.line_length_m
     alpha = np.arcsin(np.clip(sine, -LARGEST_SINE, LARGEST_SINE))
-    sway = (y.derivative()(at) - tow.speed_m_s * np.sin(beta(at))) / np.cos(beta(at))
-    return np.stack([alpha, beta(at), sway, beta.derivative()(at)])
+    # the tow point's way along its circle gives alpha', and that the sway (2.9)
+    across = y_rate - post_rate + (tow.tow_point_m * cos_b - tow.tow_point_offset_m * sin_b) * turn
+    sway = across * np.cos(alpha + heading) / np.cos(alpha) - tow.tow_point_m * turn
+    sway = sway + post_rate * cos_b - tow.speed_m_s * sin_b
+    return np.stack([alpha, heading, sway, turn])
 
 
 __all__ = ["base_hypotheses", "measured_path"]

@@ -20,7 +20,7 @@ from .hypothesis import EFFECT_STEP, FREE, Hypothesis, Slopes
 from .noise import FORCE_SD_N, TIMES_S, Measured, Noise, forced
 
 if TYPE_CHECKING:
-    from .inference import Fitted
+    from .inference import Fitted, Inference
 
 STEP_SHARE = 1e-4
 Numbers = dict[str, Array]
@@ -109,9 +109,8 @@ class UsersSimulator:
         self.free = sum(n.sd is None for n in own)
         self.modes = [np.zeros((*run.values.shape, 0)) for run in runs]
         self.gone = 100 * max(float(np.nanmax(np.abs(run.values))) for run in runs)
-        self.least = min((n.size for n in shared), default=1.0) * 1e-3
+        self.least: float | Array = min((n.size for n in shared), default=1.0) * 1e-3
         self.most_force = most_force / self.force_scale
-        self.symmetries: Sequence[tuple[str, Sequence[str]]] = ()
         self.apart: Mapping[str, Apart] = apart or {}
 
     @property
@@ -185,6 +184,10 @@ class UsersSimulator:
 
     def free_forms(self, shaken_hz: Sequence[float]) -> Sequence[Effect]:
         """None: what random forces must explain stands for the unknown."""
+        return ()
+
+    def symmetries(self, inference: Inference, base: Fitted) -> Sequence[tuple[str, Sequence[str]]]:
+        """None is known."""
         return ()
 
     def reached(self, fitted: Fitted) -> str:

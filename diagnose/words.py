@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from ..record.gap_file import GapFile
 from .held_out import Shrink
 from .scan import Leftover
+from .tow_numbers import BESIDE
 
 OPEN = 0.6
 """Below this probability no gap is a verdict for want of a better one."""
@@ -22,6 +23,7 @@ LIKE = {
     "bank_suction": "suction of the near wall",
     "cross_current": "a current across the tank",
     "speed_drift": "a drifting carriage speed",
+    "constant_tension": "a weight or a winch that keeps the line's tension",
     "tension_variation": "a line tension that changes with the angle",
     "elastic_line": "a line that stretches",
     "slack_line": "a line that goes slack",
@@ -118,7 +120,7 @@ def _like(names: Sequence[str]) -> str:
 def _changed(file: GapFile) -> str:
     """What the unmodelled effect had done to the derivatives."""
     before, after = file.derivatives.get("before", {}), file.derivatives.get("after", {})
-    moved = {k: 100 * (before[k].value / after[k].value - 1) for k in after if after[k].value}
+    moved = {k: 100 * (before[k].value / after[k].value - 1) for k in after if after[k].value and k not in BESIDE}
     if not moved:
         return ""
     worst = max(moved, key=lambda k: abs(moved[k]))

@@ -14,6 +14,7 @@ from .page import document, write_document
 if TYPE_CHECKING:
     from ..diagnosing import Diagnosed
     from ..record.gap_file import GapFile
+    from ..record.results import Measured
 
 HEADLINES = {"no_gap": "No gap", "effect": "An effect is missing", "unknown": "Something unknown is missing"}
 
@@ -101,17 +102,22 @@ def _derivatives(file: GapFile) -> Html:
     rows = []
     before, after = file.derivatives["before"], file.derivatives.get("after")
     for name, value in before.items():
-        row: list[object] = [name, number(f"{value.value:.2f} +- {value.std:.2f}")]
+        row: list[object] = [name, number(_measured(value))]
         if after is not None:
             other = after[name]
-            row += [
-                number(f"{other.value:.2f} +- {other.std:.2f}"),
-                number(f"{100 * (value.value / other.value - 1):+.1f}"),
-            ]
+            # of a number that may be zero a share says nothing
+            known = abs(other.value) > other.std
+            bias = f"{100 * (value.value / other.value - 1):+.1f}" if known else ""
+            row += [number(_measured(other)), number(bias)]
         rows.append(row)
     head = ["derivative", "without the effect", "with it", "bias, %"] if after is not None else ["derivative", "fitted"]
     words = "What leaving the effect out had done to the derivatives."
     return table(head, rows, caption=words)
+
+
+def _measured(value: Measured) -> str:
+    digits = ".2f" if value.std >= 0.01 or abs(value.value) >= 1 else ".2g"
+    return f"{value.value:{digits}} +- {value.std:{digits}}"
 
 
 def _next(file: GapFile) -> Html:

@@ -84,6 +84,7 @@ motion = {motion}
 speed_m_s = 1.28
 line_length_m = 0.91
 tow_point_m = {point}
+line = "constant"
 tension_n = 3.96
 [model]
 length_pp_m = 2.66

@@ -50,7 +50,7 @@ def made(seed: int, x_t: float, start_m: float, push: tuple[float, float] = (0.0
     content = {
         "name": f"x{x_t}",
         "source": {"motion": "motion.csv"},
-        "tow": {"speed_m_s": 1.28, "line_length_m": 0.91, "tow_point_m": x_t, "tension_n": 3.96},
+        "tow": {"speed_m_s": 1.28, "line_length_m": 0.91, "tow_point_m": x_t, "tension_n": 3.96, "line": "constant"},
         "model": {"length_pp_m": 2.66, "mass_kg": 78.0},
         "water": {"density_kg_m3": 1000.0, "tank_width_m": 4.6},
     }
@@ -100,7 +100,7 @@ def test_what_a_motion_cannot_show_is_not_asked_of_it(tows: list[TowRun]) -> Non
     usable, excluded = simulator.usable(LIBRARY)
     names = {e.name for e in usable}
     pixels = {e.name for e in LIBRARY if e.correct is not None} - {"datum_bias"}
-    assert set(excluded) == pixels | {"rolling_shutter", "sync_delay"}
+    assert set(excluded) == pixels | {"rolling_shutter", "sync_delay", "constant_tension"}
     assert {excluded[name] for name in (*pixels, "rolling_shutter")} == {"a motion holds no pixels"}
     assert excluded["sync_delay"] == "no tension history"
     assert {"cross_current", "crossflow_drag", "datum_bias", "bank_suction"} <= names

@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 
 from towline.diagnose.effects import LIBRARY, Effect, Seen, Situation, camera
 from towline.diagnose.simulated import effects_of, with_effects
-from towline.diagnose.tow_rates import push
 from towline.diagnose.unknown import (
     ACROSS_PER_M,
     BETA_RAD,
@@ -403,8 +402,15 @@ def test_what_an_effect_takes_from_the_tension_acts_where_the_line_does() -> Non
     assert change != 0
     angle = at.alpha_rad + at.beta_rad
     tow = Tow(1.28, 0.91, 1.6, 3.96, tow_point_offset_m=0.05)
-    wanted = line_force(tow, change, np.sin(angle), np.cos(angle))
-    np.testing.assert_allclose(push(loose, at, 0.05, np.array([p.sd for p in loose.parameters])), wanted, rtol=1e-12)
-    pull = effect("hull_asymmetry")
-    assert pull.force is not None
-    np.testing.assert_allclose(push(pull, at, 0.05, np.array([0.1, 0.2])), pull.force(at, 0.1, 0.2), rtol=1e-12)
+    file = scenario((loose.name, {p.name: p.sd for p in loose.parameters}))
+    extra = with_effects(HULL, tow, effects_of(file, Path("s.toml")), file)[2]
+    assert extra is not None
+    state = at.t_s, at.y_m, at.beta_rad, at.v_m_s, at.r_rad_s, at.alpha_rad
+    turning = line_angle_rate(tow, at.beta_rad, at.v_m_s, at.r_rad_s, np.cos(angle))
+    wanted = line_force(
+        tow,
+        loose.tension(replace(at, alpha_rate=turning), *(p.sd for p in loose.parameters)),
+        np.sin(angle),
+        np.cos(angle),
+    )
+    np.testing.assert_allclose(extra(*state), wanted, rtol=1e-10)

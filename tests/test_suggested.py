@@ -57,7 +57,9 @@ def test_noise_suggests_no_bounce_and_a_bounce_is_found_with_each_runs_own_phase
         sum(2 * np.log1p(m / 4) for m in moved), abs=sum(4 / np.sqrt(m) for m in moved) + 0.2
     )
     t_s = np.arange(0.0, 20.0, 0.05)
-    seen = SimpleNamespace(t_s=t_s[:, None, None], alpha_rad=np.zeros((1, 1, 1)), tension_n=np.ones((3, 1)))
+    seen = SimpleNamespace(
+        t_s=t_s[:, None, None], alpha_rad=np.zeros((1, 1, 1)), tension_n=np.ones((3, 1)), beyond_n=0.0
+    )
     bounce = found[0].stretch(seen, 0.0, 0.0, 1.0, 0.0)[:, :, 0]  # pyright: ignore[reportOptionalCall]
     for k, phase in enumerate(phases):
         true = SIZE_M * np.exp(-DECAY_S * t_s) * np.cos(2 * np.pi * RATE_HZ * t_s + phase)
@@ -80,7 +82,9 @@ def test_a_bounce_that_is_no_ring_is_taken_as_it_goes(runs: list) -> None:
     ring, whole = springing_effects(runs, base)
     assert whole.variant == "bounces as its radius shows"
     t_s = np.arange(3.0, 40.0, 0.05)
-    seen = SimpleNamespace(t_s=t_s[:, None, None], alpha_rad=np.zeros((1, 1, 1)), tension_n=np.ones((3, 1)))
+    seen = SimpleNamespace(
+        t_s=t_s[:, None, None], alpha_rad=np.zeros((1, 1, 1)), tension_n=np.ones((3, 1)), beyond_n=0.0
+    )
     for k, run in enumerate(runs):
         noise = np.sqrt(np.median(np.diag(run.covariance[2])))
         off = [

@@ -1,11 +1,11 @@
-"""The library of effects (formats.md): what reality has and the linear tow with constant tension does not know."""
+"""The library of effects (formats.md): what reality has and the tow on a line of one length does not know."""
 
 from __future__ import annotations
 
 from .base import STAGES, Effect, Parameter, Seen, Situation, installed_effects, load_effects
 from .camera import DECK, DELAY, DRIFT, LENS, POST, RATE, ROLL, ROLLING, SCALE, SHIFT, SHUTTER
 from .hull import ASYMMETRY, BANK, COUPLING, CROSSFLOW, CUBIC, CURRENT, MEMORY
-from .line import ELASTIC, FRICTION, OFFSET, TENSION, slack
+from .line import ELASTIC, FRICTION, KEPT, LAW, OFFSET, TENSION, slack
 
 LIBRARY: tuple[Effect, ...] = (
     CROSSFLOW,
@@ -16,7 +16,9 @@ LIBRARY: tuple[Effect, ...] = (
     BANK,
     CURRENT,
     DRIFT,
+    KEPT,
     TENSION,
+    LAW,
     ELASTIC,
     OFFSET,
     FRICTION,

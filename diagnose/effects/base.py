@@ -52,13 +52,16 @@ class Situation:
     Attributes
     ----------
     t_s, y_m, beta_rad, v_m_s, r_rad_s, alpha_rad : state; t_s from the run's start
-    speed_m_s, line_length_m, tow_point_m, tension_n : of the tow, tension without the effect
+    speed_m_s, line_length_m, tow_point_m : of the tow
+    tension_n : T without the effect. Of a line that keeps its length: the straight tow's R where a force is asked (T follows
+        from the forces), what the line has where a change of T is
     alpha_rate : rad/s
     length_pp_m, density_kg_m3, half_width_m : of model, water and tank (NaN: not given)
     v_lag, r_lag : v and r behind by the effect's lag (``Effect.lag_s``); else v and r themselves
     duration_s : of the run
     y_v, n_v, n_r : linear damping at this speed
     history : time -> tension over its mean, (runs, columns); 1 where it is constant
+    beyond_n : of tension_n, what a line that keeps its length has beyond R; 0 elsewhere
     """
 
     t_s: Any
@@ -82,6 +85,7 @@ class Situation:
     n_v: Any
     n_r: Any
     history: Callable[[Any], Any]
+    beyond_n: Any = 0.0
 
 
 @dataclass(frozen=True)
@@ -95,8 +99,9 @@ class Seen:
     rate : their rates per second
     side : line force over tension, sin(alpha + beta)
     alpha_rad : tow line angle
-    tension_n : (runs, columns)
+    tension_n : (runs, columns), of a straight tow
     shutter : (samples, runs, 4, 3): change of x, y, beta and marker distance by 1 s of readout over the picture's height, per rate
+    beyond_n : (samples, runs, columns), what a line that keeps its length has beyond tension_n
     """
 
     t_s: Array
@@ -106,6 +111,7 @@ class Seen:
     alpha_rad: Array
     tension_n: Array
     shutter: Array
+    beyond_n: Any = 0.0
 
 
 @dataclass(frozen=True)
@@ -118,10 +124,11 @@ class Effect:
     stage : one of STAGES; hull effects are told "sway" or "yaw" by where their force works
     parameters : its numbers
     physics, source, cure : a sentence, where it stands, what to do about it
-    force : (situation, *numbers) -> (Y N, N N m)
-    tension : (situation, *numbers) -> change of T, N
+    force : (situation, *numbers) -> (Y N, N N m); a line that keeps its length answers it by its tension
+    tension : (situation, *numbers) -> change of T, N, whatever a line that keeps its length asks
+    keeps : (*numbers) -> how far the line keeps its tension instead of its length, 0..1
     coupling : (*numbers) -> (Y_rdot, N_vdot), kg m
-    speed : (situation, *numbers) -> change of U, m/s
+    speed : (situation, *numbers) -> change of U, m/s, by the time alone
     length : (tension N, *numbers) -> how much longer the line is than stated, m
     offset : (*numbers) -> tow point's offset to starboard beyond what is stated, m
     stretch : (seen, *numbers) -> how much the line lengthens as the model swings, m
@@ -147,6 +154,7 @@ class Effect:
     source: str = ""
     force: Callable[..., tuple[Any, Any]] | None = None
     tension: Callable[..., Any] | None = None
+    keeps: Callable[..., Any] | None = None
     coupling: Callable[..., tuple[Any, Any]] | None = None
     speed: Callable[..., Any] | None = None
     length: Callable[..., Any] | None = None

@@ -128,7 +128,9 @@ def _no_pixels(run) -> str:
 
 def _no_history(run) -> str:
     tow = run.file.tow
-    return "" if tow is not None and tow.tension is not None else "no tension history"
+    if tow is None or tow.tension is None:
+        return "no tension history"
+    return "" if tow.line == "constant" else 'line = "surge": the motion makes the tension, a history moves nothing'
 
 
 LENS = Effect(

@@ -27,14 +27,39 @@ def _friction(s: Situation, moment):
 def _varies(s: Situation, power, late):
     """With the angle, or with the angle a little earlier where a winch or a falling weight follows it."""
     angle = s.alpha_rad - late * s.alpha_rate
-    return s.tension_n * (np.maximum(np.cos(angle), 0.1) ** -power - 1)
+    return (s.tension_n - s.beyond_n) * (np.maximum(np.cos(angle), 0.1) ** -power - 1)
+
+
+def _instead(s: Situation, share, power, late):
+    """The same law, so far as it stands instead of what keeps the line's length."""
+    return share * (_varies(s, power, late) - s.beyond_n)
 
 
 def _stretch(seen: Seen, compliance, follows):
-    """Beyond its length on the axis: how far the pull, and with it the stretch, follows R/cos(alpha)."""
-    return compliance * follows * seen.tension_n * (1 / np.maximum(np.cos(seen.alpha_rad), 0.1) - 1)
+    """Beyond its length on the axis: by what the line pulls harder there, and as far as the pull follows R/cos(alpha) besides."""
+    rest = seen.tension_n * (1 / np.maximum(np.cos(seen.alpha_rad), 0.1) - 1)
+    return compliance * (seen.beyond_n + follows * rest)
 
 
+def _no_length(run) -> str:
+    tow = run.file.tow
+    return "" if tow is not None and tow.line == "surge" else 'line = "constant" keeps its tension'
+
+
+def _length(run) -> str:
+    return "" if _no_length(run) else 'line = "surge" keeps its length'
+
+
+KEPT = Effect(
+    "constant_tension",
+    "line",
+    (Parameter("share", "", 1.0, one_sided=True),),
+    "A falling weight or a winch keeps the line at one tension: it gives way instead of swinging the model's mass.",
+    'Give line = "constant", or tow on a line that keeps its length.',
+    "theory.md 10",
+    keeps=lambda share: share,
+    needs=_no_length,
+)
 TENSION = Effect(
     "tension_variation",
     "line",
@@ -43,6 +68,20 @@ TENSION = Effect(
     "Measure T over time, or let the simulator use T = R/cos(alpha).",
     "thesis (4.7)",
     tension=_varies,
+    needs=_length,
+)
+LAW = replace(
+    TENSION,
+    parameters=(
+        Parameter("share", "", 1.0, one_sided=True),
+        Parameter("power", "", 1.0, none=1.0),
+        Parameter("late_s", "s", 0.3),
+    ),
+    physics="A winch or a servo gives the line a tension of its own, R/cos(alpha) (power 1), instead of what keeps its length.",
+    cure="Measure T over time, or tow on a line that keeps its length.",
+    tension=_instead,
+    needs=_no_length,
+    variant="instead of the line's length",
 )
 ELASTIC = Effect(
     "elastic_line",

@@ -5,7 +5,7 @@ The joint fit of tows has its own (``identify.fit``), with camera modes and prio
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +54,7 @@ def output_error(
     prior: Array | None = None,
     sigma: tuple[float, float] = SIGMA,
     whiten: list[Weight] | None = None,
+    covariance: Sequence[Array | None] | None = None,
 ) -> OutputError:
     """Fit theta to the records ``seen``, per run (n, 2).
 
@@ -62,13 +63,16 @@ def output_error(
     start : (k,), in units where a step of 1 is large
     prior : (k,), 1 / sd about 0 of each parameter, 0 = free; None = all free
     sigma : of y and beta to begin with; scatter and colour are then measured
+    covariance : per run (n, 2, 2) of its samples, instead of sigma; None: sigma
     whiten : fixed whiteners instead; the covariance then holds only the scatter measured against them
 
     Raises
     ------
     EstimationError : the start's motion is not finite
     """
-    plain = [stated(np.broadcast_to(np.diag(np.square(sigma)), (len(t), 2, 2)), t) for t in t_s]
+    usual = np.diag(np.square(sigma))
+    own = [None] * len(t_s) if covariance is None else covariance
+    plain = [stated(np.broadcast_to(usual, (len(t), 2, 2)) if c is None else c, t) for c, t in zip(own, t_s, strict=True)]
     weight: list[Weight] = list(plain) if whiten is None else whiten
     pull = np.zeros(len(start)) if prior is None else np.asarray(prior, dtype=float)
     held = np.diag(pull)[pull > 0]

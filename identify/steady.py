@@ -18,7 +18,8 @@ from ..record.run import RUN_FILE, Run
 from ..record.tables import read_history
 from ..simulate.model import Array
 from .cut import before_cut
-from .data import check_times, common_key
+from .data import check_times, common_key, usual_resistance
+from .joint.common import along_of
 from .settled import Judged, Stability, judge, slowest_swing_s, tail_mean, words
 
 CLOSEST_FORCES = 1e-3
@@ -29,6 +30,34 @@ STANDS_OFF = 10.0
 STANDS_OFF_RAD = np.radians(3.0)
 """A tow stands off the line behind its post where F is so many of its standard deviations and alpha + beta this large: 2 mm and 0.2
 degrees that a datum errs by unsaid are a tenth of it, and X_v then errs by a tenth of X_T - X_v."""
+
+
+@dataclass(frozen=True)
+class Along:
+    """What a hull that drifts on a line of constant length resists along itself, over R (theory.md 10).
+
+    Attributes
+    ----------
+    exponent, drag : n of R ~ u^n, and X_vv U^2/R, each with its standard deviation; the same in all tows of a hull
+    """
+
+    exponent: tuple[float, float]
+    drag: tuple[float, float]
+
+    def share(self, beta_rad: float) -> tuple[float, float]:
+        """-X/(R cos(beta)^2) at u = U cos(beta), v = -U sin(beta), and its slope by beta.
+
+        A rudder's force goes with u^2: over cos(beta)^2 it is the same in all tows, as the line X_T = X_v + k/F asks.
+        """
+        tangent, cosine, n, drag = np.tan(beta_rad), np.cos(beta_rad), self.exponent[0], self.drag[0]
+        slope = -(n - 2) * cosine ** (n - 2) * tangent - 2 * drag * tangent / cosine**2
+        return float(cosine ** (n - 2) - drag * tangent**2), float(slope)
+
+    def relative(self, beta_rad: float) -> Array:
+        """(2,), relative change of F with one standard deviation of the exponent and of the drag."""
+        share, cosine = self.share(beta_rad)[0], np.cos(beta_rad)
+        by_power = cosine ** (self.exponent[0] - 2) * np.log(cosine) * self.exponent[1]
+        return np.array([by_power, -(np.tan(beta_rad) ** 2) * self.drag[1]]) / share
 
 
 @dataclass(frozen=True)
@@ -49,6 +78,7 @@ class SteadyState:
     span_s, settled : the window; False: it was not judged to be settled
     stability : what the record says of the tow's stability (3.2.3)
     whole : the window is the whole record: the tow was at rest from its beginning
+    along : what the hull resists along itself, where the line keeps its length and no load cell says T; tension_n is R then
     """
 
     name: str
@@ -68,10 +98,20 @@ class SteadyState:
     settled: bool = True
     stability: Stability = UNSEEN
     whole: bool = False
+    along: Along | None = None
 
     def force(self) -> tuple[float, Array]:
-        """F = T sin(alpha+beta), N, or F/R = sin(alpha+beta)/cos(alpha); and its slope by (alpha, beta), (2,)."""
+        """F = T sin(alpha+beta), N, or F/R; and its slope by (alpha, beta), (2,).
+
+        With ``along`` T cos(alpha+beta) is what the hull resists at its own speed u = U cos(beta) (theory.md 10), and F is
+        brought to U (divided by cos(beta)^2); else T is as measured, or R/cos(alpha) (4.7).
+        """
         a, b = self.alpha_rad, self.beta_rad
+        if self.along is not None:
+            share, by_beta = self.along.share(b)
+            pull = 1.0 if self.tension_n is None else self.tension_n
+            steep = share / np.cos(a + b) ** 2
+            return pull * share * np.tan(a + b), pull * np.array([steep, steep + by_beta * np.tan(a + b)])
         if self.tension_n is not None:
             return self.tension_n * np.sin(a + b), np.full(2, self.tension_n * np.cos(a + b))
         return np.sin(a + b) / np.cos(a), np.array([np.cos(b) / np.cos(a) ** 2, np.cos(a + b) / np.cos(a)])
@@ -154,8 +194,10 @@ def judged_tow(run: Run, motion: pd.DataFrame, common: Array | None) -> Judged:
     # X_v lies ahead of LCG: an error of X_T does to X_v at least what this share of F does
     relative = float(np.hypot(priors.tension_sd_rel, priors.tow_point_sd_m / max(abs(x_t), 1e-9)))
 
+    along = along_of_run(run)
+
     def pull(mean: Array) -> tuple[float, Array]:
-        force, slope = SteadyState("", x_t, *mean, tension_n=1.0 if known else None).force()
+        force, slope = SteadyState("", x_t, *mean, tension_n=1.0 if known else None, along=along).force()
         return float(force), slope
 
     def error(first: int) -> tuple[Array, float]:
@@ -167,6 +209,18 @@ def judged_tow(run: Run, motion: pd.DataFrame, common: Array | None) -> Judged:
         return judge(times, angles, slowest_s, pull, error)
     except EstimationError as short:
         raise InputError(run.source_path, "", str(short)) from None
+
+
+def along_of_run(run: Run) -> Along | None:
+    """What a run's hull resists along itself; None where the line's tension is given or logged."""
+    tow, model, priors = run.tow, run.model, run.file.priors
+    if tow.line != "surge" or tow.tension is not None:
+        return None
+    resistance = tow.tension_n or usual_resistance(model.mass_kg, model.length_pp_m, tow.speed_m_s)
+    drag, spread = along_of(priors, model.mass_kg, model.length_pp_m, "x_vv_kg_m")
+    over = tow.speed_m_s**2 / resistance
+    exponent = along_of(priors, model.mass_kg, model.length_pp_m, "resistance_exponent")
+    return Along(exponent, (drag * over, spread * over))
 
 
 def tension_known(run: Run) -> bool:
@@ -228,6 +282,7 @@ def steady_state(run: Run, motion: pd.DataFrame, common: Array | None) -> Steady
         span_s=(float(times[first]), float(times[-1])),
         stability=found.stability,
         whole=first == 0,
+        along=along_of_run(run),
     )
 
 
@@ -325,6 +380,9 @@ def input_covariance(tows: list[SteadyState]) -> Array:
         for j, b in enumerate(tows):
             if len(a.common) and len(a.common) == len(b.common) and (i == j or a.common_key == b.common_key):
                 covariance[at, 4 * j : 4 * j + 2] += a.common.T @ b.common
+            if a.along is not None and b.along is not None:
+                shared = a.along.relative(a.beta_rad) @ b.along.relative(b.beta_rad)
+                covariance[4 * i + 2, 4 * j + 2] += shared
     return covariance
 
 
@@ -388,7 +446,7 @@ def _hull_from_steady(
     )
     values, slopes, weights = [], [], []
     for i, tow in enumerate(tows):
-        v = -tow.speed_m_s * np.sin(tow.beta_rad)
+        v = -tow.speed_m_s * (np.sin if tow.along is None else np.tan)(tow.beta_rad)
         if v == 0.0:
             continue
         force, lever = tow.force()[0], tow.tow_point_m - x_delta_m

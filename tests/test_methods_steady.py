@@ -9,10 +9,10 @@ import pytest
 from scipy.optimize import fsolve
 
 from towline.identify.methods.steady_hull import damping_from_known_point, fit_steady_hull
-from towline.identify.steady import SteadyState, fit_steady, input_covariance
+from towline.identify.steady import Along, SteadyState, fit_steady, input_covariance
 from towline.record import EstimationError
 from towline.simulate import Hull, Tow
-from towline.simulate.model import full_rates
+from towline.simulate.model import full_rates, full_state
 
 DELTA = np.radians(-15.0)
 HULL = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28, y_delta=-2.0, n_delta=2.4)
@@ -197,3 +197,34 @@ def test_deviations_are_those_of_small_changes_of_every_input() -> None:
     line = fit_steady(tows, -1.2).x_v_m
     assert (pair.value, pair.std) == pytest.approx((line.value, line.std), rel=1e-9)
     np.testing.assert_allclose(values(tows)[1], np.sqrt(variance), rtol=1e-4)
+
+
+@pytest.mark.parametrize(("stated", "x_vv"), [(True, -12.0), (False, -12.0), (False, 0.0)])
+def test_steady_tows_on_a_line_that_keeps_its_length(stated: bool, x_vv: float) -> None:
+    """The equilibrium of the full equations with surge gives X_v back, R known or not; T = R/cos(alpha) is centimetres off."""
+    hull = replace(HULL, mass_kg=78.0, x_udot_kg=-4.0, x_vv_kg_m=x_vv)
+    tows, plain = [], []
+    for x_t in POINTS_M[:3]:
+        towed = Tow(1.28, 0.91, x_t, 3.96, rudder_rad=DELTA, line="surge")
+
+        def rates(angles: np.ndarray, towed: Tow = towed) -> np.ndarray:
+            v = -1.28 * np.sin(angles[1])
+            return full_state(0.0, np.array([angles[0], angles[1], v, 0.0]), hull, towed).rates[2:]
+
+        angles = fsolve(rates, [0.3, 0.03], xtol=1e-13)
+        assert np.abs(rates(angles)).max() < 1e-10
+        state = SteadyState(f"x{x_t}", x_t, *angles, speed_m_s=1.28, tension_n=3.96 if stated else None)
+        drag = x_vv * 1.28**2 / 3.96
+        tows.append(replace(state, along=Along((1.85, 0.0), (drag, 0.0))))
+        plain.append(replace(state, tension_n=None))
+    found = fit_steady(tows, x_delta_m=-1.2)
+    assert found.x_v_m.value == pytest.approx(HULL.x_v_m, abs=1e-8)
+    if found.y_v is not None:
+        assert found.y_v.value == pytest.approx(-52.87, rel=1e-6)
+    assert abs(fit_steady(plain).x_v_m.value - HULL.x_v_m) > 0.01
+    # what is not known of the drag is in the interval: of two tows, moved by one standard deviation it moves X_v by as much
+    tows = tows[:2]
+    unsure = [replace(t, along=Along((1.85, 0.0), (t.along.drag[0], 3.0))) for t in tows if t.along is not None]
+    moved = [replace(t, along=Along((1.85, 0.0), (t.along.drag[0] + 0.3, 0.0))) for t in tows if t.along is not None]
+    shift = fit_steady(moved).x_v_m.value - HULL.x_v_m
+    assert fit_steady(unsure).x_v_m.std == pytest.approx(10 * abs(shift), rel=0.1)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...record.errors import EstimationError
-from ...record.priors import ValuePrior
+from ...record.priors import Priors, ValuePrior
 from ...simulate.model import Array
 from ..data import RunData
 from .parameters import ACROSS, ALONG, LINEAR_COUNT, RUN_PARAMETERS
@@ -99,15 +99,20 @@ def commons_of(runs: list[RunData]) -> tuple[Common, ...]:
 
 def along_prior(run: RunData, name: str) -> tuple[float, float]:
     """Mean and standard deviation of a number of ``ALONG``, as [priors.surge] says or as usual for its mass."""
-    stated: ValuePrior | None = getattr(run.priors.surge, name)
-    if stated is not None:
-        return stated.value, stated.std
-    if run.mass_kg is None:
+    if run.mass_kg is None and getattr(run.priors.surge, name) is None:
         raise EstimationError(
             f'run {run.name!r}: model.mass_kg is missing; line = "surge" weighs the model (give it, or line = "constant")'
         )
-    length = _length(run)
-    return tuple(float(f(run.mass_kg, length)) for f in USUAL_ALONG[name])  # pyright: ignore[reportReturnType]
+    return along_of(run.priors, run.mass_kg or 0.0, _length(run), name)
+
+
+def along_of(priors: Priors, mass_kg: float, length_pp_m: float, name: str) -> tuple[float, float]:
+    """``along_prior`` of a model of this mass and length."""
+    stated: ValuePrior | None = getattr(priors.surge, name)
+    if stated is not None:
+        return stated.value, stated.std
+    mean, spread = USUAL_ALONG[name]
+    return float(mean(mass_kg, length_pp_m)), float(spread(mass_kg, length_pp_m))
 
 
 def across_prior(runs: list[RunData], name: str) -> tuple[float, float] | None:
@@ -133,4 +138,4 @@ def needs_full(name: str) -> bool:
     return RUN_PARAMETERS.index(name) >= LINEAR_COUNT
 
 
-__all__ = ["Common", "across_prior", "along_prior", "commons_of", "needs_full"]
+__all__ = ["Common", "across_prior", "along_of", "along_prior", "commons_of", "needs_full"]

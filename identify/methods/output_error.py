@@ -72,7 +72,9 @@ def output_error(
     """
     usual = np.diag(np.square(sigma))
     own = [None] * len(t_s) if covariance is None else covariance
-    plain = [stated(np.broadcast_to(usual, (len(t), 2, 2)) if c is None else c, t) for c, t in zip(own, t_s, strict=True)]
+    plain = [
+        stated(np.broadcast_to(usual, (len(t), 2, 2)) if c is None else c, t) for c, t in zip(own, t_s, strict=True)
+    ]
     weight: list[Weight] = list(plain) if whiten is None else whiten
     pull = np.zeros(len(start)) if prior is None else np.asarray(prior, dtype=float)
     held = np.diag(pull)[pull > 0]

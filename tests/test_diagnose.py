@@ -127,10 +127,10 @@ def test_an_absent_effect_changes_nothing(model) -> None:
         np.testing.assert_allclose(one, two, atol=1e-12)
         moved = [np.abs(slope[:, :, 16 + k]).max() for k in range(slope.shape[2] - 16)]
         names = [e.name for e in LIBRARY for _ in e.parameters]
-        # no tension history to be late; and what only scales another number shows with that number
+        # no tension history to be late, no length to keep; and what only scales another number shows with that number
         silent = {n for n, m in zip(names, moved, strict=True) if m == 0}
         # the second numbers of these only shape their first
-        assert silent == {"sync_delay", "elastic_line", "tension_variation", "marker_roll"}
+        assert silent == {"sync_delay", "elastic_line", "tension_variation", "marker_roll", "constant_tension"}
 
 
 def test_a_next_runs_distance_grows_with_the_square_and_falls_with_what_is_not_known(model) -> None:

@@ -47,6 +47,7 @@ class SteadyState:
     covariance : (2, 2), of the two means, frame part (long-run variance)
     common : (k, 2), change of (alpha, beta) with each unit-variance common mode; common_key: whose modes
     span_s, settled : the window; False: the angles still drift in it
+    trim_rad : of the model, or None
     """
 
     name: str
@@ -64,6 +65,7 @@ class SteadyState:
     speed_sd_rel: float = 0.0
     span_s: tuple[float, float] = (0.0, 0.0)
     settled: bool = True
+    trim_rad: float | None = None
 
     def force(self) -> tuple[float, Array]:
         """F = T sin(alpha+beta), N, or F/R = sin(alpha+beta)/cos(alpha); and its slope by (alpha, beta), (2,)."""
@@ -166,6 +168,7 @@ def steady_state(run: Run, motion: pd.DataFrame, common: Array | None) -> Steady
         speed_sd_rel=priors.speed_sd_rel,
         span_s=(float(times[first]), float(times[-1])),
         settled=settled,
+        trim_rad=run.model.trim_rad,
     )
 
 
@@ -415,4 +418,5 @@ def steady_tow_result(tow: SteadyState) -> SteadyTow:
         force=Measured(value=float(force), std=float(np.sqrt(slope @ total @ slope))),
         span_s=tow.span_s,
         settled=tow.settled,
+        trim_rad=tow.trim_rad,
     )

@@ -24,7 +24,7 @@ COMPLEX_STEP = 1e-30
 RUDDER = ("y_delta", "n_delta", "y_bias_n", "n_bias_n_m")
 OWN = ("y", "beta", "v", "r")
 LARGEST_STEP_S = 0.2
-"""Longer sampling steps are divided; Simpson's rule for y is then good to 1e-7 m."""
+"""Longer sampling steps are divided; Simpson's rule for y is then good to 2e-7 m (zigzags of 10-30 degrees)."""
 TERMS = 12
 """Of the exponential's series, over half a step: a hull answers in 1 s and more, so that 0.1^13/13! is left."""
 STILL_RAD = 1e-6
@@ -172,7 +172,7 @@ def fit_free_run(
 
     seen = [np.column_stack([r.y_m, r.beta_rad]) for r in runs]
     stated = [r.covariance for r in runs]
-    fit = output_error(predict, seen, [r.t_s for r in runs], begin, prior=prior, sigma=sigma, covariance=stated)
+    fit = output_error(predict, seen, [r.t_s for r in runs], begin, prior=prior, sigma=sigma, sample_covariance=stated)
     return _result(fit, hull, shape, unit, at, runs, bool(pull.any()))
 
 

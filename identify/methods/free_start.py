@@ -50,9 +50,7 @@ def ratios_by_integrals(records: Sequence, bump_s: float, speed_m_s: float) -> A
         seen = np.abs(beta) < LARGEST_HEADING_RAD
         cosine = np.where(seen, np.cos(beta), 1.0)
         v = (y_rate - record.speeds(grid) * np.sin(beta)) / cosine
-        columns = np.column_stack(
-            [ratio * v, ratio * r, ratio**2 * record.rudder(grid), ratio**2 * np.ones_like(grid)]
-        )
+        columns = np.column_stack([ratio * v, ratio * r, ratio**2 * record.rudder(grid), ratio**2 * np.ones_like(grid)])
         size = max(6, round(bump_s / step))
         x = np.arange(size + 1) / size
         bump, slope = 16 * (x * (1 - x)) ** 2, 32 * x * (1 - x) * (1 - 2 * x) / (size * step)
@@ -74,4 +72,4 @@ def _slope(values: Array, step: float, wide: int) -> Array:
     """Rate by a parabola over ``2 wide + 1`` samples."""
     from scipy.signal import savgol_filter
 
-    return savgol_filter(values, 2 * wide + 1, 2, deriv=1, delta=step, mode="interp")
+    return np.asarray(savgol_filter(values, 2 * wide + 1, 2, deriv=1, delta=step, mode="interp"))

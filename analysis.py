@@ -11,13 +11,27 @@ import numpy as np
 import pandas as pd
 
 from . import __version__
-from .identify import Fit, RunData, derivatives_file, fit_steady, fit_with_noise, run_data, steady_file, steady_state
+from .identify import (
+    Fit,
+    RunData,
+    derivatives_file,
+    fit_free,
+    fit_steady,
+    fit_with_noise,
+    free_data,
+    free_file,
+    run_data,
+    same_trim,
+    steady_file,
+    steady_state,
+)
 from .identify.bracket import SHEARS, bracket_words, neutral_bracket
 from .identify.cut import cut_of
 from .identify.report import tow_stability
 from .identify.steady import SteadyState, UnsettledError, stands_off
 from .processes import Each, in_turn
 from .record.errors import EstimationError, InputError, TowlineError
+from .record.exports import derivatives_covariance
 from .record.priors import Priors
 from .record.results import DerivativesFile, SteadyFile, TowStability
 from .record.run import RUN_FILE, Run, all_inputs, read_run
@@ -78,6 +92,13 @@ def output_folder(folders: Sequence[str | Path]) -> Path:
     return common / "out"
 
 
+def by_line(batch: Batch) -> tuple[Batch, Batch]:
+    """The runs on a line, and those without (kind "free"); the failed ones go with the first that has a run."""
+    towed = [m for m in batch.runs if m.run.file.kind != "free"]
+    free = [m for m in batch.runs if m.run.file.kind == "free"]
+    return Batch(towed, batch.failed if towed else {}), Batch(free, {} if towed else batch.failed)
+
+
 def hull_of(run: Run) -> tuple[float, float, float]:
     """What runs of one fit share: length_pp_m, mass_kg, density_kg_m3."""
     return run.model.length_pp_m, run.model.mass_kg, run.water.density_kg_m3
@@ -127,11 +148,7 @@ def identified(
             failed[m.run.name] = str(error)
     if not used:
         raise EstimationError(next(iter(failed.values()), "no run to fit"))
-    hulls = {hull_of(m.run) for m in used}
-    if len(hulls) > 1:
-        raise EstimationError(
-            f"the runs are not of one hull in one water: (length_pp_m, mass_kg, density_kg_m3) = {sorted(hulls)}"
-        )
+    remarks = _one_hull(used)
     fit = fit_with_noise(data, form, speed_m_s, noise, progress, each)
     first = used[0].run
     result = derivatives_file(
@@ -144,10 +161,93 @@ def identified(
         failed,
         _true_six(used, fit.speed_m_s),
     )
-    if cut := _cut_short(used):
-        result = result.model_copy(update={"notes": [*result.notes, *cut]})
+    if (cut := _cut_short(used)) or remarks:
+        result = result.model_copy(update={"notes": [*result.notes, *cut, *remarks]})
     fitted = {d.name: _fitted(fit, d, m, i) for i, (d, m) in enumerate(zip(data, used, strict=True))}
     return Identified(result, fitted, fit, data, used)
+
+
+def _one_hull(used: Sequence[Moved]) -> list[str]:
+    """What must be said of the runs' trims; EstimationError where the runs are not of one hull in one water."""
+    hulls = {hull_of(m.run) for m in used}
+    if len(hulls) > 1:
+        raise EstimationError(
+            f"the runs are not of one hull in one water: (length_pp_m, mass_kg, density_kg_m3) = {sorted(hulls)}"
+        )
+    return same_trim({m.run.name: m.run.model.trim_rad for m in used})
+
+
+@dataclass(frozen=True)
+class FreeIdentified:
+    """What free runs give, with what the page shows of them.
+
+    Attributes
+    ----------
+    result : derivatives.json, method "free_run"
+    fitted : run name -> t_s, y_cg_m, beta_rad of the fit
+    runs : as fitted
+    """
+
+    result: DerivativesFile
+    fitted: dict[str, pd.DataFrame]
+    runs: list[Moved]
+
+
+def identified_free(
+    batch: Batch, speed_m_s: float | None = None, priors: Priors | None = None, towed: Identified | None = None
+) -> FreeIdentified:
+    """Joint fit of free runs: the rudder and the ratios, or, with the tows of the same hull, everything in newtons.
+
+    Parameters
+    ----------
+    speed_m_s : at which the values are quoted; None = the tows', or the runs' mean
+    priors : instead of each run's own
+    towed : the fit of tows whose derivatives and covariance the free runs are read with
+
+    Raises
+    ------
+    EstimationError : no run can be used, the runs are not of one hull, or the rudder never moves
+    """
+    failed = dict(batch.failed)
+    data, used = [], []
+    for m in batch.runs:
+        try:
+            data.append(free_data(m.run, m.motion, m.common, priors, m.lag))
+            used.append(m)
+        except TowlineError as error:
+            failed[m.run.name] = str(error)
+    if not used:
+        raise EstimationError(next(iter(failed.values()), "no run to fit"))
+    first = used[0].run
+    water = next((m.run.water for m in used if m.run.file.water is not None), None)
+    if len({(m.run.model.length_pp_m, m.run.model.mass_kg) for m in used}) > 1:
+        raise EstimationError("the free runs are not of one hull: length_pp_m or mass_kg differ")
+    remarks = same_trim({m.run.name: m.run.model.trim_rad for m in (*used, *(towed.runs if towed else ()))})
+    known = None
+    if towed is not None:
+        whole = towed.runs[0].run
+        if (whole.model.length_pp_m, whole.model.mass_kg) != (first.model.length_pp_m, first.model.mass_kg):
+            raise EstimationError("tows and free runs are not of one hull: length_pp_m or mass_kg differ")
+        water = whole.water
+        if set(DERIVATIVE_UNITS) <= set(towed.result.derivatives):
+            six = np.array([towed.result.derivatives[name].value for name in DERIVATIVE_UNITS])
+            known = six, derivatives_covariance(towed.result, tuple(DERIVATIVE_UNITS)), towed.result.speed_m_s
+        else:
+            remarks.append("the tows do not determine all six derivatives: the free runs were fitted without them")
+    fit = fit_free(data, speed_m_s, known)
+    result = free_file(
+        fit,
+        data,
+        first.model.length_pp_m,
+        first.model.mass_kg,
+        None if water is None else water.density_kg_m3,
+        __version__,
+        all_inputs([m.run for m in (*used, *(towed.runs if towed else ()))]),
+        failed,
+        _true_hull(used),
+    )
+    result = result.model_copy(update={"notes": [*result.notes, *remarks]})
+    return FreeIdentified(result, {d.name: f for d, f in zip(data, fit.fitted, strict=True)}, used)
 
 
 def fit_page(
@@ -200,6 +300,20 @@ def _true_six(runs: Sequence[Moved], speed_m_s: float) -> dict[str, float] | Non
     return dict(zip(DERIVATIVE_UNITS, (float(x) for x in found[0]), strict=True))
 
 
+def _true_hull(runs: Sequence[Moved]) -> Hull | None:
+    """The hull that rendered runs were made from, where all carry the same."""
+    truths = [truth_of(m.run) for m in runs]
+    first = truths[0]
+    if first is None or any(
+        t is None or (t.derivatives, t.speed_m_s) != (first.derivatives, first.speed_m_s) for t in truths
+    ):
+        return None
+    try:
+        return Hull(**first.derivatives, speed_m_s=first.speed_m_s)
+    except TypeError:  # it names what this simulator does not know
+        return None
+
+
 def steadied(batch: Batch) -> SteadyFile:
     """Neutral point of the batch's steady tows; those that still swing, drift or shear off are failed runs.
 
@@ -228,11 +342,12 @@ def steadied(batch: Batch) -> SteadyFile:
         raise EstimationError(
             f"{len(tows)} steady tows; two or more are needed{f' ({reasons})' if reasons else ''}{f'; {known}' if known else ''}"
         )
+    remarks = same_trim({t.name: t.trim_rad for t in tows})
     fit = fit_steady(tows, used[0].run.model.x_delta_m)
     truths = {t.x_v_m for m in used if (t := truth_of(m.run)) is not None}
     true_x_v = truths.pop() if len(truths) == 1 else None
     result = steady_file(fit, tows, __version__, all_inputs([m.run for m in used]), failed, true_x_v, seen)
-    return result.model_copy(update={"notes": [*result.notes, *_cut_short(batch.runs)]})
+    return result.model_copy(update={"notes": [*result.notes, *_cut_short(batch.runs), *remarks]})
 
 
 def _cut_short(runs: Sequence[Moved]) -> list[str]:
@@ -244,15 +359,17 @@ def _cut_short(runs: Sequence[Moved]) -> list[str]:
 def good_for(m: Moved) -> tuple[str, ...]:
     """What a run is analysed for, by its motion and by whether T is known: "derivatives", "steady", both or none.
 
-    A tow without a measured tension can give its steady state only. One with it gives derivatives, and beside them its steady state
-    where it has settled off the line behind its post, whatever rudder_rad says; one that was there from its first frame on holds
-    nothing of the six. A tow that shears off stands with the steady ones: it brackets X_v.
+    A tow without a known tension gives its steady state, or, swinging on a line that keeps its length, derivatives: its mass weighs
+    the pull. One with it gives derivatives, and beside them its steady state where it has settled off the line behind its post,
+    whatever rudder_rad says; one that was there from its first frame on holds nothing of the six. A tow that shears off stands
+    with the steady ones: it brackets X_v.
     """
     if m.run.file.kind == "free" or m.run.file.tow is None:
         return ()
     if m.run.file.kind != "tow":
         return ("derivatives",) if has_tension(m) else ()
-    if not has_tension(m):
+    known = has_tension(m)
+    if not known and m.run.file.tow.line == "constant":
         return ("steady",)
     try:
         tow = steady_state(m.run, m.motion, m.common)
@@ -262,7 +379,13 @@ def good_for(m: Moved) -> tuple[str, ...]:
         return ("derivatives",)
     if not stands_off(tow):
         return ("derivatives",)
-    return ("steady",) if tow.whole else ("derivatives", "steady")
+    return ("steady",) if tow.whole or not known else ("derivatives", "steady")
+
+
+def has_rudder(m: Moved) -> bool:
+    """A free run whose rudder is known: stated over, or by its history."""
+    tow = m.run.file.tow
+    return m.run.file.kind == "free" and tow is not None and (tow.rudder is not None or tow.rudder_rad != 0.0)
 
 
 def has_tension(m: Moved) -> bool:

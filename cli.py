@@ -434,12 +434,14 @@ def _truth_lines(runs: Sequence[Any]) -> dict[str, Any]:
 
 
 def _identify(options: argparse.Namespace) -> int:
-    from .analysis import output_folder
+    from .analysis import by_line, output_folder
     from .identify.reference import compare_to_reference, comparison_lines, reference_set
 
     reference = None if options.reference is None else reference_set(options.reference)
-    batch = _batch(options)
+    batch, free = by_line(_batch(options))
     out = options.out or output_folder(options.runs)
+    if not batch.runs:
+        return _identify_free(options, free, out)
     answer = _fit_and_write(options, batch, out)
     compared = None
     if reference is not None:
@@ -459,7 +461,54 @@ def _identify(options: argparse.Namespace) -> int:
         write_identify_page(page, shown)
         options.outcome.wrote(page, word="page:")
     options.outcome.fail(answer.result.failed)
+    code = _code(answer.result.failed)
+    return max(code, _identify_free(options, free, out, answer)) if free.runs else code
+
+
+def _identify_free(options: argparse.Namespace, batch: Any, out: Path, towed: Any = None) -> int:
+    """Free runs: on their own as derivatives.json, beside tows as free_run.json."""
+    answer = _fit_free_and_write(options, batch, out, towed)
+    if not options.no_page:
+        from .report import write_page
+        from .stages import run_page
+
+        page = out / ("derivatives.html" if towed is None else "free_run.html")
+        pages = [run_page(m, answer.fitted[m.run.name], None) for m in answer.runs]
+        write_page(page, f"Free runs: {', '.join(answer.fitted)}", pages, answer.result, None, [])
+        options.outcome.wrote(page, word="page:")
+    options.outcome.fail(answer.result.failed)
     return _code(answer.result.failed)
+
+
+def _fit_free_and_write(options: argparse.Namespace, batch: Any, out: Path, towed: Any = None) -> Any:
+    from .analysis import identified_free
+    from .record.errors import TowlineError
+    from .record.results import write_result
+    from .report import derivatives_table
+    from .stages import read_priors
+
+    for option, wrong in (("--form", options.form == "linear"), ("--noise", options.noise == "innovations")):
+        if wrong and towed is None:
+            raise TowlineError(f"{option}: free runs are fitted by output error with the full kinematics only")
+    if towed is None and getattr(options, "reference", None) is not None:
+        raise TowlineError(
+            "--reference: a reference holds the six derivatives of a towed hull; these runs are all free"
+        )
+    priors = None if options.priors is None else read_priors(options.priors)
+    with show_progress() as show:
+        show("fitting the free runs", 0, None)
+        answer = identified_free(batch, options.speed, priors, towed)
+    name = "derivatives" if towed is None else "free_run"
+    write_result(out / f"{name}.json", answer.result)
+    if towed is not None:
+        with_tows = answer.result.free is not None and answer.result.free.scale == "tows"
+        how = "with the tows' derivatives and their covariance" if with_tows else "by themselves"
+        print(f"the free runs ({', '.join(answer.fitted)}) were fitted apart, {how}")
+    _console().print(derivatives_table(answer.result))
+    _notes([*answer.result.not_identifiable, *answer.result.notes])
+    options.outcome.result[name] = answer.result
+    options.outcome.wrote(out / f"{name}.json")
+    return answer
 
 
 def _fit_and_write(options: argparse.Namespace, batch: Any, out: Path) -> Any:
@@ -503,7 +552,7 @@ def _steady_and_write(options: argparse.Namespace, batch: Any, out: Path) -> Any
 
 
 def _run(options: argparse.Namespace) -> int:
-    from .analysis import Batch, good_for, has_tension, output_folder
+    from .analysis import Batch, good_for, has_rudder, has_tension, output_folder
     from .record.errors import TowlineError
     from .report import write_page
     from .stages import run_page
@@ -517,7 +566,7 @@ def _run(options: argparse.Namespace) -> int:
     failed = dict(batch.failed)
     problems: list[str] = []
     remarks: list[str] = []
-    identified = steady = None
+    identified = steady = free = None
     fitted: dict[str, Any] = {}
     kinds = [good_for(m) for m in batch.runs]
     settled = [m for m, good in zip(batch.runs, kinds, strict=True) if "steady" in good]
@@ -539,9 +588,20 @@ def _run(options: argparse.Namespace) -> int:
     elif settled and not tensioned:
         why = "the tows were at rest from their first frame" if has_tension(settled[0]) else "no tension is given"
         problems.append(f"no derivatives: {why}; no neutral point: steady tows at two or more tow points are needed")
-    elif not tensioned and not settled:
+    steered = [m for m in batch.runs if has_rudder(m)]
+    if steered:
+        try:
+            alone = len(steered) == len(batch.runs)
+            free = _fit_free_and_write(options, Batch(steered, batch.failed if alone else {}), out, identified)
+            failed |= free.result.failed
+            fitted |= free.fitted
+        except TowlineError as error:
+            problems.append(f"no derivatives from the free runs: {one_line(str(error))}")
+    silent = [m.run.name for m in batch.runs if m.run.file.kind == "free" and not has_rudder(m)]
+    if silent:
         remarks.append(
-            'no derivatives: runs of kind "free" give their motion only; this version identifies towed and forced runs'
+            f"no derivatives from {', '.join(silent)}: a free run gives its motion only, unless [tow] says its speed and its "
+            "rudder (tow.rudder or tow.rudder_rad)"
         )
     notes = [*problems, *remarks]
     options.outcome.result |= {"problems": problems, "remarks": remarks}
@@ -550,10 +610,9 @@ def _run(options: argparse.Namespace) -> int:
     pages = [run_page(m, fitted.get(m.run.name), failed.get(m.run.name)) for m in batch.runs]
     page = out / "report.html"
     title = pages[0].name if len(pages) == 1 else f"{out.parent.name}: {len(pages)} runs"
-    derivatives = identified.result if identified is not None else None
-    write_page(
-        page, title, pages, derivatives, steady, [*notes, *(f"{name}: {why}" for name, why in batch.failed.items())]
-    )
+    found = [answer.result for answer in (identified, free) if answer is not None]
+    said = [*notes, *(f"{name}: {why}" for name, why in batch.failed.items())]
+    write_page(page, title, pages, found[0] if found else None, steady, said, found[1] if found[1:] else None)
     options.outcome.wrote(page, word="page:")
     options.outcome.fail(failed)
     return EXIT_ERROR if problems else _code(failed)

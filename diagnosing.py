@@ -111,6 +111,9 @@ def diagnose_folders(
 
 def _reference(path: Path) -> tuple[np.ndarray, np.ndarray, float]:
     file = read_result(path, DerivativesFile)
+    absent = [name for name in DERIVATIVE_UNITS if name not in file.derivatives]
+    if absent:
+        raise InputError(path, f"derivatives.{absent[0]}", "missing; a reference holds all six derivatives")
     six = np.array([file.derivatives[name].value for name in DERIVATIVE_UNITS])
     sd = np.array([file.derivatives[name].std for name in DERIVATIVE_UNITS])
     return six, sd, file.speed_m_s

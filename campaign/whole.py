@@ -15,7 +15,7 @@ from ..record.errors import TowlineError
 from ..record.run import RUN_FILE
 from .find import OUT, run_folders
 from .table import tidy, write_tidy
-from .work import WANTS, Answer, Options, fit_job, restored, run_job
+from .work import TRIM, WANTS, Answer, Options, fit_job, restored, run_job
 
 LOCK = ".campaign.lock"
 
@@ -104,18 +104,26 @@ def _from_here(answer: Answer, folder: Path) -> Answer:
 
 
 def _fits(runs: Sequence[Answer], folder: Path, out: Path) -> list[tuple[str, str, list[str], str]]:
-    """Name, kind, folders and place of every fit: one of each kind for each hull."""
-    groups: dict[tuple[str, tuple[float, ...]], list[str]] = {}
+    """Name, kind, folders and place of every fit: one of each kind for each hull, at each of its trims."""
+    groups: dict[tuple[str, tuple[float, ...]], list[Answer]] = {}
     for a in runs:
         for kind in a.wants.split(WANTS) if a.wants and not a.reason else ():
-            groups.setdefault((kind, a.hull), []).append(a.job)
+            groups.setdefault((kind, a.hull), []).append(a)
     plan = []
-    for kind in ("derivatives", "steady"):
-        own = {hull: members for (k, hull), members in groups.items() if k == kind}
-        for k, members in enumerate(own.values(), 1):
+    for kind in ("derivatives", "steady", "free_run"):
+        own = [part for (k, _), members in groups.items() if k == kind for part in _at_each_trim(members)]
+        for k, members in enumerate(own, 1):
             name = kind if len(own) == 1 else f"{kind}-hull-{k}"
             plan.append((name, kind, [str((folder / m).resolve()) for m in members], str((out / name).resolve())))
     return plan
+
+
+def _at_each_trim(runs: Sequence[Answer]) -> list[list[str]]:
+    """Jobs of runs whose model floated alike (``identify.trim_groups``)."""
+    from ..identify.trim import trim_groups
+
+    trims = [next((value for name, value, *_ in a.numbers if name == TRIM), None) for a in runs]
+    return [[runs[k].job for k in group] for group in trim_groups(trims)]
 
 
 @contextmanager

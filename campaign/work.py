@@ -19,6 +19,8 @@ from ..record.schema import Line
 RECORD = "campaign.json"
 """Beside a fit's results, written last: what they were made from, and the answer."""
 WANTS = ", "
+TRIM = "trim"
+"""Of the model, by the stern positive, rad; among a run's numbers where run.toml says it."""
 ROOMS = ("record", "geometry", "vision", "simulate", "identify")
 Number = tuple[str, float, float | None, str]
 """Quantity, value, standard deviation, unit."""
@@ -53,7 +55,7 @@ class Answer:
     job : its name
     name : of the run, or of the group
     reason : why there is no result; empty where there is one
-    wants : "derivatives", "steady", both ("derivatives, steady") or "" (motion alone): what the run is good for
+    wants : "derivatives", "steady", both ("derivatives, steady"), "free_run" or "" (motion alone): what the run is good for
     hull : length, mass and density that runs of one fit share
     numbers : what is tabulated
     failed : runs left out of a fit, and why
@@ -103,6 +105,8 @@ def _fit(job: str, kind: str, folders: Sequence[str], out: Path, options: Option
         return replace(kept, redone=False)
     if kind == "derivatives":
         answer = _fitted(job, folders, out, options, stamp, each)
+    elif kind == "free_run":
+        answer = _freed(job, folders, out, options, stamp)
     else:
         answer = _settled(job, folders, out, options, stamp)
     write_text(out / RECORD, json.dumps(asdict(answer), indent=1, sort_keys=True) + "\n")
@@ -110,7 +114,7 @@ def _fit(job: str, kind: str, folders: Sequence[str], out: Path, options: Option
 
 
 def _moved(job: str, folder: Path, options: Options) -> Answer:
-    from ..analysis import good_for, hull_of
+    from ..analysis import good_for, has_rudder, hull_of
     from ..record.run import read_run
     from ..record.tables import input_hash_of
     from ..stages import MOTION, moved
@@ -119,7 +123,10 @@ def _moved(job: str, folder: Path, options: Options) -> Answer:
     before = input_hash_of(run.out / MOTION) if (run.out / MOTION).is_file() else ""
     m = moved(run, options.method, fresh=options.fresh)
     wants = WANTS.join(good_for(m))
+    wants = "free_run" if has_rudder(m) and run.file.model is not None else wants
     hull = hull_of(run) if run.file.model is not None and run.file.water is not None else ()
+    if not hull and run.file.model is not None:
+        hull = run.file.model.length_pp_m, run.file.model.mass_kg
     if run.file.source.motion is not None:
         return Answer(job, run.name, "", wants, hull, _numbers(run, m), stamp=run.input_hash(), redone=False)
     stamp = input_hash_of(run.out / MOTION) or ""
@@ -141,6 +148,8 @@ def _numbers(run: Any, m: Any) -> tuple[Number, ...]:
             value = getattr(tow, name)
             if value is not None:
                 found.append((name.rsplit("_m", 1)[0].removesuffix("_n"), float(value), None, unit))
+    if run.file.model is not None and run.file.model.trim_rad is not None:
+        found.append((TRIM, float(run.file.model.trim_rad), None, "rad"))
     for column, name, unit in (
         ("y_cg_m", "y_cg", "m"),
         ("beta_rad", "beta", "rad"),
@@ -171,6 +180,23 @@ def _fitted(job: str, folders: Sequence[str], out: Path, options: Options, stamp
     numbers += [(f"{name}_prime", d.prime, d.prime_std, "") for name, d in result.derivatives.items()]
     wrote = ("derivatives.json", "derivatives.html")
     return Answer(job, job, "", "derivatives", (), tuple(numbers), result.failed, wrote, stamp)
+
+
+def _freed(job: str, folders: Sequence[str], out: Path, options: Options, stamp: str) -> Answer:
+    from ..analysis import identified_free, moved_batch
+    from ..record.results import write_result
+    from ..report import write_page
+    from ..stages import run_page
+
+    answer = identified_free(moved_batch(folders, options.method), options.speed_m_s)
+    result = answer.result
+    write_result(out / "derivatives.json", result)
+    pages = [run_page(m, answer.fitted[m.run.name], None) for m in answer.runs]
+    write_page(out / "derivatives.html", f"Free runs: {', '.join(answer.fitted)}", pages, result, None, [])
+    numbers: list[Number] = [(name, d.value, d.std, d.unit) for name, d in result.derivatives.items()]
+    numbers += [(f"{name}_prime", d.prime, d.prime_std, "") for name, d in result.derivatives.items()]
+    wrote = ("derivatives.json", "derivatives.html")
+    return Answer(job, job, "", "free_run", (), tuple(numbers), result.failed, wrote, stamp)
 
 
 def _settled(job: str, folders: Sequence[str], out: Path, options: Options, stamp: str) -> Answer:
@@ -219,4 +245,4 @@ def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
-__all__ = ["Answer", "Number", "Options", "fit_job", "restored", "run_job"]
+__all__ = ["TRIM", "Answer", "Number", "Options", "fit_job", "restored", "run_job"]

@@ -53,6 +53,7 @@ class RunData:
     rudder : (times, rad) of a history; else tow.rudder_rad
     gauge : (times, N) of a load cell on a line that keeps its length: an observation of its tension
     tension_stated : R or T is known beside the motion; False: tow.tension_n is a guess of the right order
+    trim_rad : of the model, or None where run.toml does not say it
     """
 
     name: str
@@ -75,6 +76,7 @@ class RunData:
     rudder: tuple[Array, Array] | None = None
     gauge: tuple[Array, Array] | None = None
     tension_stated: bool = True
+    trim_rad: float | None = None
 
     @property
     def steered(self) -> bool:
@@ -116,15 +118,7 @@ def run_data(
             where, "kind", '"free": this estimator needs the line\'s force; kind "tow" or "forced" is expected'
         )
     table = run.tow
-    span = run.file.source.span_s
-    measured = (motion["status"] == "measured").to_numpy() & np.isfinite(motion[["y_cg_m", "beta_rad"]].to_numpy()).all(
-        axis=1
-    )
-    if span is not None:
-        measured &= motion["t_s"].between(span[0], span[1]).to_numpy()
-    measured &= before_cut(run, motion)  # named by analysis.identified
-    if measured.sum() < 20:
-        raise InputError(run.source_path, "", f"{int(measured.sum())} measured samples; at least 20 are needed")
+    measured = measured_rows(run, motion)
     rows = motion[measured]
     times = rows["t_s"].to_numpy()
     check_times(run, times)
@@ -132,7 +126,7 @@ def run_data(
     tension = speed = gauge = None
     if table.tension is not None:
         whole = table.line == "constant"
-        tension = _history(run, table.tension, "tension_n", table.tension_delay_s, times, whole)
+        tension = history_of(run, table.tension, "tension_n", table.tension_delay_s, times, whole)
     elif "tension_n" in rows and rows["tension_n"].notna().all():
         tension = (times, rows["tension_n"].to_numpy())
     elif table.tension_n is None and table.line == "constant":
@@ -146,7 +140,7 @@ def run_data(
     if table.line == "surge":
         tension, gauge = None, tension
     if table.speed is not None:
-        speed = _history(run, table.speed, "speed_m_s", table.speed_delay_s, times)
+        speed = history_of(run, table.speed, "speed_m_s", table.speed_delay_s, times)
         tow = replace(tow, speed_m_s=float(np.interp(times, *speed).mean()))
         if table.line == "surge":
             _check_taut(run, tow, speed, times)
@@ -154,7 +148,7 @@ def run_data(
         raise InputError(where, "tow.tension_n", f"{tow.tension_n:g} N; a tow needs a tension above 0")
     if tow.speed_m_s <= 0:
         raise InputError(where, "tow.speed_m_s", f"{tow.speed_m_s:g} m/s; a tow needs a speed above 0")
-    covariance, assumed = _covariance(rows)
+    covariance, assumed = stated_covariance(rows)
     modes, lags = (np.zeros((0, len(rows), 2)) if m is None else m[:, measured, :2] for m in (common, lag))
     return RunData(
         name=run.name,
@@ -174,10 +168,27 @@ def run_data(
         lag_key=sha256_of_texts("lag", repr(run.file.camera), *(m.name for m in run.file.marker)),
         mass_kg=run.model.mass_kg,
         length_pp_m=run.model.length_pp_m,
-        rudder=None if table.rudder is None else _history(run, table.rudder, "rudder_rad", table.rudder_delay_s, times),
+        rudder=None
+        if table.rudder is None
+        else history_of(run, table.rudder, "rudder_rad", table.rudder_delay_s, times),
         gauge=gauge,
         tension_stated=stated,
+        trim_rad=run.model.trim_rad,
     )
+
+
+def measured_rows(run: Run, motion: pd.DataFrame) -> Array:
+    """(n,) which rows of the motion are measured and lie within the span; InputError where fewer than 20 are."""
+    span = run.file.source.span_s
+    measured = (motion["status"] == "measured").to_numpy() & np.isfinite(motion[["y_cg_m", "beta_rad"]].to_numpy()).all(
+        axis=1
+    )
+    if span is not None:
+        measured &= motion["t_s"].between(span[0], span[1]).to_numpy()
+    measured &= before_cut(run, motion)  # named by analysis.identified
+    if measured.sum() < 20:
+        raise InputError(run.source_path, "", f"{int(measured.sum())} measured samples; at least 20 are needed")
+    return measured
 
 
 def usual_resistance(mass_kg: float, length_pp_m: float, speed_m_s: float) -> float:
@@ -218,10 +229,12 @@ def check_times(run: Run, times: Array) -> None:
 
 def _still(motion: pd.DataFrame) -> Still:
     rows = motion[(motion["status"] == "measured") & motion[["y_cg_m", "beta_rad"]].notna().all(axis=1)]
-    return Still(rows["t_s"].to_numpy(), rows[["y_cg_m", "beta_rad"]].to_numpy(), _covariance(rows)[0])
+    return Still(rows["t_s"].to_numpy(), rows[["y_cg_m", "beta_rad"]].to_numpy(), stated_covariance(rows)[0])
 
 
-def _history(run: Run, name: str, column: str, delay_s: float, times: Array, whole: bool = True) -> tuple[Array, Array]:
+def history_of(
+    run: Run, name: str, column: str, delay_s: float, times: Array, whole: bool = True
+) -> tuple[Array, Array]:
     """A history on the recording's clock; ``whole``: it must cover all of the record, else ``SHORTEST_LOG_S`` of it."""
     table = read_history(run.path(name), column)
     clock = table["t_s"].to_numpy() + delay_s
@@ -235,7 +248,8 @@ def _history(run: Run, name: str, column: str, delay_s: float, times: Array, who
     return clock, table[column].to_numpy()
 
 
-def _covariance(rows: pd.DataFrame) -> tuple[Array, bool]:
+def stated_covariance(rows: pd.DataFrame) -> tuple[Array, bool]:
+    """(n, 2, 2), frame part, of (y m, beta rad) of motion rows; True: they state no sigma, it is assumed."""
     covariance = np.zeros((len(rows), 2, 2))
     known = {"sigma_y_cg_m", "sigma_beta_rad"} <= set(rows.columns)
     if known:

@@ -210,7 +210,17 @@ def _std(path: Path, row: int, name: str, text: str) -> float:
 
 
 def set_of_result(result: DerivativesFile, name: str = "derivatives.json") -> ReferenceSet:
-    """A result as a set, to be scaled to another model or speed; the mass is the model's."""
+    """A result as a set, to be scaled to another model or speed; the mass is the model's.
+
+    Raises
+    ------
+    EstimationError : the result does not hold all six derivatives (free runs alone give ratios)
+    """
+    absent = [key for key in DERIVATIVE_UNITS if key not in result.derivatives]
+    if absent or result.density_kg_m3 is None:
+        raise EstimationError(
+            f"{name} does not hold {', '.join(absent) or 'density_kg_m3'}; all six derivatives are needed"
+        )
     prime = np.array([result.derivatives[key].prime for key in DERIVATIVE_UNITS])
     std = np.array([result.derivatives[key].prime_std for key in DERIVATIVE_UNITS])
     mass = result.mass_kg / (0.5 * result.density_kg_m3 * result.length_pp_m**3)
@@ -224,10 +234,10 @@ def compare_to_reference(result: DerivativesFile, reference: ReferenceSet) -> Co
     ------
     EstimationError : the result determines none
     """
+    if not set(DERIVATIVE_UNITS) & set(result.derivatives) or result.density_kg_m3 is None:
+        raise EstimationError("the result holds no derivative of the six; there is nothing to compare")
     size = (result.density_kg_m3, result.length_pp_m, result.speed_m_s)
     values, stds = reference.dimensional(*size)
-    if not result.derivatives:
-        raise EstimationError("the result holds no derivative; there is nothing to compare")
     rows = []
     for i, (name, unit) in enumerate(DERIVATIVE_UNITS.items()):
         if name not in result.derivatives:  # the record did not determine it
@@ -250,7 +260,8 @@ def compare_to_reference(result: DerivativesFile, reference: ReferenceSet) -> Co
     # in standard deviations first: a result without scatter gives an infinite chi-square, not a singular matrix
     own, gaps = np.array([r.std for r in rows]), np.array([r.value - r.reference for r in rows])
     known = np.diag([r.reference_std**2 for r in rows])
-    covariance = np.array(result.correlation) * own[:, None] * own[None, :] + known
+    order = [list(result.derivatives).index(r.name) for r in rows]
+    covariance = np.array(result.correlation)[np.ix_(order, order)] * own[:, None] * own[None, :] + known
     scale = np.sqrt(np.diag(covariance))
     if (scale > 0).all():
         z = gaps / scale
@@ -267,7 +278,7 @@ def _notes(result: DerivativesFile, reference: ReferenceSet) -> list[str]:
     notes = []
     if not reference.prime_std.any():
         notes.append("the reference states no uncertainty: differences in sd count the result's own only")
-    if reference.mass_prime is not None:
+    if reference.mass_prime is not None and result.density_kg_m3 is not None:
         mine = result.mass_kg / (0.5 * result.density_kg_m3 * result.length_pp_m**3)
         if abs(mine / reference.mass_prime - 1) > MASS_DIFFERS:
             share = 100 * (mine - reference.mass_prime)

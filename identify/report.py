@@ -168,6 +168,7 @@ def _run_fit(fit: Fit, data: RunData, index: int) -> RunFit:
             "ljung_box_p_beta": ljung_box_p(white[:, 1], int(orders[1])),
         },
         samples=len(data.t_s),
+        trim_rad=data.trim_rad,
     )
 
 

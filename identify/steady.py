@@ -79,6 +79,7 @@ class SteadyState:
     stability : what the record says of the tow's stability (3.2.3)
     whole : the window is the whole record: the tow was at rest from its beginning
     along : what the hull resists along itself, where the line keeps its length and no load cell says T; tension_n is R then
+    trim_rad : of the model, or None
     """
 
     name: str
@@ -99,6 +100,7 @@ class SteadyState:
     stability: Stability = UNSEEN
     whole: bool = False
     along: Along | None = None
+    trim_rad: float | None = None
 
     def force(self) -> tuple[float, Array]:
         """F = T sin(alpha+beta), N, or F/R; and its slope by (alpha, beta), (2,).
@@ -283,6 +285,7 @@ def steady_state(run: Run, motion: pd.DataFrame, common: Array | None) -> Steady
         stability=found.stability,
         whole=first == 0,
         along=along_of_run(run),
+        trim_rad=run.model.trim_rad,
     )
 
 
@@ -486,4 +489,5 @@ def steady_tow_result(tow: SteadyState) -> SteadyTow:
         force=Measured(value=float(force), std=float(np.sqrt(slope @ total @ slope))),
         span_s=tow.span_s,
         settled=tow.settled,
+        trim_rad=tow.trim_rad,
     )

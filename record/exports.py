@@ -26,8 +26,16 @@ UNIT_NAMES = {
     "y_r_minus_mu": "n_s",
     "n_v": "n_s",
     "n_r": "n_m_s",
+    "y_delta": "n_per_rad",
+    "n_delta": "n_m_per_rad",
+    "y_v_over_mass": "per_s",
+    "y_r_minus_mu_over_mass": "m_per_s",
+    "n_v_over_inertia": "per_m_s",
+    "n_r_over_inertia": "per_s",
+    "y_delta_over_mass": "m_per_s2_rad",
+    "n_delta_over_inertia": "per_s2_rad",
 }
-"""Units of the six derivatives as they end a variable's name."""
+"""Units of the derivatives, and of what free runs give, as they end a variable's name."""
 
 
 class _Part(BaseModel):
@@ -170,7 +178,7 @@ def mat_derivatives(file: DerivativesFile) -> dict[str, Any]:
     labels = [f"{name}_{UNIT_NAMES[name]}" if name in UNIT_NAMES else name for name in names]
     return {
         "speed_m_s": file.speed_m_s,
-        "density_kg_m3": file.density_kg_m3,
+        "density_kg_m3": np.nan if file.density_kg_m3 is None else file.density_kg_m3,
         "length_pp_m": file.length_pp_m,
         "mass_kg": file.mass_kg,
         "names": names,

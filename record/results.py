@@ -60,6 +60,9 @@ class RunFit(_Part):
         description="lag-1 autocorrelation of residuals, order of the noise model, Ljung-Box p of the whitened ones"
     )
     samples: int = Field(description="samples used")
+    trim_rad: float | None = Field(
+        default=None, description="trim of the model, by the stern positive; null: not stated"
+    )
 
 
 class GaugeResult(_Part):
@@ -82,6 +85,20 @@ class TensionResult(_Part):
     gauges: dict[str, GaugeResult] = Field(description="load cells, by run")
 
 
+class FreeResult(_Part):
+    """What free runs give beside the derivatives."""
+
+    scale: Literal["tows", "masses", "ratios"] = Field(
+        description="where the scale of forces comes from: tows of the same hull; m' and I' of [priors.derivatives]; ratios: it is "
+        "not known, derivatives holds forces over m' = m - Y_vdot and moments over I' = I - N_rdot"
+    )
+    nomoto: dict[str, Measured] = Field(
+        description="of r/delta = K (1 + T3 s)/((1 + T1 s)(1 + T2 s)) at speed_m_s, delta positive to port: gain_1_s (K), time_s "
+        "(T1 + T2 - T3), t1_plus_t2_s, t1_times_t2_s2, t3_s; they need no scale"
+    )
+    rudder_rad: dict[str, tuple[float, float]] = Field(description="least and largest rudder angle, by run")
+
+
 class DerivativesFile(ResultFile):
     """out/derivatives.json."""
 
@@ -89,14 +106,18 @@ class DerivativesFile(ResultFile):
         default="towline/derivatives", alias="schema", description="this file"
     )
     version: int = Field(default=1, description="of the schema")
-    method: str = Field(description="estimator: output_error")
+    method: str = Field(description="estimator: output_error, innovations; free_run: runs of kind free")
     form: Literal["linear", "full"] = Field(description="equations fitted: linear or full sine")
     speed_m_s: float = Field(description="speed at which the dimensional values are quoted")
-    density_kg_m3: float = Field(description="rho of the prime system")
+    density_kg_m3: float | None = Field(
+        description="rho of the prime system; null: not stated, and not needed (ratios of free runs)"
+    )
     length_pp_m: float = Field(description="L of the prime system")
     mass_kg: float = Field(description="m, displacement mass")
     derivatives: dict[str, Derivative] = Field(
-        description="m_minus_y_vdot, i_minus_n_rdot, y_v, y_r_minus_mu, n_v, n_r"
+        description="m_minus_y_vdot, i_minus_n_rdot, y_v, y_r_minus_mu, n_v, n_r; of free runs also y_delta, n_delta, or without "
+        "a scale y_v_over_mass, y_r_minus_mu_over_mass, n_v_over_inertia, n_r_over_inertia, y_delta_over_mass, "
+        "n_delta_over_inertia; what is not determined is left out"
     )
     y_vdot_kg: Measured | None = Field(
         default=None, description="Y_vdot alone, with model.dry_mass_kg given and m_minus_y_vdot fixed by the runs"
@@ -117,6 +138,7 @@ class DerivativesFile(ResultFile):
         default=None,
         description='line = "constant": by what share of itself surge in full would move each derivative, computed',
     )
+    free: FreeResult | None = Field(default=None, description="free runs: scale, Nomoto's numbers; null: towed runs")
     failed: dict[str, str] = Field(description="runs that could not be used, and why")
     not_identifiable: list[str] = Field(description="what these runs do not fix, in words")
     notes: list[str] = Field(description="what the reader must know")
@@ -131,6 +153,9 @@ class SteadyTow(_Part):
     force: Measured = Field(description="F = T sin(alpha+beta), in the file's force_unit")
     span_s: tuple[float, float] = Field(description="the part that was taken as steady")
     settled: bool = Field(description="false: the angles still drift within that part")
+    trim_rad: float | None = Field(
+        default=None, description="trim of the model, by the stern positive; null: not stated"
+    )
 
 
 class TowStability(_Part):

@@ -45,6 +45,7 @@ PositiveLength = Annotated[Number, _within(1e-4, 1000.0, "m", "a positive length
 Speed = Annotated[Number, _within(0.0, 30.0, "m/s", "carriage speed; is it in mm/s?")]
 Angle = Annotated[Number, _within(-math.pi / 2, math.pi / 2, "rad", "is it in degrees?")]
 Phase = Annotated[Number, _within(-2 * math.pi, 2 * math.pi, "rad", "is it in degrees?")]
+Trim = Annotated[Number, _within(-0.2, 0.2, "rad", "bow up is positive; is it in degrees?")]
 Delay = Annotated[Number, _within(-3600.0, 3600.0, "s", "is it in ms?")]
 Tension = Annotated[Number, _within(0.0, 1e6, "N", "must not be negative")]
 Positive = Annotated[Number, Field(gt=0)]
@@ -200,7 +201,9 @@ class TowTable(Table):
     tension_delay_s: Delay = Field(default=0.0, description="t_video = t_tension + tension_delay_s")
     rudder_rad: Angle = Field(default=0.0, description="rudder angle, positive to port")
     rudder: str | None = Field(
-        default=None, description="history of the rudder (t_s, rudder_rad) instead of rudder_rad"
+        default=None,
+        description="history of the rudder (t_s, rudder_rad) instead of rudder_rad; kind = free: it or rudder_rad is needed to "
+        "identify the run",
     )
     rudder_delay_s: Delay = Field(default=0.0, description="t_video = t_rudder + rudder_delay_s")
     post_amplitude_m: NotNegative = Field(default=0.0, description="forced: y_o = amplitude sin(2 pi f t + phase)")
@@ -238,6 +241,11 @@ class ModelTable(Table):
         default=None, description="beam, by which a touch of the wall is seen; default length_pp_m / 7"
     )
     rudder_arm_m: Length | None = Field(default=None, description="X_delta ahead of LCG; default -0.45 length_pp_m")
+    trim_rad: Trim | None = Field(
+        default=None,
+        description="trim by the stern (bow up) positive: (draught aft - draught forward)/length_pp_m; absent: not stated. "
+        "The derivatives change with it: runs of unlike trim are not fitted together",
+    )
 
     @model_validator(mode="after")
     def _one_inertia(self) -> ModelTable:
@@ -285,8 +293,12 @@ class RunFile(Table):
         default=(), description="at least 4 points, not collinear (none if source.motion)"
     )
     marker: tuple[Marker, ...] = Field(default=(), description="at least 2 (none if source.motion)")
-    tow: TowTable | None = Field(default=None, description="needed unless kind is free")
-    model: ModelTable | None = Field(default=None, description="needed unless kind is free")
+    tow: TowTable | None = Field(
+        default=None, description="needed unless kind is free; of a free run identify takes speed and rudder"
+    )
+    model: ModelTable | None = Field(
+        default=None, description="needed unless kind is free; identify needs it of free runs too"
+    )
     water: WaterTable | None = Field(default=None, description="needed unless kind is free")
     priors: Priors = Field(default_factory=lambda: Priors(), description="what is known beside the recording")
     measured: tuple[ApartTable, ...] = Field(

@@ -28,6 +28,7 @@ SHOWN = (
     ("tow_point", "X_T (m)", 1.0, 4),
     ("line_length", "line (m)", 1.0, 3),
     ("tension", "T (N)", 1.0, 3),
+    ("trim", "trim by the stern (°)", float(np.degrees(1.0)), 2),
     ("y_cg_largest", "largest |y| (m)", 1.0, 3),
     ("beta_largest", "largest |β| (°)", float(np.degrees(1.0)), 2),
     ("y_cg_sigma", "σ y (mm)", 1e3, 3),
@@ -69,8 +70,9 @@ def _results(found: Campaign, fit: Answer) -> list[Html]:
         return []
     place = found.out / fit.name
     try:
-        if fit.wants == "derivatives":
-            return [derivatives_section(read_result(place / "derivatives.json", DerivativesFile))]
+        if fit.wants in ("derivatives", "free_run"):
+            title = "Free runs" if fit.wants == "free_run" else "Hydrodynamic derivatives"
+            return [derivatives_section(read_result(place / "derivatives.json", DerivativesFile), title, fit.name)]
         return [steady_section(read_result(place / "steady.json", SteadyFile))]
     except TowlineError as error:
         return [failed_box(f"{fit.name} cannot be shown", {fit.name: str(error)})]
@@ -78,14 +80,16 @@ def _results(found: Campaign, fit: Answer) -> list[Html]:
 
 def _runs(good: list[Answer]) -> Html:
     rows = []
+    trimmed = any(quantity == "trim" for a in good for quantity, *_ in a.numbers)
+    shown = [one for one in SHOWN if trimmed or one[0] != "trim"]
     for a in good:
         values = {quantity: value for quantity, value, *_ in a.numbers}
         cells = [
             number(f"{factor * values[key]:.{decimals}f}") if key in values else ""
-            for key, _, factor, decimals in SHOWN
+            for key, _, factor, decimals in shown
         ]
         rows.append([tag("strong", a.name), a.job, a.wants or "motion", *cells])
-    head = ["run", "folder", "good for", *(words for _, words, *_ in SHOWN)]
+    head = ["run", "folder", "good for", *(words for _, words, *_ in shown)]
     return tag("div", table(head, rows, kind="wide"), class_="scroll")
 
 

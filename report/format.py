@@ -22,6 +22,17 @@ SYMBOLS_TEXT = {
     "n_v": "N_v",
     "n_r": "N_r",
 }
+FREE_TEXT = {
+    "y_delta": "Y_delta",
+    "n_delta": "N_delta",
+    "y_v_over_mass": "Y_v/(m - Y_vdot)",
+    "y_r_minus_mu_over_mass": "(Y_r - mU)/(m - Y_vdot)",
+    "n_v_over_inertia": "N_v/(I - N_rdot)",
+    "n_r_over_inertia": "N_r/(I - N_rdot)",
+    "y_delta_over_mass": "Y_delta/(m - Y_vdot)",
+    "n_delta_over_inertia": "N_delta/(I - N_rdot)",
+}
+"""What free runs give beside the six, or in their place."""
 MEANINGS = {
     "m_minus_y_vdot": "mass with the water that moves sideways with the hull",
     "i_minus_n_rdot": "yaw inertia with the water that turns with the hull",
@@ -29,6 +40,8 @@ MEANINGS = {
     "y_r_minus_mu": "side force per yaw rate, less the centrifugal term",
     "n_v": "yaw moment per sideways speed",
     "n_r": "yaw moment per yaw rate",
+    "y_delta": "side force per radian of rudder",
+    "n_delta": "yaw moment per radian of rudder",
 }
 
 
@@ -139,7 +152,7 @@ def derivative_row(key: str, derivative: Derivative) -> Row:
     prime, prime_std = round_pair(1e3 * derivative.prime, 1e3 * derivative.prime_std)
     return Row(
         key,
-        SYMBOLS_TEXT.get(key, key),
+        (SYMBOLS_TEXT | FREE_TEXT).get(key, key),
         value,
         std,
         derivative.unit,

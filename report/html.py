@@ -73,8 +73,8 @@ def number(text: str) -> Html:
 
 
 def unit(text: str) -> Html:
-    """A unit with its exponent raised: ``kg m2`` reads kg m²."""
-    return Html(re.sub(r"\bm2\b", "m²", safe(text)))
+    """A unit with its exponent raised: ``kg m2`` reads kg m², ``1/s2`` 1/s²."""
+    return Html(re.sub(r"\b([ms])2\b", r"\1²", safe(text)))
 
 
 def table(head: Sequence[object], rows: Iterable[Sequence[object]], *, kind: str = "", caption: object = "") -> Html:

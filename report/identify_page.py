@@ -264,6 +264,7 @@ def _factors(found: FitPage) -> Array:
     from ..identify.prime import prime_factors
 
     result = found.result
+    assert result.density_kg_m3 is not None
     return prime_factors(result.density_kg_m3, result.length_pp_m, result.speed_m_s)
 
 

@@ -34,6 +34,7 @@ def write_page(
     derivatives: DerivativesFile | None,
     steady: SteadyFile | None,
     notes: list[str],
+    free: DerivativesFile | None = None,
 ) -> None:
     """Write the page atomically.
 
@@ -44,8 +45,9 @@ def write_page(
     runs : what each run shows, in this order; failed ones with their ``problem``
     derivatives, steady : the results of all runs together, where there are
     notes : what the reader must know, said at the end
+    free : the result of the free runs among them, where towed runs have ``derivatives``
     """
-    write_document(path, page_html(title, runs, derivatives, steady, notes))
+    write_document(path, page_html(title, runs, derivatives, steady, notes, free))
 
 
 def page_html(
@@ -54,6 +56,7 @@ def page_html(
     derivatives: DerivativesFile | None,
     steady: SteadyFile | None,
     notes: list[str],
+    free: DerivativesFile | None = None,
 ) -> Html:
     """The page as text; parameters as ``write_page``."""
     failed = {run.name: run.problem for run in runs if run.problem}
@@ -66,12 +69,15 @@ def page_html(
     ]
     if derivatives is not None:
         parts.append(derivatives_section(derivatives))
+    if free is not None:
+        parts.append(derivatives_section(free, "Free runs", "free"))
     if elsewhere:
         parts.append(failed_box("Runs that could not be used", elsewhere))
     if steady is not None:
         parts.append(steady_section(steady))
     for order, run in enumerate(runs, start=1):
-        parts.append(run_section(run, order, derivatives.runs.get(run.name) if derivatives else None))
+        found = [file.runs[run.name] for file in (derivatives, free) if file is not None and run.name in file.runs]
+        parts.append(run_section(run, order, found[0] if found else None))
     if notes:
         parts.append(tag("section", tag("h2", "Notes"), bullets(notes), id="notes"))
     parts.append(_footer(derivatives, steady))

@@ -190,6 +190,8 @@ def _fit_table(fit: RunFit | None) -> Html:
         for key, measured in group.items():
             text, unit = _shown(key, measured)
             rows.append([_NAMES.get(key, _words(key)), number(text), unit])
+    if fit.trim_rad is not None:
+        rows.append(["trim, by the stern positive", number(f"{np.degrees(fit.trim_rad):.2f}"), "deg"])
     for key, value in fit.noise.items():
         if key == "chi2_per_dof":
             rows.append(["chi² per degree of freedom (1 = the stated noise)", number(f"{value:.3g}"), ""])

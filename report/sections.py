@@ -28,6 +28,14 @@ SYMBOLS_HTML = {
     "y_r_minus_mu": Html("<i>Y</i><sub>r</sub> − <i>mU</i>"),
     "n_v": Html("<i>N</i><sub>v</sub>"),
     "n_r": Html("<i>N</i><sub>r</sub>"),
+    "y_delta": Html("<i>Y</i><sub>δ</sub>"),
+    "n_delta": Html("<i>N</i><sub>δ</sub>"),
+    "y_v_over_mass": Html("<i>Y</i><sub>v</sub>/<i>m</i>′"),
+    "y_r_minus_mu_over_mass": Html("(<i>Y</i><sub>r</sub> − <i>mU</i>)/<i>m</i>′"),
+    "n_v_over_inertia": Html("<i>N</i><sub>v</sub>/<i>I</i>′"),
+    "n_r_over_inertia": Html("<i>N</i><sub>r</sub>/<i>I</i>′"),
+    "y_delta_over_mass": Html("<i>Y</i><sub>δ</sub>/<i>m</i>′"),
+    "n_delta_over_inertia": Html("<i>N</i><sub>δ</sub>/<i>I</i>′"),
     "x_v_m": Html("<i>X</i><sub>v</sub>, neutral point ahead of LCG"),
     "slope": Html("<i>k</i> of <i>X</i><sub>T</sub> = <i>X</i><sub>v</sub> + <i>k</i>/<i>F</i>"),
     "y_delta_delta": Html("<i>Y</i><sub>δ</sub>δ, rudder force"),
@@ -99,6 +107,9 @@ def points_of_action(result: DerivativesFile) -> tuple[tuple[float, float], tupl
 def stability_sentence(result: DerivativesFile) -> Html:
     """The straight-line verdict with the inequality that decides it."""
     stable = result.straight_line_stable
+    if result.free is not None and result.free.scale == "ratios":
+        words = "straight-line stable" if stable else "straight-line unstable"
+        return join(["The hull is ", tag("strong", words), "; the ratios decide that without any force being known."])
     verdict = tag("strong", "straight-line stable" if stable else "straight-line unstable")
     points = points_of_action(result)
     if points is None or stable != (points[1][0] > points[0][0]):  # Y_r - mU of unusual sign turns the inequality
@@ -122,7 +133,8 @@ def summary(
     runs: int, failed: int, frames: Frames, derivatives: DerivativesFile | None, steady: SteadyFile | None
 ) -> Html:
     """One paragraph in plain words: what was measured and what came out."""
-    words: list[object] = [f"{runs} run{'' if runs == 1 else 's'} of the towed model, {frames.sentence()}."]
+    what = "free" if derivatives is not None and derivatives.method == "free_run" else "towed"
+    words: list[object] = [f"{runs} run{'' if runs == 1 else 's'} of the {what} model, {frames.sentence()}."]
     if failed:
         words.append(f" {failed} of them could not be used; the reason stands with the run.")
     if derivatives is not None and derivatives.derivatives:
@@ -143,9 +155,10 @@ def _derivatives_words(result: DerivativesFile) -> list[object]:
     shares = {
         key: d.std / abs(d.value) for key, d in result.derivatives.items() if d.value != 0 and np.isfinite(d.value)
     }
+    ratios = result.free is not None and result.free.scale == "ratios"
     words: list[object] = [
-        f" From {len(result.runs)} of them came {len(result.derivatives)} hydrodynamic derivatives at "
-        f"{result.speed_m_s:g} m/s"
+        f" From {len(result.runs)} of them came {len(result.derivatives)} "
+        f"{'ratios of hydrodynamic derivatives to masses' if ratios else 'hydrodynamic derivatives'} at {result.speed_m_s:g} m/s"
     ]
     if shares:
         best, worst = min(shares, key=lambda k: shares[k]), max(shares, key=lambda k: shares[k])
@@ -194,24 +207,58 @@ def result_table(rows: Sequence[Row], first: str, *, primes: bool, caption: obje
     return table(head, [_cells(row, primes=primes, known=known) for row in rows], kind="units", caption=caption)
 
 
-def derivatives_section(result: DerivativesFile) -> Html:
-    """Table, stability, correlation, what is not identifiable, notes of the file."""
+def derivatives_section(
+    result: DerivativesFile, title: str = "Hydrodynamic derivatives", of: str = "derivatives"
+) -> Html:
+    """Table, stability, Nomoto's numbers of free runs, correlation, what is not identifiable, notes; ``of``: its place's name."""
+    water = "" if result.density_kg_m3 is None else f"ρ = {result.density_kg_m3:g} kg/m³, "
     system = (
-        f"At U = {result.speed_m_s:g} m/s. Prime system with ρ = {result.density_kg_m3:g} kg/m³, "
+        f"At U = {result.speed_m_s:g} m/s. Prime system with {water}"
         f"L = {result.length_pp_m:g} m; "
         f"model mass m = {result.mass_kg:g} kg. Estimator: {result.method.replace('_', ' ')}, {result.form} equations."
     )
+    if result.free is not None and result.free.scale == "ratios":
+        system += " m′ = m − Yv̇ and I′ = I − Nṙ: the masses with the water that moves with the hull."
     parts: list[object] = [
-        tag("h2", "Hydrodynamic derivatives"),
+        tag("h2", title),
         result_table(derivative_rows(result), "derivative", primes=True, caption=system),
         tag("p", stability_sentence(result)),
+        _nomoto(result),
+        _trims(result),
     ]
     if result.not_identifiable:
         parts.append(tag("div", tag("h3", "Not fixed by these runs"), bullets(result.not_identifiable), class_="warn"))
     parts.append(_correlation(result))
     if result.notes:
         parts += [tag("h3", "Notes on the fit"), bullets(result.notes)]
-    return tag("section", *parts, id="derivatives")
+    return tag("section", *parts, id=of)
+
+
+_NOMOTO = (
+    ("gain_1_s", "K, rate of turn per rudder angle", "1/s"),
+    ("time_s", "T = T1 + T2 − T3", "s"),
+    ("t1_plus_t2_s", "T1 + T2", "s"),
+    ("t1_times_t2_s2", "T1 T2", "s2"),
+    ("t3_s", "T3", "s"),
+)
+
+
+def _nomoto(result: DerivativesFile) -> Html:
+    """Nomoto's numbers of free runs; nothing for tows."""
+    if result.free is None:
+        return Html("")
+    shown = [(words, result.free.nomoto[key], units) for key, words, units in _NOMOTO if key in result.free.nomoto]
+    rows = [[words, number(plus_minus(one.value, one.std)), unit(units)] for words, one, units in shown]
+    caption = "Turning under the rudder (Nomoto), at the same speed; δ positive to port. An unstable hull has K and T below 0."
+    return table(["number", "value ± std", "unit"], rows, kind="units", caption=caption)
+
+
+def _trims(result: DerivativesFile) -> Html:
+    said = sorted({run.trim_rad for run in result.runs.values() if run.trim_rad is not None})
+    if not said:
+        return Html("")
+    degrees = " to ".join(f"{np.degrees(trim):.2f}" for trim in ([said[0]] if len(said) == 1 else [said[0], said[-1]]))
+    return tag("p", number(f"Trim {degrees}"), "°, positive by the stern.")
 
 
 def _correlation(result: DerivativesFile) -> Html:

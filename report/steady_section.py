@@ -84,4 +84,8 @@ def _tows_table(result: SteadyFile) -> Html:
             f"{tow.span_s[0]:.1f} to {tow.span_s[1]:.1f}",
             "yes" if tow.settled else tag("strong", "no, still drifting"),
         ])  # fmt: skip
+    if any(tow.trim_rad is not None for tow in result.tows.values()):
+        head.append("trim by the stern (deg)")
+        for row, tow in zip(rows, result.tows.values(), strict=True):
+            row.append("" if tow.trim_rad is None else number(f"{np.degrees(tow.trim_rad):.2f}"))
     return table(head, rows, kind="tows", caption="The tows")

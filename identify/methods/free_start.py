@@ -72,4 +72,4 @@ def _slope(values: Array, step: float, wide: int) -> Array:
     """Rate by a parabola over ``2 wide + 1`` samples."""
     from scipy.signal import savgol_filter
 
-    return savgol_filter(values, 2 * wide + 1, 2, deriv=1, delta=step, mode="interp")
+    return np.asarray(savgol_filter(values, 2 * wide + 1, 2, deriv=1, delta=step, mode="interp"))

@@ -54,7 +54,7 @@ def output_error(
     prior: Array | None = None,
     sigma: tuple[float, float] = SIGMA,
     whiten: list[Weight] | None = None,
-    covariance: Sequence[Array | None] | None = None,
+    sample_covariance: Sequence[Array | None] | None = None,
 ) -> OutputError:
     """Fit theta to the records ``seen``, per run (n, 2).
 
@@ -63,7 +63,7 @@ def output_error(
     start : (k,), in units where a step of 1 is large
     prior : (k,), 1 / sd about 0 of each parameter, 0 = free; None = all free
     sigma : of y and beta to begin with; scatter and colour are then measured
-    covariance : per run (n, 2, 2) of its samples, instead of sigma; None: sigma
+    sample_covariance : per run (n, 2, 2) of its samples, instead of sigma; None: sigma
     whiten : fixed whiteners instead; the covariance then holds only the scatter measured against them
 
     Raises
@@ -71,7 +71,7 @@ def output_error(
     EstimationError : the start's motion is not finite
     """
     usual = np.diag(np.square(sigma))
-    own = [None] * len(t_s) if covariance is None else covariance
+    own = [None] * len(t_s) if sample_covariance is None else sample_covariance
     plain = [
         stated(np.broadcast_to(usual, (len(t), 2, 2)) if c is None else c, t) for c, t in zip(own, t_s, strict=True)
     ]

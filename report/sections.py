@@ -224,6 +224,7 @@ def derivatives_section(
         result_table(derivative_rows(result), "derivative", primes=True, caption=system),
         tag("p", stability_sentence(result)),
         _nomoto(result),
+        _beside(result),
         _trims(result),
     ]
     if result.not_identifiable:
@@ -251,6 +252,47 @@ def _nomoto(result: DerivativesFile) -> Html:
     rows = [[words, number(plus_minus(one.value, one.std)), unit(units)] for words, one, units in shown]
     caption = "Turning under the rudder (Nomoto), at the same speed; δ positive to port. An unstable hull has K and T below 0."
     return table(["number", "value ± std", "unit"], rows, kind="units", caption=caption)
+
+
+_BESIDE = {
+    "x_udot_kg": ("<i>X</i><sub>u̇</sub>", "kg", "water that surges along"),
+    "x_vr_kg": ("<i>X</i><sub>vr</sub>", "kg", "surge force as the hull drifts and turns"),
+    "x_vv_kg_m": ("<i>X</i><sub>vv</sub>", "kg/m", "surge force as it drifts"),
+    "x_rr_kg_m": ("<i>X</i><sub>rr</sub>", "kg m", "surge force as it turns"),
+    "resistance_exponent": ("<i>n</i>", "", "resistance ~ <i>u</i><sup>n</sup>"),
+    "y_delta": ("<i>Y</i><sub>δ</sub>", "N/rad", "side force per radian of rudder"),
+    "n_delta": ("<i>N</i><sub>δ</sub>", "N m/rad", "yaw moment per radian of rudder"),
+    "y_bias_n": ("<i>Y</i>*", "N", "side force of an asymmetric hull"),
+    "n_bias_n_m": ("<i>N</i>*", "N m", "yaw moment of an asymmetric hull"),
+}
+
+
+def _beside(result: DerivativesFile) -> Html:
+    """Numbers of the hull beside the six, and the tension that the motion asks for; nothing where the line's tension is given."""
+    if not result.hull and result.tension is None:
+        return Html("")
+    rows: list[list[object]] = []
+    for key, one in result.hull.items():
+        symbol, units, words = _BESIDE[key]
+        rows.append([Html(symbol), number(plus_minus(one.value, one.std)), unit(units), Html(words)])
+    found = result.tension
+    if found is not None:
+        low, high = found.interval
+        said = "what is stated" if found.stated_std_rel is not None else "a bare hull's guess"
+        words = f"{significant(found.factor, 3)} ({significant(low, 3)} to {significant(high, 3)}) of {said}"
+        if found.z is not None:
+            words += f": {to_decimals(abs(found.z), 1)} standard deviations apart"
+        forces = ", ".join(f"{name} {significant(value, 3)}" for name, value in found.resistance_n.items())
+        rows.append([Html("<i>R</i>, by the mass alone"), number(forces), unit("N"), words])
+        for name, gauge in found.gauges.items():
+            words = (
+                f"reads {plus_minus(gauge.scale.value, gauge.scale.std)} of what pulls, zero "
+                f"{plus_minus(gauge.zero_n.value, gauge.zero_n.std)} N, {plus_minus(gauge.delay_s.value, gauge.delay_s.std)} s late"
+            )
+            rows.append([f"load cell of {name}", "", "", words])
+    return table(
+        ["beside the six", "value ± std", "unit", "what it is"], rows, kind="units", caption="Surge on the line."
+    )
 
 
 def _trims(result: DerivativesFile) -> Html:

@@ -116,6 +116,8 @@ def measured_path(run: TowRun, nodes: int, wider: Sequence[float] | Array = (1.0
     sin_b, cos_b = np.sin(heading), np.cos(heading)
     sine = (y_cg - post_y + tow.tow_point_m * sin_b + tow.tow_point_offset_m * cos_b) / tow.line_length_m
     alpha = np.arcsin(np.clip(sine, -LARGEST_SINE, LARGEST_SINE))
+    if tow.line == "constant":  # u = U
+        return np.stack([alpha, heading, (y_rate - tow.speed_m_s * sin_b) / cos_b, turn])
     # the tow point's way along its circle gives alpha', and that the sway (2.9)
     across = y_rate - post_rate + (tow.tow_point_m * cos_b - tow.tow_point_offset_m * sin_b) * turn
     sway = across * np.cos(alpha + heading) / np.cos(alpha) - tow.tow_point_m * turn

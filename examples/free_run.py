@@ -2,9 +2,9 @@
 
     python examples/free_run.py [--seed 1]
 
-Free runs have no command of their own; this is how they are fed in: a record of (t, y, heading) and the rudder's history. The
-line's tows give the six linear derivatives with their covariance (here: the truth moved at random by 1 %); what the free runs
-add is the rudder, and a second opinion on the six as far as their covariance lets them move.
+`towline identify` does this with run folders (docs/methods/free-run.md); here it is done from Python: a record of (t, y, heading)
+and the rudder's history. The line's tows give the six linear derivatives with their covariance (here: the truth moved at random
+by 1 %); what the free runs add is the rudder, and a second opinion on the six as far as their covariance lets them move.
 """
 
 from __future__ import annotations

@@ -274,7 +274,7 @@ def _beside(result: DerivativesFile) -> Html:
     rows: list[list[object]] = []
     for key, one in result.hull.items():
         symbol, units, words = _BESIDE[key]
-        rows.append([Html(symbol), number(plus_minus(one.value, one.std)), unit(units), Html(words)])
+        rows.append([_named(symbol, Html(words)), number(plus_minus(one.value, one.std)), unit(units)])
     found = result.tension
     if found is not None:
         low, high = found.interval
@@ -283,16 +283,18 @@ def _beside(result: DerivativesFile) -> Html:
         if found.z is not None:
             words += f": {to_decimals(abs(found.z), 1)} standard deviations apart"
         forces = ", ".join(f"{name} {significant(value, 3)}" for name, value in found.resistance_n.items())
-        rows.append([Html("<i>R</i>, by the mass alone"), number(forces), unit("N"), words])
+        rows.append([_named("<i>R</i>, by the mass alone", words), number(forces), unit("N")])
         for name, gauge in found.gauges.items():
-            words = (
-                f"reads {plus_minus(gauge.scale.value, gauge.scale.std)} of what pulls, zero "
-                f"{plus_minus(gauge.zero_n.value, gauge.zero_n.std)} N, {plus_minus(gauge.delay_s.value, gauge.delay_s.std)} s late"
-            )
-            rows.append([f"load cell of {name}", "", "", words])
+            parts = ((gauge.scale, "of what pulls"), (gauge.zero_n, "N more"), (gauge.delay_s, "s late"))
+            said = "; ".join(f"{plus_minus(one.value, one.std)} {words}" for one, words in parts)
+            rows.append([_named(f"load cell of {safe(name)}", "against the motion"), number(said), ""])
     return table(
-        ["beside the six", "value ± std", "unit", "what it is"], rows, kind="units", caption="Surge on the line."
+        ["beside the six", "value ± std", "unit"], rows, kind="units", caption="What the fit holds beside the six."
     )
+
+
+def _named(symbol: str, words: object) -> Html:
+    return join([Html(symbol), " ", tag("small", words)])
 
 
 def _trims(result: DerivativesFile) -> Html:

@@ -88,7 +88,7 @@ def _wall(run: Run, motion: pd.DataFrame) -> Cut | None:
 def _lost(motion: pd.DataFrame) -> Cut | None:
     seen = np.flatnonzero(_seen(motion))
     times = motion["t_s"].to_numpy(dtype=float)
-    if not len(seen) or times[-1] - times[seen[-1]] < LOST_S:
+    if not len(seen) or not times[-1] - times[seen[-1]] >= LOST_S:  # nor where a time is no number
         return None
     begin = float(times[seen[-1] + 1])
     return Cut(

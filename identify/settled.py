@@ -39,7 +39,7 @@ HOLDS = 1.5
 """A longer tail's fit holds in a shorter one where it leaves at most so many times what the shorter one's own leaves."""
 FAIR = 4.0
 """A settled tow's decay is read where the fit leaves at most so many times the median of all."""
-WORTH = 0.5
+WORTH = 0.3
 """The window is the longest settled tail, unless a shorter one's mean has less than this share of its variance: by chance alone
 one of several has a little less."""
 PARAMETERS = 11

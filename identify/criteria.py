@@ -94,8 +94,9 @@ def fit_criterion(
     middle, more = weight @ q @ weight, []
     for answer in answers:
         crossed = [[answer.slope[i] @ answer.slope[j].T for j in range(2)] for i in range(2)]
-        here = sum(weight[i, j] * crossed[i][j] for i in range(2) for j in range(2))
-        there = sum(middle[i, j] * crossed[i][j] for i in range(2) for j in range(2))
+        here, there = (
+            np.sum([by[i, j] * crossed[i][j] for i in range(2) for j in range(2)], axis=0) for by in (weight, middle)
+        )
         bread.add(answer.columns, here)
         more.append((answer.columns, there - here))
     covariance, _ = widened(inverse_of(bread, problem.free), more)

@@ -74,7 +74,17 @@ def moved(samples: Path, tmp_path: Path) -> Path:
     """A folder with a simulated motion of 40 s."""
     folder = tmp_path / "moved"
     assert (
-        main(["simulate", str(samples / "mariner" / "x1446" / "scenario.toml"), "-o", str(folder / "motion.csv")]) == 0
+        main(
+            [
+                "simulate",
+                str(samples / "mariner" / "x1446" / "scenario.toml"),
+                "-o",
+                str(folder / "motion.csv"),
+                "--line",
+                "surge",
+            ]
+        )
+        == 0
     )
     return folder
 

@@ -269,7 +269,7 @@ _BESIDE = {
 
 def _beside(result: DerivativesFile) -> Html:
     """Numbers of the hull beside the six, and the tension that the motion asks for; nothing where the line's tension is given."""
-    if not result.hull and result.tension is None:
+    if result.free is not None or (not result.hull and result.tension is None):
         return Html("")
     rows: list[list[object]] = []
     for key, one in result.hull.items():

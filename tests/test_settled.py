@@ -18,7 +18,7 @@ from towline.identify.steady import UnsettledError, judged_tow, stands_off, stea
 from towline.identify.transient import fit_transient
 from towline.record import EstimationError, InputError
 from towline.record.results import TowStability
-from towline.record.run import Run
+from towline.record.run import Run, with_line
 from towline.record.schema import RunFile
 from towline.record.toml import check_tables
 from towline.simulate import Hull, Start, Tow, linear_system, simulate_full
@@ -61,6 +61,7 @@ def coloured(rng: np.random.Generator, n: int, sd_deg: float, time_s: float) -> 
 def run_of(tow: Tow, length_m: float = 2.66, name: str = "r", **more: object) -> Run:
     """A run that comes with its motion."""
     table = {"speed_m_s": tow.speed_m_s, "line_length_m": tow.line_length_m, "tow_point_m": tow.tow_point_m}
+    table["line"] = tow.line
     if tow.tension_n is not None:
         table["tension_n"] = tow.tension_n
     tables = {
@@ -283,7 +284,10 @@ def test_run_goes_by_the_motion_and_not_by_the_stated_rudder() -> None:
     assert good_for(moved(run_of(TOW), swings)) == ("derivatives",)
     assert good_for(moved(run_of(TOW), rests)) == ("steady",)
     assert good_for(moved(run_of(TOW), ahead)) == ("derivatives",)  # behind its post: no side force
-    assert good_for(moved(run_of(replace(TOW, tension_n=None)), swings)) == ("steady",)
+    silent = run_of(replace(TOW, tension_n=None))
+    assert good_for(moved(silent, swings)) == ("steady",)
+    assert good_for(moved(with_line(silent, "surge"), swings)) == ("derivatives",)  # its mass weighs the pull
+    assert good_for(moved(with_line(silent, "surge"), rests)) == ("steady",)
     assert good_for(moved(run_of(TOW, kind="free"), rests)) == ()
     died = rest_of(MARINER, TOW) + 0.1 * np.exp(-t / 4)[:, None] * np.cos(0.5 * t)[:, None] * [1.0, -0.3]
     assert good_for(moved(run_of(TOW), motion_of(t, died + error))) == ("derivatives", "steady")

@@ -89,12 +89,13 @@ def full_paths(
     NaN where the motion leaves the equations' range (alpha + beta beyond 90 degrees)
     """
     setting = setting_of(runs, values, reference_speed_m_s, rough)
+    lasting = rough and guess is not None
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         path = _first_path(runs, values, reference_speed_m_s, setting, guess)
-        solved = _newton(setting, values, path, wanted, rough)
+        solved = _newton(setting, values, path, wanted, lasting)
         if solved is None:
             path = _one_by_one(setting, values)
-            solved = _newton(setting, values, path, wanted, rough) if np.isfinite(path).all() else None
+            solved = _newton(setting, values, path, wanted, lasting) if np.isfinite(path).all() else None
         if solved is None:
             nothing = [(np.full((2, len(d.t_s)), np.nan), np.zeros((2, len(wanted), len(d.t_s)))) for d in runs]
             stale = np.full((4, setting.count + 1, len(runs)), np.nan)
@@ -137,12 +138,12 @@ def _first_path(runs: list[RunData], values: Array, reference: float, setting: S
 
 
 def _newton(
-    setting: Setting, values: Array, path: Array, wanted: tuple[int, ...], rough: bool = False
+    setting: Setting, values: Array, path: Array, wanted: tuple[int, ...], lasting: bool = False
 ) -> tuple[Array, Array] | None:
     """Path and sensitivities (4, wanted, steps + 1, runs), or None where it does not settle."""
     before, known = np.inf, None
     for turn in range(PASSES):
-        # a guess may be good enough for the first pass to be the last; roughly, a path that hardly moves keeps its sensitivities
+        # a guess may be good enough for the first pass to be the last; on the way in a path that hardly moves keeps its sensitivities
         asked = wanted if known is None and (before < 0.03 or turn == 0) else ()
         end, map_ = _steps(setting, path[:, :-1], asked)
         lacking = end - path[:, 1:]
@@ -156,7 +157,7 @@ def _newton(
         # far from the path a whole move may overshoot: the angles move by half a radian at most
         share = min(1.0, 0.5 / max(float(np.abs(move[:2]).max()), 1e-300))
         path = path + share * move
-        if asked == wanted and size < (STANDS if rough else SETTLED):
+        if asked == wanted and size < (STANDS if lasting else SETTLED):
             known = carried[:, 1:].reshape(4, len(wanted), setting.count + 1, len(values))
         if size < SETTLED and known is not None:
             return path, known

@@ -19,31 +19,7 @@ WIDTHS = (4.0, 7.0)
 
 def weak_form_start(runs: list[RunData], reference_speed_m_s: float) -> Array:
     """Six derivatives at ``reference_speed_m_s`` by least squares, (6,); signs and sizes forced to be usable."""
-    sway_rows, sway_right, yaw_rows, yaw_right = [], [], [], []
-    for index, data in enumerate(runs):
-        ratio = data.tow.speed_m_s / reference_speed_m_s
-        speed = data.tow.speed_m_s
-        alpha = alpha_from_y(data.y_m, data.beta_rad, data.tow)
-        linear = (data.y_m + data.tow.tow_point_m * data.beta_rad) / data.tow.line_length_m
-        s = np.sin(np.where(np.isfinite(alpha), alpha, linear) + data.beta_rad)
-        assert data.tow.tension_n is not None
-        for phi, slope, curve in _test_functions(data.t_s, data.tow.line_length_m + data.tow.tow_point_m, speed):
-            v_dot = curve @ data.y_m + speed * (slope @ data.beta_rad)
-            v = -(slope @ data.y_m) - speed * (phi @ data.beta_rad)
-            r_dot, r = curve @ data.beta_rad, -(slope @ data.beta_rad)
-            constant = np.zeros((len(phi), len(runs)))
-            constant[:, index] = -phi.sum(axis=1)
-            pull = data.tow.tension_n * (phi @ s)
-            sway_rows.append(np.column_stack([v_dot, -v * ratio, -r * ratio, constant]))
-            sway_right.append(-pull)
-            yaw_rows.append(np.column_stack([r_dot, -v * ratio, -r * ratio, constant]))
-            yaw_right.append(-pull * data.tow.tow_point_m)
-    if sum(len(rows) for rows in sway_rows) < 6 + 2 * len(runs):
-        raise EstimationError(
-            "the records are too short or too often interrupted: no stretch holds a few seconds of motion"
-        )
-    sway = _least_squares(np.concatenate(sway_rows), np.concatenate(sway_right))
-    yaw = _least_squares(np.concatenate(yaw_rows), np.concatenate(yaw_right))
+    sway, yaw = _weak_form(runs, reference_speed_m_s)
     length = 1.4 * max(d.tow.tow_point_m for d in runs)
     # a mass of the order that the line can swing at the observed rate, if the record gave nonsense
     mass = sway[0] if sway[0] > 0 else 10.0
@@ -53,14 +29,50 @@ def weak_form_start(runs: list[RunData], reference_speed_m_s: float) -> Array:
     return np.array([mass, inertia, y_v, sway[2], yaw[1], n_r])
 
 
+def _weak_form(runs: list[RunData], reference_speed_m_s: float) -> tuple[Array, Array]:
+    """(m', Y_v, Y_R, Y_delta, a constant of each run) and (I', N_v, N_r, N_delta, ...); Y_delta of moving rudders, else 0."""
+    sway_rows, sway_right, yaw_rows, yaw_right = [], [], [], []
+    for index, data in enumerate(runs):
+        ratio = data.tow.speed_m_s / reference_speed_m_s
+        speed = data.tow.speed_m_s
+        alpha = alpha_from_y(data.y_m, data.beta_rad, data.tow)
+        linear = (data.y_m + data.tow.tow_point_m * data.beta_rad) / data.tow.line_length_m
+        s = np.sin(np.where(np.isfinite(alpha), alpha, linear) + data.beta_rad)
+        assert data.tow.tension_n is not None
+        rudder = np.zeros(len(data.t_s)) if data.rudder is None else np.interp(data.t_s, *data.rudder)
+        for phi, slope, curve in _test_functions(data.t_s, data.tow.line_length_m + data.tow.tow_point_m, speed):
+            v_dot = curve @ data.y_m + speed * (slope @ data.beta_rad)
+            v = -(slope @ data.y_m) - speed * (phi @ data.beta_rad)
+            r_dot, r = curve @ data.beta_rad, -(slope @ data.beta_rad)
+            constant = np.zeros((len(phi), len(runs)))
+            constant[:, index] = -phi.sum(axis=1)
+            pull = data.tow.tension_n * (phi @ s)
+            steered = -(phi @ rudder) * ratio**2
+            sway_rows.append(np.column_stack([v_dot, -v * ratio, -r * ratio, steered, constant]))
+            sway_right.append(-pull)
+            yaw_rows.append(np.column_stack([r_dot, -v * ratio, -r * ratio, steered, constant]))
+            yaw_right.append(-pull * data.tow.tow_point_m)
+    if sum(len(rows) for rows in sway_rows) < 6 + 2 * len(runs):
+        raise EstimationError(
+            "the records are too short or too often interrupted: no stretch holds a few seconds of motion"
+        )
+    sway = _least_squares(np.concatenate(sway_rows), np.concatenate(sway_right))
+    yaw = _least_squares(np.concatenate(yaw_rows), np.concatenate(yaw_right))
+    return sway, yaw
+
+
 def rudder_start(runs: list[RunData], six: Array, reference_speed_m_s: float) -> tuple[float, float]:
-    """(Y_delta, N_delta) at ``reference_speed_m_s`` that hold the steered runs at their mean angles (5.1), N/rad and N m/rad."""
+    """(Y_delta, N_delta) at ``reference_speed_m_s``, N/rad and N m/rad: of rudders that move by the weak form, of others what holds
+    the runs at their mean angles (5.1)."""
+    if any(d.rudder is not None for d in runs):
+        sway, yaw = _weak_form(runs, reference_speed_m_s)
+        return float(sway[3]), float(yaw[3])
     rows, side, moment = [], [], []
     for data in runs:
         if not data.steered:
             continue
         tow, ratio = data.tow, data.tow.speed_m_s / reference_speed_m_s
-        delta = tow.rudder_rad if data.rudder is None else float(np.interp(data.t_s, *data.rudder).mean())
+        delta = tow.rudder_rad
         alpha = alpha_from_y(data.y_m, data.beta_rad, tow)
         good = np.isfinite(alpha)
         if not good.any():

@@ -143,7 +143,7 @@ def _newton(
     """Path and sensitivities (4, wanted, steps + 1, runs), or None where it does not settle."""
     before, known = np.inf, None
     for turn in range(PASSES):
-        # a guess may be good enough for the first pass to be the last; on the way in a path that hardly moves keeps its sensitivities
+        # a guess may be good enough for the first pass to be the last; on the way in, a path that hardly moves keeps what it has
         asked = wanted if known is None and (before < 0.03 or turn == 0) else ()
         end, map_ = _steps(setting, path[:, :-1], asked)
         lacking = end - path[:, 1:]

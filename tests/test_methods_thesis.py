@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.optimize import least_squares
 
 from towline.identify import fit_steady, phase_analysis, prime_factors, two_tow_x_v
 from towline.identify.methods.hull_conditions import neutral_stern_force, to_prime, with_stern_force
 from towline.identify.methods.phase import Amplitudes, phase_from_amplitudes
 from towline.identify.steady import SteadyState
-from towline.simulate import Hull, Tow, linear_system, stability
+from towline.simulate import Hull, Start, Tow, linear_system, simulate_full, stability
+from towline.simulate.model import Line
 
 SIX = ["m_minus_y_vdot", "i_minus_n_rdot", "y_v", "y_r_minus_mu", "n_v", "n_r"]
 ITTC = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28)
@@ -208,3 +211,31 @@ def test_the_phase_analysis_on_the_hull_it_was_checked_on(page: str) -> None:
         )
         gap = " | ".join(f"{g:+.1f}" for g in 100 * (found.six / ITTC.six - 1))
         quoted(page, f"| {x_t:.3f} | {found.damping_share:.4f} | {gap} |")
+
+
+def test_what_surge_does_to_the_frequency(page: str) -> None:
+    """A decaying sinusoid through the tow's y_CG from 8 s on, with surge in full and with T constant."""
+    t = np.arange(0, 60, 0.1)
+    late = t > 8
+
+    def frequency(x_t: float, release_deg: float, line: Line, x_vr_kg: float = 0.0) -> float:
+        hull = replace(ITTC, mass_kg=78.0, x_udot_kg=-4.0, x_vr_kg=x_vr_kg)
+        start = Start(alpha_rad=float(np.radians(release_deg)))
+        y = simulate_full(hull, Tow(1.28, 0.91, x_t, 3.96, line=line), start, t)["y_cg_m"].to_numpy()[late]
+
+        def left(rates: np.ndarray) -> np.ndarray:
+            shape = np.exp(-rates[1] * t[late])[:, None] * np.column_stack(
+                [np.cos(rates[0] * t[late]), np.sin(rates[0] * t[late])]
+            )
+            rows = np.column_stack([shape, np.ones(late.sum())])
+            return y - rows @ np.linalg.lstsq(rows, y, rcond=None)[0]
+
+        return float(least_squares(left, [0.35, 0.0]).x[0])
+
+    for x_t in (1.446, 1.751):
+        shifts = []
+        for release in (5, 10, 15, 20):
+            constant, surge = (frequency(x_t, release, line) for line in ("constant", "surge"))
+            shifts.append(100 * (surge / constant - 1))
+            assert abs(frequency(x_t, release, "surge", 71.19) / surge - 1) < 0.0013
+        quoted(page, f"| {x_t:.3f} | {' | '.join(f'{s:+.2f}' for s in shifts)} |")

@@ -60,6 +60,9 @@ TABLES = {
     "identify_scale": Table(
         "benchmarks/identify_scale.py", "identify_scale.txt", 3, "the joint fit by the command against runs and frames"
     ),
+    "identify_surge": Table(
+        "benchmarks/identify_surge.py all --out {out}/surge", "identify_surge.txt", 90, "the joint fit of tows with surge in full"
+    ),
     "steady": Table("benchmarks/steady.py", "steady.txt", 8, "swinging and settled tows told apart, stability, bracket of X_v"),
     "methods": Table("benchmarks/methods.py", "methods.txt", 6, "every estimator under one noise"),
     "gap": Table("benchmarks/gap.py", "gap.txt", 5, "every effect of the library, planted once"),

@@ -3,6 +3,7 @@
     python benchmarks/identify_surge.py gauge [--count 500] [--out build/identify_surge]   # T to 0.5 %; beside it constant T
     python benchmarks/identify_surge.py weighed                                              # nobody measured T
     python benchmarks/identify_surge.py rudder                                               # 0-15 degrees, half of them histories
+    python benchmarks/identify_surge.py all                                                  # one after the other
     python benchmarks/identify_surge.py tables                                               # all three from what was kept
 
 Every campaign is kept in a line of JSON, so that a run goes on where it stopped. Errors are held against the Cramer-Rao bound at
@@ -263,7 +264,7 @@ def tables(out: Path) -> str:
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("gauge", "weighed", "rudder", "tables"))
+    parser.add_argument("what", choices=("gauge", "weighed", "rudder", "tables", "all"))
     parser.add_argument("--count", type=int, default=500)
     parser.add_argument("--out", type=Path, default=Path("build/identify_surge"))
     options = parser.parse_args()
@@ -271,7 +272,10 @@ def main() -> None:
         print(tables(options.out), end="")
         return
     options.out.mkdir(parents=True, exist_ok=True)
-    run(options.out, options.what, options.count)
+    for what in ("gauge", "weighed", "rudder") if options.what == "all" else (options.what,):
+        run(options.out, what, options.count)
+    if options.what == "all":
+        print(tables(options.out), end="")
 
 
 if __name__ == "__main__":

@@ -23,6 +23,8 @@ ROUGH_CONVERGED = 1e-5
 POOR = {"constant": 30.0, "surge": 3000.0}
 """A start whose chi-square per residual exceeds this is led in by growing records; the linear form, whose tension is constant,
 leaves more of a tow that swings on a line of constant length."""
+DOUBTFUL = 1.3
+"""Chi-square per residual, by the stated sigmas, above which an optimum is looked for on a second way."""
 FAR_OFF = {"constant": 1e3, "surge": 3e3}
 """From more per residual the whole fit does not find its way by itself."""
 SHARES = (0.25, 0.5, 1.0)
@@ -82,7 +84,12 @@ def rough_optimum(
             if linear_too and len(scores) == 1 and runs[0].tow.line == "constant":
                 return theta, steps
             found = minimise(whole, theta, weights, progress, converged=ROUGH_CONVERGED)
-            return found.theta, steps + found.steps
+            steps += found.steps
+            if found.chi_square > DOUBTFUL * sum(2 * len(d.t_s) for d in few):
+                # noise may be larger than stated, or this is a valley beside the right one: the longer way may end lower
+                other, more = _led_in(few, speed_m_s, begins, progress, extra, hold)
+                found, steps = min(found, other, key=lambda o: o.chi_square), steps + more
+            return found.theta, steps
     led, more = _led_in(few, speed_m_s, begins, progress, extra, hold)
     return led.theta, steps + more
 

@@ -12,15 +12,13 @@ from ..record.files import sha256_of_texts
 from ..record.priors import Priors
 from ..record.run import RUN_FILE, Run
 from ..record.tables import read_history
-from ..simulate.model import Array, Tow
-from ..simulate.scenario import tow_from_table
+from ..simulate.model import RESISTANCE_EXPONENT, Array, Tow
+from ..simulate.scenario import USUAL_X_UDOT, tow_from_table
 from .cut import before_cut
 from .still import Still
 
 SHORTEST_LOG_S = 2.0
 MEAN_S = 1.0
-USUAL_ALONG = 1.05
-"""(m - X_udot)/m of a bare model."""
 LONGEST_S = 1e6
 """No record is longer: its times are in another unit."""
 WATER_KG_M3 = 1000.0
@@ -207,8 +205,8 @@ def _check_taut(run: Run, tow: Tow, speed: tuple[Array, Array], times: Array) ->
     if len(clock) < 3 or tow.tension_n is None:
         return
     gain = np.gradient(here, clock)
-    mass = run.model.mass_kg * USUAL_ALONG
-    if (tow.tension_n * (here / tow.speed_m_s) ** 1.85 + mass * gain).max() < 0:
+    mass = run.model.mass_kg * (1 - USUAL_X_UDOT)
+    if (tow.tension_n * (here / tow.speed_m_s) ** RESISTANCE_EXPONENT + mass * gain).max() < 0:
         raise InputError(
             run.path(run.tow.speed or ""),
             "column speed_m_s",

@@ -12,21 +12,21 @@ import numpy as np
 
 from ...record.errors import EstimationError
 from ...record.priors import Priors, ValuePrior
-from ...simulate.model import Array
-from ..data import RunData
+from ...simulate.model import RESISTANCE_EXPONENT, Array
+from ...simulate.scenario import USUAL_X_UDOT
+from ..data import WATER_KG_M3, RunData
 from .parameters import ACROSS, ALONG, LINEAR_COUNT, RUN_PARAMETERS
 
 USUAL_ALONG: dict[str, tuple[Callable[[float, float], float], Callable[[float, float], float]]] = {
-    "x_udot_kg": (lambda m, _: -0.05 * m, lambda m, _: 0.03 * m),
+    "x_udot_kg": (lambda m, _: USUAL_X_UDOT * m, lambda m, _: 0.03 * m),
     "x_vr_kg": (lambda m, _: 0.45 * m, lambda m, _: 0.26 * m),
     "x_vv_kg_m": (lambda m, length: -0.4 * m / length, lambda m, length: 1.2 * m / length),
     "x_rr_kg_m": (lambda *_: 0.0, lambda m, length: 0.02 * m * length),
-    "resistance_exponent": (lambda *_: 1.85, lambda *_: 0.1),
+    "resistance_exponent": (lambda *_: RESISTANCE_EXPONENT, lambda *_: 0.1),
 }
 """(mean, standard deviation) by mass and length_pp_m where [priors.surge] says nothing: bare models (theory.md 10)."""
 WIDE_RUDDER = 0.03
 """Y_delta over rho/2 L^2 U^2, N_delta over rho/2 L^3 U^2: about nine times a usual rudder's; as good as free."""
-WATER_KG_M3 = 1000.0
 SCALE = "tension"
 
 

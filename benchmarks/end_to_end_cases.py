@@ -1,4 +1,9 @@
-"""Random campaigns from hull to film: what reality is, and what the person in the hall believes of it."""
+"""Random campaigns from hull to film: what reality is, and what the person in the hall believes of it.
+
+Reality is the tow with surge in full (theory.md 10): the line keeps its length, its pull follows the model. What the hull does
+along its way (X_udot, X_vr, X_vv, X_rr, the exponent of R) is drawn from what ``[priors.surge]`` takes for usual, which is all
+that the person knows of it; a tow whose line would fall slack is drawn again.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +18,7 @@ import tomlkit
 from towline.record.scenario import ScenarioFile
 from towline.simulate.model import DERIVATIVE_UNITS
 from towline.simulate.render import render_scenario
-from towline.simulate.scenario import read_scenario, scenario_stability
+from towline.simulate.scenario import read_scenario, scenario_stability, simulate_scenario
 
 Rng = np.random.Generator
 SAMPLE = Path(__file__).resolve().parent.parent / "sample_videos" / "mariner" / "x1446" / "scenario.toml"
@@ -29,6 +34,10 @@ PRIORS = {
 }
 """What the person says of scale, tape measure and carriage; the errors are drawn from it."""
 TOW_POINTS = 4
+MASS_KG, LENGTH_M = 78.0, 2.66
+ALONG = ("x_udot_kg", "x_vr_kg", "x_vv_kg_m", "x_rr_kg_m", "resistance_exponent")
+KNOWN_SD = 1e-5
+"""Of each of them where the true settings are put in; a standard deviation has to be above 0."""
 PICTURES = (((800, 600), 920.0), ((1280, 720), 1150.0), ((960, 720), 1000.0))
 
 
@@ -43,6 +52,7 @@ def campaign(seed: int, duration_s: float | None = None) -> list[dict[str, Any]]
     sample = read_scenario(SAMPLE).hull
     while True:
         hull = {name: round(getattr(sample, name) * float(rng.uniform(0.85, 1.15)), 4) for name in DERIVATIVE_UNITS}
+        hull |= _along(rng, hull["m_minus_y_vdot"])
         tows = _tows(rng)
         film, markers = _film(rng), _markers(rng)
         time = {
@@ -60,7 +70,7 @@ def campaign(seed: int, duration_s: float | None = None) -> list[dict[str, Any]]
                 "hull": {"speed_m_s": 1.28, **hull},
                 "tow": tow,
                 "start": {"y_cg_m": round(float(rng.choice([-1, 1]) * rng.uniform(0.12, 0.2)), 3)},
-                "model": {"length_pp_m": 2.66, "mass_kg": 78.0},
+                "model": {"length_pp_m": LENGTH_M, "mass_kg": MASS_KG},
                 "water": {"density_kg_m3": 1000.0, "tank_width_m": 4.6},
                 "marker": markers,
                 "film": film,
@@ -68,8 +78,24 @@ def campaign(seed: int, duration_s: float | None = None) -> list[dict[str, Any]]
             for k, tow in enumerate(tows)
         ]
         verdicts = [scenario_stability(_scenario(run)) for run in runs]
-        if all(v is not None and v.stable for v in verdicts):
+        if all(v is not None and v.stable for v in verdicts) and all(_taut(_scenario(run)) for run in runs):
             return runs
+
+
+def _along(rng: Rng, sway_mass_kg: float) -> dict[str, float]:
+    """What the hull does along its way: within physical bounds (X_udot < 0 < X_vr < -Y_vdot), else the usual scatter."""
+    usual = {
+        "x_udot_kg": -MASS_KG * float(rng.uniform(0.02, 0.08)),
+        "x_vr_kg": float(rng.uniform(0.0, sway_mass_kg - MASS_KG)),
+        "x_vv_kg_m": MASS_KG / LENGTH_M * float(rng.normal(-0.4, 1.2)),
+        "x_rr_kg_m": MASS_KG * LENGTH_M * float(rng.normal(0.0, 0.02)),
+        "resistance_exponent": float(rng.normal(1.85, 0.1)),
+    }
+    return {name: round(value, 4) for name, value in usual.items()}
+
+
+def _taut(file: ScenarioFile) -> bool:
+    return bool((simulate_scenario(file, Path())["tension_n"] > 0.0).all())
 
 
 def _scenario(run: dict[str, Any]) -> ScenarioFile:
@@ -166,7 +192,7 @@ def filmed(
         pull, place = (float(z) for z in rng.normal(size=2))
         if not _told(here / "run.toml"):
             render_scenario(_scenario(run), folder, here, progress)
-            _believed(here / "run.toml", common, marks, pull, place)
+            _believed(here / "run.toml", common, marks, pull, place, run["hull"])
         made.append(here)
     return made
 
@@ -176,10 +202,15 @@ def _told(path: Path) -> bool:
     return path.is_file() and "[priors]" in path.read_text(encoding="utf-8")
 
 
-def _believed(path: Path, common: dict[str, float], marks: list[Any], pull: float, place: float) -> None:
+def _believed(
+    path: Path, common: dict[str, float], marks: list[Any], pull: float, place: float, hull: dict[str, float]
+) -> None:
     told: Any = tomlkit.parse(path.read_text(encoding="utf-8"))
     tow = told["tow"]
-    (path.parent / "truth" / "run.toml").write_text(tomlkit.dumps(told), encoding="utf-8")
+    known = {name: {"value": hull[name], "std": KNOWN_SD} for name in ALONG}
+    true = tomlkit.parse(path.read_text(encoding="utf-8"))
+    true["priors"] = {"surge": known}
+    (path.parent / "truth" / "run.toml").write_text(tomlkit.dumps(true), encoding="utf-8")
     tow["tension_n"] = round(tow["tension_n"] * common["tension"] * (1 + PRIORS["tension_sd_rel"] * pull), 5)
     tow["tow_point_m"] = round(tow["tow_point_m"] + PRIORS["tow_point_sd_m"] * place, 5)
     tow["line_length_m"] = round(tow["line_length_m"] + common["line"], 5)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..processes import in_parallel
-from ..record.files import write_text
+from ..record.files import JSON_BYTES, read_text, write_text
 from .baselines import baseline_calls
 from .draw import ANSWERS, CASES, Wanted, opened, sealed, write_cases
 from .judge import Judged, judged
@@ -87,7 +87,7 @@ def measured_cases(
         if progress is not None:
             progress("measuring what can be told apart", k + 1, len(jobs))
     files = {case.name: out / MEASURED / f"{case.name}.json" for case in cases}
-    return {name: json.loads(path.read_text(encoding="utf-8")) for name, path in files.items()}
+    return {name: json.loads(read_text(path, JSON_BYTES)) for name, path in files.items()}
 
 
 def _calls(out: Path, case: Case, answer: dict[str, Any]) -> dict[str, frozenset[str]]:

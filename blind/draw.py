@@ -13,7 +13,7 @@ import numpy as np
 
 from ..processes import in_parallel
 from ..record.errors import EstimationError, InputError
-from ..record.files import write_text
+from ..record.files import JSON_BYTES, read_text, write_text
 from .truth.camera import camera_of
 from .truth.cases import LONG_S, Case, RunTruth, lane_of
 from .truth.hulls import FREE, HULLS
@@ -436,7 +436,7 @@ def sealed(out: Path, wanted: Wanted, workers: int = 1, progress=None) -> tuple[
     """
     if (out / TRUTH).is_file():
         kept, old = opened(out)
-        before = json.loads((out / TRUTH).read_text(encoding="utf-8"))["wanted"]
+        before = json.loads(read_text(out / TRUTH, JSON_BYTES))["wanted"]
         if before != json.loads(json.dumps(asdict(wanted))):
             raise InputError(out / TRUTH, "wanted", f"{before} was drawn here; give another folder or the same numbers")
         return kept, old
@@ -458,8 +458,8 @@ def opened(out: Path) -> tuple[list[Case], str]:
     for name in (SEAL, TRUTH):
         if not (out / name).is_file():
             raise InputError(out / name, "", "no such file")
-    text = (out / TRUTH).read_text(encoding="utf-8")
-    digest, stated = sha256_of_text(text), (out / SEAL).read_text(encoding="utf-8").split()[0]
+    text = read_text(out / TRUTH, JSON_BYTES)
+    digest, stated = sha256_of_text(text), read_text(out / SEAL, JSON_BYTES).split()[0]
     if digest != stated:
         raise InputError(out / TRUTH, "sha256", f"{digest[:12]}..., the seal says {stated[:12]}...")
     return [Case.from_json(values) for values in json.loads(text)["cases"]], digest

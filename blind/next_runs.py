@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..record.files import write_text
+from ..record.files import TOML_BYTES, read_text, write_text
 from .draw import ANSWERS, CASES, opened, tow_of
 from .judge import Call, call_of, truth_of
 from .run import answered, read_answers
@@ -120,7 +120,7 @@ def _measured(folder: Path, case: Case, proposed: dict[str, Any], made: list[Pat
     first = folder / made[0].name
     if not (first / "run.toml").is_file():
         shutil.copytree(made[0], first, ignore=shutil.ignore_patterns("run.toml", "out"), dirs_exist_ok=True)
-        text = (made[0] / "run.toml").read_text(encoding="utf-8")
+        text = read_text(made[0] / "run.toml", TOML_BYTES)
         for number, sd in sorted(proposed["numbers"].items()):
             value = measured_apart(case, number, sd, rng)
             text += f'\n[[measured]]\nnumber = "{number}"\nvalue = {value:.8g}\nsd = {sd:g}\n'

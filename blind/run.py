@@ -10,7 +10,7 @@ from typing import Any
 
 from ..processes import in_parallel
 from ..record.errors import TowlineError
-from ..record.files import write_text
+from ..record.files import JSON_BYTES, read_text, write_text
 from .draw import ANSWERS, CASES
 
 Progress = Callable[[str, int, int | None], None]
@@ -67,7 +67,7 @@ def _answer(name: str, folders: list[Path], to: Path) -> str:
 
 def read_answers(folder: Path) -> dict[str, dict[str, Any]]:
     """Case -> answer, of a folder of answer files."""
-    return {p.stem: json.loads(p.read_text(encoding="utf-8")) for p in sorted(folder.glob("*.json"))}
+    return {p.stem: json.loads(read_text(p, JSON_BYTES)) for p in sorted(folder.glob("*.json"))}
 
 
 __all__ = ["answered", "answers", "read_answers"]

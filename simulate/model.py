@@ -99,7 +99,8 @@ class Hull:
         """The same hull (same primes) at another speed; a hull at rest has no damping."""
         ratio = speed_m_s / self.speed_m_s
         damping = {name: getattr(self, name) * ratio for name in ("y_v", "y_r_minus_mu", "n_v", "n_r")}
-        force = {name: getattr(self, name) * ratio**2 for name in ("y_delta", "n_delta", "y_bias_n", "n_bias_n_m")}
+        force = {name: getattr(self, name) for name in ("y_delta", "n_delta", "y_bias_n", "n_bias_n_m")}
+        force = {name: value * ratio**2 for name, value in force.items() if np.any(value)}
         return replace(self, speed_m_s=speed_m_s, **damping, **force)
 
 
@@ -237,9 +238,10 @@ def line_angle_rate(tow: Tow, beta, v, r, cosine, post_rate: Array | float = 0.0
     )
 
 
-def forward_speed(tow: Tow, alpha, beta, v, r, post_rate: Array | float = 0.0):
+def forward_speed(tow: Tow, alpha, beta, v, r, post_rate: Array | float = 0.0, turn=None):
     """u of a model on a line that keeps its length: U cos b + L a' sin(a+b) + Y_T r + y_o' sin b (theory.md 10), m/s."""
-    turn = line_angle_rate(tow, beta, v, r, np.cos(alpha + beta), post_rate)
+    if turn is None:
+        turn = line_angle_rate(tow, beta, v, r, np.cos(alpha + beta), post_rate)
     along = tow.speed_m_s * np.cos(beta) + post_rate * np.sin(beta)
     return along + tow.line_length_m * turn * np.sin(alpha + beta) + tow.tow_point_offset_m * r
 
@@ -283,7 +285,7 @@ def full_state(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = None
         y_0, n_0 = constant_force(hull, tow.rudder_rad)
         v_rate, r_rate = sway_yaw_acceleration(hull, v, r, side + y_0 + more[0], moment + n_0 + more[1])
         return Taut(np.array([turn, r, v_rate, r_rate]), tension, u)
-    u = forward_speed(tow, alpha, beta, v, r, post_rate)
+    u = forward_speed(tow, alpha, beta, v, r, post_rate, turn)
     v_free, r_free, push = _coasting(hull, tow, u, v, r, more)
     v_pull, r_pull = accelerated(hull, *line_force(tow, 1.0, sine, cosine))
     by_v, by_r = sine / cosine, tow.tow_point_m * sine / cosine + tow.tow_point_offset_m

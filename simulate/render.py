@@ -253,7 +253,7 @@ def _run_toml(file: ScenarioFile, video: str, picks: NDArray[np.float64]) -> str
     ]
     not_stated = {"resistance_n", "line_stiffness_n_m", "line_damping_n_s_m"}
     tables["tow"] = file.tow.model_dump(exclude=not_stated, exclude_none=True, exclude_defaults=True)
-    tables["model"] = file.model.model_dump(exclude_none=True)
+    tables["model"] = file.model.model_dump(exclude_none=True, exclude_defaults=True)
     tables["water"] = file.water.model_dump(exclude_none=True)
     for name, content in tables.items():
         document.add(name, tomlkit.item(_plain(content)))

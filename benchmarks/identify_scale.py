@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,8 @@ from towline.simulate import Start, Tow, simulate_full
 
 SPAN_S = 60.0
 TENSION_SD_REL, TOW_POINT_SD_M, TENSION_COMMON_SD_REL, LINE_LENGTH_SD_M, SPEED_SD_REL = 0.005, 1e-3, 0.003, 1e-3, 2e-3
+MASS_KG = 78.0
+SURGING = replace(HULL, mass_kg=MASS_KG, x_udot_kg=-0.05 * MASS_KG, x_vr_kg=0.5 * (HULL.m_minus_y_vdot - MASS_KG))
 LONG_POINT_M = 1.72
 """A tow that neither grows nor decays much within half an hour."""
 TOML = """\
@@ -43,7 +46,7 @@ tension_n = {tension}
 
 [model]
 length_pp_m = 2.66
-mass_kg = 78.0
+mass_kg = {mass}
 
 [water]
 density_kg_m3 = 1000.0
@@ -64,9 +67,10 @@ def written(folder: Path, name: str, point_m: float, t_s: np.ndarray, rng: np.ra
         LENGTH_M - 0.5 * LINE_LENGTH_SD_M,
         point_m + TOW_POINT_SD_M * rng.normal(),
         TENSION_N * (1 + 0.5 * TENSION_COMMON_SD_REL + TENSION_SD_REL * rng.normal()),
+        line="surge",
     )
     start = Start(y_cg_m=rng.uniform(0.08, 0.18) * rng.choice([-1, 1]), beta_rad=rng.normal(0, 0.02))
-    motion = simulate_full(HULL, tow, start, t_s)[["t_s", "y_cg_m", "beta_rad"]]
+    motion = simulate_full(SURGING, tow, start, t_s)[["t_s", "y_cg_m", "beta_rad"]]
     motion["y_cg_m"] += rng.normal(0, SIGMA_Y_M, len(t_s))
     motion["beta_rad"] += rng.normal(0, SIGMA_BETA_RAD, len(t_s))
     motion["alpha_rad"] = np.nan
@@ -75,7 +79,8 @@ def written(folder: Path, name: str, point_m: float, t_s: np.ndarray, rng: np.ra
     run.mkdir(parents=True)
     write_table(run / "motion.csv", motion)
     said = TOML.format(
-        name=name, length=LENGTH_M, point=point_m, tension=TENSION_N, tension_sd=TENSION_SD_REL, point_sd=TOW_POINT_SD_M,
+        name=name, mass=MASS_KG, length=LENGTH_M, point=point_m, tension=TENSION_N,
+        tension_sd=TENSION_SD_REL, point_sd=TOW_POINT_SD_M,
         common_sd=TENSION_COMMON_SD_REL, length_sd=LINE_LENGTH_SD_M, speed_sd=SPEED_SD_REL,
     )  # fmt: skip
     (run / "run.toml").write_text(said)

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ..record.errors import EstimationError, InputError
+from ..record.files import TABLE_BYTES, read_text
 from ..record.results import DerivativesFile
 from ..simulate.model import DERIVATIVE_UNITS, Array, Hull
 from .prime import prime_factors
@@ -126,7 +127,7 @@ def reference_set(name: str, folder: Path | None = None) -> ReferenceSet:
     if name in BUILT_IN:
         return read_reference(FOLDER / f"{name}.csv")
     path = Path(name) if folder is None else folder / name
-    if not path.is_file():
+    if not path.exists():
         raise InputError(path, "", f"no such file, and no built-in reference set; known: {', '.join(BUILT_IN)}")
     return read_reference(path)
 
@@ -139,12 +140,7 @@ def read_reference(path: str | Path) -> ReferenceSet:
     InputError : names the row (counted from 1, comments and header included) and the value
     """
     path = Path(path)
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except FileNotFoundError:
-        raise InputError(path, "", "no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, "", f"cannot be read ({error})") from None
+    lines = read_text(path, TABLE_BYTES).splitlines()
     source: list[str] = []
     while len(source) < len(lines) and lines[len(source)].lstrip().startswith("#"):
         source.append(lines[len(source)].lstrip("# ").strip())

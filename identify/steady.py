@@ -479,8 +479,7 @@ def stands_off(tow: SteadyState) -> bool:
 
 def steady_tow_result(tow: SteadyState) -> SteadyTow:
     """The tow as it stands in steady.json."""
-    force, slope = tow.force()
-    total = tow.covariance + tow.common.T @ tow.common
+    force, slope, total = tow.force()[0], force_slope([tow])[0], input_covariance([tow])
     sd = np.sqrt(np.diag(total))
     return SteadyTow(
         tow_point_m=tow.tow_point_m,

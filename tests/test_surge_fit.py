@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 from towline.identify import RunData, fit_runs
+from towline.identify.cut import step_of
 from towline.identify.surge import surge_moves
 from towline.identify.tension import refuse_impossible, slack_spells, tension_from_motion
 from towline.record import EstimationError, Priors
@@ -290,3 +291,39 @@ def test_a_motion_that_needs_a_line_that_pushes_is_named() -> None:
     first, last = spells["run-1"]
     assert 19.5 < first < 21
     assert 21 < last < 23
+
+
+def test_a_record_of_many_swings_finds_its_own_valley() -> None:
+    """A tow of 20 minutes, some 60 swings: the optimum leaves the noise that is in it, 2 n of chi-square to 5 sd."""
+    t_s = np.arange(0, 1200, 0.2)
+    long = tows(6.0, seed=5, t_s=t_s)[3]
+    fit = fit_runs([long])
+    left = float(((fit.residual[0] / SIGMA) ** 2).sum())
+    assert abs(left - 2 * len(t_s)) < 5 * np.sqrt(4 * len(t_s))
+
+
+def test_records_joined_to_one_are_named() -> None:
+    """Three releases in one record: where it steps, how often, and what to do."""
+    one = tows(9.5, seed=6, t_s=np.arange(0, 39.99, 0.08))[0]
+    n = len(one.t_s)
+    joined = replace(
+        one,
+        t_s=np.arange(3 * n) * 0.08,
+        y_m=np.tile(one.y_m, 3),
+        beta_rad=np.tile(one.beta_rad, 3),
+        covariance=np.tile(one.covariance, (3, 1, 1)),
+        common=np.zeros((0, 3 * n, 2)),
+        lag=np.zeros((0, 3 * n, 2)),
+    )
+    step = step_of(joined.t_s, joined.y_m, joined.beta_rad, np.sqrt(np.einsum("nii->ni", joined.covariance)))
+    assert step is not None
+    assert step.t_s == pytest.approx(n * 0.08) or step.t_s == pytest.approx(2 * n * 0.08)
+    speed = (
+        abs(one.y_m[-1] - one.y_m[-6]) / 5
+    )  # a sample; both sides are carried on over two at the mean of their slopes
+    assert step.y_m == pytest.approx(one.y_m[0] - one.y_m[-1], abs=2 * speed + 3e-3)
+    assert step.count == 2
+    assert step_of(one.t_s, one.y_m, one.beta_rad, np.sqrt(np.einsum("nii->ni", one.covariance))) is None
+    beaten = replace(joined, y_m=3.0 * joined.y_m)  # no motion of these equations at all
+    with pytest.raises(EstimationError, match=r"y_CG steps by .* mm and the heading by .* at t = 40.00 s, and at"):
+        fit_runs([beaten])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,8 +19,10 @@ from ..still import Colour, colours
 from .innovations import NOISE, LikelihoodFit, maximise
 
 NOISES = ("auto", "output", "innovations")
-WHITE_P = 1e-3
-"""Residuals less probable than this by the Ljung-Box test are not white."""
+WHITE_P = 0.008
+"""Residuals are not white where the least Ljung-Box p of so many tests is less probable than this: 0.001 a test of four runs."""
+MOST_ASKED = 8
+"""Of more runs so many, those with the least p, say whether a force on the hull is seen at all; the filter costs much."""
 LAGS = 200
 CLEARLY = 10.0
 """A noise model is preferred where its BIC is lower by more than this."""
@@ -54,29 +56,60 @@ def fit_with_noise(
     if noise == "output":
         return fit
     known = colours(runs)
-    lowest = _least_p(fit, known)
-    if noise == "auto" and lowest > WHITE_P:
+    chances = _least_p(fit, known)
+    lowest = min(chances)
+    if noise == "auto" and 1 - (1 - lowest) ** (2 * len(runs)) > WHITE_P:
         what = "white" if not any(known) else "white once the static records' colour is taken out of them"
         return replace(fit, notes=(f"the residuals are {what} (least Ljung-Box p {lowest:.2g}): output error",))
-    what = "coloured" if not any(known) else "coloured beyond what the static records show"
+    if noise == "auto" and len(runs) > 2 * MOST_ASKED:
+        some = [runs[k] for k in sorted(np.argsort(chances, kind="stable")[:MOST_ASKED])]
+        asked = _asked(some, fit_runs(some, form, fit.speed_m_s, progress), form, noise, progress, each)
+        if asked.found is None:
+            return _without_force(runs, fit, form, asked, progress)
+        begin = asked.found.noise
+    else:
+        begin = None
+    asked = _asked(runs, fit, form, noise, progress, each, begin)
+    if asked.found is None:
+        return _without_force(runs, fit, form, asked, progress)
+    along = [modes_along(d, p) for d, p in zip(runs, fit.response, strict=True)]
+    return as_fit(along, fit, asked.found, (asked.words,))
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Whether a force on the hull is seen: its fit (None: it is not) and a sentence; ``told``: by runs with static records."""
+
+    found: LikelihoodFit | None
+    words: str
+    told: bool = False
+
+
+def _asked(
+    runs: list[RunData],
+    fit: Fit,
+    form: str,
+    noise: str,
+    progress: Callable[[str], None] | None,
+    each: Each,
+    begin: Array | None = None,
+) -> _Asked:
+    """Fit a force to the residuals of ``fit``, and hold it against coloured measurement noise."""
+    known = any(colours(runs))
+    what = "coloured beyond what the static records show" if known else "coloured"
     along = [modes_along(d, p) for d, p in zip(runs, fit.response, strict=True)]
     try:
-        found = maximise(along, form, fit.speed_m_s, fit.theta, progress=progress, each=each)
+        found = maximise(along, form, fit.speed_m_s, fit.theta, begin, progress, each=each)
     except EstimationError as error:
         if noise == "innovations":
             raise
-        return replace(
-            fit, notes=(f"the residuals are {what}; no force on the hull could be fitted to them ({error})",)
-        )
+        return _Asked(None, f"the residuals are {what}; no force on the hull could be fitted to them ({error})")
     samples = sum(2 * len(d.t_s) for d in found.problem.runs)
     force_bic = found.deviance + NOISE * np.log(samples)
-    measured_bic = measurement_bic(along, form, fit)
-    gap = measured_bic - force_bic
+    gap = measurement_bic(along, form, fit) - force_bic
     # an autoregression for every channel of every run costs much: a force must also be seen against plain white noise
-    unseen = not any(known) and white_bic(found) - force_bic < CLEARLY
-    if noise == "auto" and (unseen or gap < (0.0 if any(known) else CLEARLY)):
-        if any(known):
-            fit = fit_runs([replace(d, still=None) for d in runs], form, speed_m_s, progress)
+    unseen = not known and white_bic(found) - force_bic < CLEARLY
+    if noise == "auto" and (unseen or gap < (0.0 if known else CLEARLY)):
         against = "explains it as well as" if gap >= 0 else "explains it better than"
         words = f"the residuals are {what}, and " + (
             "a force on the hull explains none of it: output error, whitened by an autoregression"
@@ -84,7 +117,7 @@ def fit_with_noise(
             else f"colour of the measurement {against} a force on the hull (BIC {gap:+.0f} for the force): output error, "
             "whitened by an autoregression"
         )
-        return replace(fit, notes=(words,))
+        return _Asked(None, words, known)
     d = found.disturbance
     words = (
         f"the residuals are {what} as a force on the hull makes them "
@@ -92,21 +125,31 @@ def fit_with_noise(
         if noise == "auto"
         else f"innovations form as asked for (BIC lower by {gap:.0f} than for coloured measurement noise): "
     ) + f"side force {d.force_n:.2g} N, moment {d.moment_n_m:.2g} N m, correlation time {d.time_s:.2g} s"
-    return as_fit(along, fit, found, (words,))
+    return _Asked(found, words)
 
 
-def _least_p(fit: Fit, known: list[Colour | None]) -> float:
-    """Least Ljung-Box p of all runs and channels: of the residuals, or of what a known colour leaves of them."""
-    found = []
+def _without_force(
+    runs: list[RunData], fit: Fit, form: str, asked: _Asked, progress: Callable[[str], None] | None
+) -> Fit:
+    if asked.told:
+        fit = fit_runs([replace(d, still=None) for d in runs], form, fit.speed_m_s, progress)
+    return replace(fit, notes=(asked.words,))
+
+
+def _least_p(fit: Fit, known: list[Colour | None]) -> list[float]:
+    """Every run's least Ljung-Box p of its channels: of the residuals, or of what a known colour leaves of them."""
+    chances = []
     for residual, white, colour in zip(fit.residual, fit.innovation, known, strict=True):
+        found = []
         for channel in range(2):
-            lags = min(LAGS, len(residual) // 4)
+            lags = min(LAGS, len(residual) // 8)
             if colour is None:
                 found.append(ljung_box_p(residual[:, channel], lags=lags))
             else:
                 told_by = len(colour.regression[channel]), colour.samples
                 found.append(ljung_box_p(white[:, channel], lags=lags, elsewhere=told_by))
-    return min(found)
+        chances.append(min(found))
+    return chances
 
 
 def measurement_bic(runs: list[RunData], form: str, fit: Fit) -> float:

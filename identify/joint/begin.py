@@ -16,10 +16,10 @@ from ..data import RunData
 from ..noise import stated
 from .full import full_paths
 from .problem import OWN, Problem
-from .solve import Optimum, Progress, minimise
+from .solve import Optimum, Progress, minimise, normal
 from .thin import thinned
 
-ROUGH_CONVERGED = 1e-5
+ROUGH_CONVERGED = 1e-4
 POOR = {"constant": 30.0, "surge": 3000.0}
 """A start whose chi-square per residual exceeds this is led in by growing records; the linear form, whose tension is constant,
 leaves more of a tow that swings on a line of constant length."""
@@ -28,6 +28,9 @@ DOUBTFUL = 1.3
 FAR_OFF = {"constant": 1e3, "surge": 3e3}
 """From more per residual the whole fit does not find its way by itself."""
 SHARES = (0.25, 0.5, 1.0)
+LEAD_S = 90.0
+"""Records longer than twice this are fitted from their beginning on, twice as much each time: over many swings a start that is a
+little off in frequency ends far off in phase, and finds the valley beside."""
 LEADING_CONVERGED = 1e-3
 MOST_ROUGH = 8
 """Of more runs so many, spread over the tow points, say where the derivatives begin; the others' own starts follow from these."""
@@ -55,6 +58,9 @@ def rough_optimum(
     ------
     EstimationError : no motion near the records can be simulated
     """
+    longest = max(float(d.t_s[-1] - d.t_s[0]) for d in runs)
+    if longest > 2 * LEAD_S:
+        return _grown(runs, speed_m_s, form, longest, progress, start, extra, hold)
     if len(runs) > MOST_ROUGH and not any(knows_full_only(d) for d in runs):
         found = _by_some(runs, speed_m_s, form, progress, start, extra, hold)
         if found is not None:
@@ -77,13 +83,19 @@ def rough_optimum(
             steps = found.steps
         except EstimationError:
             pass
-    scores = []
-    for theta in begins:
-        scores.append(_per_residual(whole, theta, weights))
-        if scores[-1] < POOR[runs[0].tow.line]:
-            if linear_too and len(scores) == 1 and runs[0].tow.line == "constant":
+    for turn, theta in enumerate(begins):
+        near, answers = runs[0].tow.line == "constant" and linear_too and turn == 0, None
+        if near:
+            score = _per_residual(whole, theta, weights)
+        else:  # the search goes on from what is found here
+            with np.errstate(all="ignore"):
+                answers = whole.evaluate(theta)
+                cost = normal(whole, theta, answers, weights)[2]
+            score = cost / sum(2 * len(d.t_s) for d in few) if np.isfinite(cost) else np.inf
+        if score < POOR[runs[0].tow.line]:
+            if near:
                 return theta, steps
-            found = minimise(whole, theta, weights, progress, converged=ROUGH_CONVERGED)
+            found = minimise(whole, theta, weights, progress, answers, converged=ROUGH_CONVERGED)
             steps += found.steps
             if found.chi_square > DOUBTFUL * sum(2 * len(d.t_s) for d in few):
                 # noise may be larger than stated, or this is a valley beside the right one: the longer way may end lower
@@ -92,6 +104,31 @@ def rough_optimum(
             return found.theta, steps
     led, more = _led_in(few, speed_m_s, begins, progress, extra, hold)
     return led.theta, steps + more
+
+
+def _grown(
+    runs: list[RunData],
+    speed_m_s: float,
+    form: str,
+    longest_s: float,
+    progress: Progress | None,
+    start: Array | None,
+    extra: Extra,
+    hold: tuple[int, ...],
+) -> tuple[Array, int]:
+    """``rough_optimum`` of long records: of their first ``LEAD_S``, then of twice as much each time."""
+    span_s = LEAD_S
+    theta, steps = rough_optimum([_until(d, span_s) for d in runs], speed_m_s, form, progress, start, extra, hold)
+    few = [thinned(d) for d in runs]
+    while span_s < longest_s:
+        span_s *= 2
+        parts = [_until(d, span_s) for d in few]
+        problem = Problem(parts, form, speed_m_s, hold, extra, rough=True)
+        weights = [stated(d.covariance, d.t_s) for d in parts]
+        ends = ROUGH_CONVERGED if span_s >= longest_s else LEADING_CONVERGED
+        found = minimise(problem, theta, weights, progress, converged=ends)
+        theta, steps = found.theta, steps + found.steps
+    return theta, steps
 
 
 def _by_some(
@@ -169,8 +206,16 @@ def _led_in(
     return found, steps
 
 
+def _until(data: RunData, span_s: float) -> RunData:
+    return _first(data, int(np.searchsorted(data.t_s, data.t_s[0] + span_s, side="right")))
+
+
 def _first_part(data: RunData, share: float) -> RunData:
-    last = max(min(FEWEST_SAMPLES, len(data.t_s)), int(share * len(data.t_s)))
+    return _first(data, int(share * len(data.t_s)))
+
+
+def _first(data: RunData, count: int) -> RunData:
+    last = max(min(FEWEST_SAMPLES, len(data.t_s)), count)
     return replace(
         data,
         t_s=data.t_s[:last],

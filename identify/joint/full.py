@@ -91,8 +91,9 @@ def full_paths(
     setting = setting_of(runs, values, reference_speed_m_s, rough)
     lasting = rough and guess is not None
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        path = _first_path(runs, values, reference_speed_m_s, setting, guess)
-        solved = _newton(setting, values, path, wanted, lasting)
+        path, far = _first_path(runs, values, reference_speed_m_s, setting, guess)
+        # where the guess lacks about its move's square, the first pass may be the last and takes the sensitivities along
+        solved = _newton(setting, values, path, wanted, lasting, far**2 < (STANDS if lasting else SETTLED))
         if solved is None:
             path = _one_by_one(setting, values)
             solved = _newton(setting, values, path, wanted, lasting) if np.isfinite(path).all() else None
@@ -102,24 +103,27 @@ def full_paths(
             return nothing, Guess(setting.step, values, stale, stale[:, None][:, :0], ())
         path, moved = solved
         everywhere = slice(0, setting.count + 1)
-        ends = setting.linearised(0, path, wanted, everywhere)
+        gauged = setting.tow.line == "surge" and any(d.gauge is not None for d in runs)
+        ends = setting.linearised(0, path, wanted, everywhere, gauged)
         rates = ends.along(moved, 0, wanted)[:2]
         answers = [_sampled(d, i, setting, values, path, moved, ends.rates, rates, wanted) for i, d in enumerate(runs)]
-        gauged = setting.tow.line == "surge" and any(d.gauge is not None for d in runs)
         pulled = ends.tension_along(moved, wanted) if gauged else None
         tension = np.broadcast_to(ends.tension_n, path.shape[1:])
     return answers, Guess(setting.step, values, path, moved, wanted, tension, pulled)
 
 
-def _first_path(runs: list[RunData], values: Array, reference: float, setting: Setting, guess: Guess | None) -> Array:
-    """The earlier path moved along its sensitivities, or the linear form's."""
+def _first_path(
+    runs: list[RunData], values: Array, reference: float, setting: Setting, guess: Guess | None
+) -> tuple[Array, float]:
+    """The earlier path moved along its sensitivities, and how far (rad, m/s, rad/s); or the linear form's."""
     shape = (4, setting.count + 1, len(runs))
     if guess is not None and guess.step_s == setting.step and guess.path.shape == shape and guess.wanted:
         change = (values - guess.values)[:, list(guess.wanted)]
-        path = guess.path + np.einsum("spnr,rp->snr", guess.moved, change)
+        shift = np.einsum("spnr,rp->snr", guess.moved, change)
+        path = guess.path + shift
         if np.isfinite(path).all() and np.abs(path[0] + path[1]).max() < STEEPEST_RAD:
             path[:, 0] = values[:, 6:10].T
-            return path
+            return path, float(np.abs(shift).max())
     times = np.arange(setting.count + 1) * setting.step
     grids = [replace(d, t_s=times) for d in runs]
     start = values.copy()
@@ -134,17 +138,17 @@ def _first_path(runs: list[RunData], values: Array, reference: float, setting: S
     broad = np.abs(motion[0] + motion[1]) > 1.3
     motion[1][broad] = np.sign(motion[0][broad]) * 1.3 - motion[0][broad]
     motion[:, 0] = values[:, 6:10].T
-    return motion
+    return motion, np.inf
 
 
 def _newton(
-    setting: Setting, values: Array, path: Array, wanted: tuple[int, ...], lasting: bool = False
+    setting: Setting, values: Array, path: Array, wanted: tuple[int, ...], lasting: bool, near: bool = False
 ) -> tuple[Array, Array] | None:
-    """Path and sensitivities (4, wanted, steps + 1, runs), or None where it does not settle."""
+    """Path and sensitivities (4, wanted, steps + 1, runs), or None where it does not settle; ``near``: ask for them at once."""
     before, known = np.inf, None
-    for turn in range(PASSES):
-        # a guess may be good enough for the first pass to be the last; on the way in, a path that hardly moves keeps what it has
-        asked = wanted if known is None and (before < 0.03 or turn == 0) else ()
+    for _ in range(PASSES):
+        # on the way in, a path that hardly moves keeps what it has
+        asked = wanted if known is None and (before < 0.03 or near) else ()
         end, map_ = _steps(setting, path[:, :-1], asked)
         lacking = end - path[:, 1:]
         if not np.isfinite(lacking).all() or not np.isfinite(map_).all():
@@ -187,7 +191,8 @@ def _some_steps(setting: Setting, begin: Array, wanted: tuple[int, ...], select:
         found = setting.linearised(part, state, wanted, select)
         return found.rates, found.along(moved, 4, wanted)
 
-    k1, d1 = stage(0, begin, first)
+    found = setting.linearised(0, begin, wanted, select)
+    k1, d1 = found.rates, found.alone(wanted)
     k2, d2 = stage(1, begin + h / 2 * k1, first + h / 2 * d1)
     k3, d3 = stage(1, begin + h / 2 * k2, first + h / 2 * d2)
     k4, d4 = stage(2, begin + h * k3, first + h * d3)

@@ -59,6 +59,16 @@ class Linearised:
             self._row(row, moved, first_parameter, wanted, found[at])
         return found
 
+    def alone(self, wanted: tuple[int, ...]) -> Array:
+        """``along`` where each of the first four columns moves one state by one, and the parameters have moved none yet."""
+        found = np.zeros((4, 4 + len(wanted), *np.shape(self.rates)[1:]))
+        found[1, 3] = 1.0
+        for row, at in ((TURN, 0), (SWAY, 2), (YAW, 3)):
+            for place, column in enumerate((*self.by_state, *(self.parameters.get(i, {}) for i in wanted))):
+                if row in column:
+                    found[at, place] = column[row]
+        return found
+
     def tension_along(self, moved: Array, wanted: tuple[int, ...]) -> Array:
         """Change of T, (c, ...), with the parameters ``wanted`` that move the state by ``moved`` (4, c, ...)."""
         return self._row(PULL, moved, 0, wanted, np.empty_like(moved[0]))
@@ -83,7 +93,9 @@ class Linearised:
         return total
 
 
-def linearise(t_s, state: Array, hull: Hull, tow: Tow, wanted: tuple[int, ...], reference: float) -> Linearised:
+def linearise(
+    t_s, state: Array, hull: Hull, tow: Tow, wanted: tuple[int, ...], reference: float, pulled: bool = True
+) -> Linearised:
     """``full_state`` and its partial derivatives at ``state`` (4, ...).
 
     Parameters
@@ -92,9 +104,12 @@ def linearise(t_s, state: Array, hull: Hull, tow: Tow, wanted: tuple[int, ...], 
     tow : fields broadcast against the state; tension_n as it acts now
     wanted : parameters (indices of ``RUN_PARAMETERS``) whose partials are asked for
     reference : speed at which the derivatives are quoted; d/dU counts the damping's growth with U
+    pulled : T's own derivatives are asked for as well (of a line that keeps its length)
     """
     taut = full_state(t_s, state, hull, tow)
-    return (_Kept if tow.line == "surge" else _Pulled)(t_s, state, hull, tow, taut).linearised(wanted, reference)
+    if tow.line == "surge":
+        return _Kept(t_s, state, hull, tow, taut, pulled).linearised(wanted, reference)
+    return _Pulled(t_s, state, hull, tow, taut).linearised(wanted, reference)
 
 
 class _Pulled:
@@ -180,7 +195,7 @@ class _Kept(_Pulled):
     newtons of the numerator), of D (``stiffer``), of u (``faster``) or of Y and N at T = 0.
     """
 
-    def __init__(self, t_s, state: Array, hull: Hull, tow: Tow, taut: Taut) -> None:
+    def __init__(self, t_s, state: Array, hull: Hull, tow: Tow, taut: Taut, pulled: bool) -> None:
         super().__init__(t_s, state, hull, tow, taut)
         r = state[3]
         assert hull.mass_kg is not None
@@ -199,48 +214,71 @@ class _Kept(_Pulled):
         self.post_gust = tow.post_acceleration(t_s)
         self.speed_rate = tow.speed_rate_m_s2
         self.turns = self.turn + r
-        self.t_s = t_s
+        self._units(pulled)
+        self.turned_k_0, self.turned = self._turned()
+
+    def _units(self, pulled: bool) -> None:
+        """Rows of one newton of push, of side force, one newton metre of moment, one m/s of forward speed."""
+        mass, inertia = self.hull.m_minus_y_vdot, self.hull.i_minus_n_rdot
+        push = 1.0 / self.stiffness
+        side, moment = (self.mass / mass) * self.by_v * push, (self.mass / inertia) * self.by_r * push
+        sway, yaw = -self.sine / mass, -self.arm / inertia
+        self.of_push = {SWAY: sway * push, YAW: yaw * push}
+        self.of_side = {SWAY: sway * side + 1.0 / mass, YAW: yaw * side}
+        self.of_moment = {SWAY: sway * moment, YAW: yaw * moment + 1.0 / inertia}
+        if pulled:
+            self.of_push[PULL], self.of_side[PULL], self.of_moment[PULL] = push, side, moment
+        self.of_speed = {
+            row: by * self.drag + self.faster_side * self.of_side[row] + self.faster_moment * self.of_moment[row]
+            for row, by in self.of_push.items()
+        }
 
     def _forced(self, side: Any, moment: Any, push: Any = 0.0, stiffer: Any = 0.0, faster: Any = None) -> Column:
-        mass, inertia = self.hull.m_minus_y_vdot, self.hull.i_minus_n_rdot
-        if faster is not None:
-            side = side + self.faster_side * faster
-            moment = moment + self.faster_moment * faster
-            push = push + self.drag * faster
-        side, moment = side / mass, moment / inertia
-        numerator = push + self.mass * (self.by_v * side + self.by_r * moment)
-        pull = (numerator - self.tension * stiffer) / self.stiffness
-        return {SWAY: side - self.sine * pull / mass, YAW: moment - self.arm * pull / inertia, PULL: pull}
+        if not _nothing(stiffer):
+            push = push - self.tension * stiffer
+        given = [(side, self.of_side), (moment, self.of_moment), (push, self.of_push), (faster, self.of_speed)]
+        given = [(gain, unit) for gain, unit in given if not _nothing(gain)]
+        if not given:
+            return dict.fromkeys(self.of_push, 0.0)
+        (gain, unit), *more = given
+        column: Column = {row: gain * by for row, by in unit.items()}
+        for gain, unit in more:
+            for row, by in unit.items():
+                column[row] += gain * by
+        return column
 
-    def _swung(self, reach: Any, more_reach: Any, more_push: Any, faster: Any) -> Column:
-        """Rows of a turn of alpha + beta by one radian; ``reach``: the change of L alpha' with it."""
-        hull, length = self.hull, self.tow.line_length_m
+    def _turned(self) -> tuple[Any, Column]:
+        """What alpha and beta have in common: a turn of alpha + beta by one radian at the L alpha' that is, K_0 and rows."""
+        hull = self.hull
         speed, r = self.tow.speed_m_s, self.state[3]
         square = self.per_cosine**2
         lead = speed * r * self.cos_b + self.speed_rate * self.sin_b - self.post_gust * self.cos_b
         lead = lead + self.post_rate * r * self.sin_b
-        k_0 = square * lead + self.reach * self.turns * self.sine * square
-        k_0 = k_0 + (reach * self.turns + self.reach * reach / length) * self.per_cosine + more_push
         # K_v, K_r turn too; the line's own direction turns at the tension that acts
-        k_0 = k_0 + square * (
-            self.free[0] / hull.m_minus_y_vdot + self.tow.tow_point_m * self.free[1] / hull.i_minus_n_rdot
-        )
+        lead = lead + self.reach * self.turns * self.sine
+        lead = lead + self.free[0] / hull.m_minus_y_vdot + self.tow.tow_point_m * self.free[1] / hull.i_minus_n_rdot
         slope = 2 * (self.sine * self.cosine / hull.m_minus_y_vdot + self.arm * self.arm_slope / hull.i_minus_n_rdot)
         stiffer = -self.sine + self.mass * (self.sine * square * self.yields + self.per_cosine * slope)
-        column = self._forced(0.0, 0.0, self.mass * k_0, stiffer, reach * self.sine + self.reach * self.cosine + faster)
+        column = self._forced(0.0, 0.0, 0.0, stiffer)
         column[SWAY] = column[SWAY] - self.tension * self.cosine / hull.m_minus_y_vdot
         column[YAW] = column[YAW] - self.tension * self.arm_slope / hull.i_minus_n_rdot
-        return {TURN: reach / length} | column
+        return square * lead, column
+
+    def _swung(self, reach: Any, k_0: Any, faster: Any) -> Column:
+        """Rows of a turn of alpha + beta by one radian; ``reach``: the change of L alpha' with it."""
+        moved = self._forced(0.0, 0.0, self.mass * (self.turned_k_0 + self._moving(reach) + k_0), 0.0,
+                             reach * self.sine + self.reach * self.cosine + faster)  # fmt: skip
+        return {TURN: reach / self.tow.line_length_m} | {row: by + self.turned[row] for row, by in moved.items()}
 
     def _by_alpha(self) -> Column:
-        return self._swung(self.reach * self.by_v, 0.0, 0.0, 0.0)
+        return self._swung(self.reach * self.by_v, 0.0, 0.0)
 
     def _by_beta(self) -> Column:
         speed, r, sin_b, cos_b = self.tow.speed_m_s, self.state[3], self.sin_b, self.cos_b
         reach = self.reach * self.by_v + (speed * cos_b + self.post_rate * sin_b) * self.per_cosine
         more = self.by_v * (self.speed_rate * cos_b - speed * r * sin_b) - self.speed_rate * sin_b - speed * r * cos_b
         more = more + self.post_gust * (cos_b + self.by_v * sin_b) + self.post_rate * r * (self.by_v * cos_b - sin_b)
-        return self._swung(reach, 0.0, more, self.post_rate * cos_b - speed * sin_b)
+        return self._swung(reach, more, self.post_rate * cos_b - speed * sin_b)
 
     def _moving(self, reach: Any) -> Any:
         """Change of K_0 as L alpha' changes by ``reach``."""
@@ -280,7 +318,8 @@ class _Kept(_Pulled):
             needed = (self.tension * self.stiffness + hull.mass_kg * v * r + self._push()) / self.mass
             return self._forced(0.0, 0.0, -needed, -self.per_cosine * self.yields)
         if index in (X_VR, X_VV, X_RR):
-            return self._forced(0.0, 0.0, {X_VR: -v * r, X_VV: -v * v, X_RR: -r * r}[index])
+            first, second = {X_VR: (v, r), X_VV: (v, v), X_RR: (r, r)}[index]
+            return self._forced(0.0, 0.0, -first * second)
         if index == EXPONENT:
             return self._forced(0.0, 0.0, tow.resistance * self.drag_shape * np.log(np.abs(self.ratio)))
         if index == TOW_POINT:
@@ -314,6 +353,11 @@ class _Kept(_Pulled):
         push = self.mass * k_0 - self.drag * self.u / hull.speed_m_s
         column = self._forced(0.0, 0.0, push, 0.0, faster)
         return {TURN: reach / tow.line_length_m} | column
+
+
+def _nothing(gain: Any) -> bool:
+    """A part of a change that is not there: None or the number 0."""
+    return gain is None or (isinstance(gain, float) and gain == 0.0)
 
 
 __all__ = ["Linearised", "linearise"]

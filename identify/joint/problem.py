@@ -200,6 +200,22 @@ class Problem:
             paths = linear_paths(self.runs, values, self.speed, self.wanted)
         return [self._answer(i, theta, values, guess, *path) for i, path in enumerate(paths)]
 
+    def residuals(self, theta: Array) -> list[Array]:
+        """What ``evaluate`` leaves, (2, n) of every run, without its slopes."""
+        values = self.run_values(theta)
+        if self.form == "full":
+            paths, _ = full_paths(self.runs, values, self.speed, (), self._guess, self.rough)
+        else:
+            paths = linear_paths(self.runs, values, self.speed, ())
+        return [self._left(i, theta, response) for i, (response, _) in enumerate(paths)]
+
+    def _left(self, index: int, theta: Array, response: Array) -> Array:
+        data, own = self.runs[index], self.own_at(index)
+        total = response + theta[own + 4 : own + 6, None]
+        for key, shared in data.shared:
+            total = total + np.einsum("cmn,m->cn", shared.transpose(2, 0, 1), theta[self.mode_at[key]])
+        return np.stack([data.y_m, data.beta_rad]) - total
+
     @property
     def layout(self) -> Layout:
         """Where each run's own parameters stand."""
@@ -234,15 +250,13 @@ class Problem:
                 ones = np.zeros((2, 1, response.shape[1]))
                 ones[channel] = 1.0
                 parts.append(ones)
-        total = response + theta[own + 4 : own + 6, None]
         for key, shared in data.shared:
             at = self.mode_at[key]
             columns += range(at.start, at.stop)
-            modes = shared.transpose(2, 0, 1)
-            parts.append(modes)
-            total = total + np.einsum("cmn,m->cn", modes, theta[at])
+            parts.append(shared.transpose(2, 0, 1))
         slope = np.concatenate(parts, axis=1) if len(parts) > 1 else parts[0]
-        residual = np.stack([data.y_m, data.beta_rad]) - total
+        residual = self._left(index, theta, response)
+        total = np.stack([data.y_m, data.beta_rad]) - residual
         gauge = tension = None
         if guess is not None and guess.tension is not None and data.tow.line == "surge":
             tension = guess.tension_at(index, data.t_s - data.t_s[0])[0]

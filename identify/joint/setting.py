@@ -62,10 +62,12 @@ class Setting:
                 hull = hull.at_speed(tow.speed_m_s)
         return t, hull, tow
 
-    def linearised(self, part: int, state: Array, wanted: tuple[int, ...], select: slice) -> Linearised:
-        """Rates and tension with their partial derivatives at ``state`` (4, steps, runs)."""
+    def linearised(
+        self, part: int, state: Array, wanted: tuple[int, ...], select: slice, pulled: bool = False
+    ) -> Linearised:
+        """Rates with their partial derivatives at ``state`` (4, steps, runs), and T, with its own where ``pulled``."""
         t, hull, tow = self.at(part, select)
-        found = linearise(t, state, hull, tow, wanted, self.reference)
+        found = linearise(t, state, hull, tow, wanted, self.reference, pulled)
         if self.tow.line == "constant" and not (self.tension is None and self.speed is None):
             index = np.minimum(2 * np.arange(self.count + 1)[select] + part, 2 * self.count + 1)
             for name, history in ((TENSION, self.tension), (SPEED, self.speed)):

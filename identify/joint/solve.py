@@ -99,11 +99,11 @@ def _bent(
     straight steps must be short; the curvature costs one more evaluation.
     """
     with np.errstate(all="ignore"):
-        probed = problem.evaluate(theta + PROBE * step) if _usable(theta + PROBE * step) else []
+        probed = problem.residuals(theta + PROBE * step) if _usable(theta + PROBE * step) else []
         right = np.zeros_like(theta)
         for here, there, weight in zip(answers, probed, weights, strict=False):
             along = np.einsum("ckn,k->cn", here.slope, step[here.columns])
-            bend = weight.along(2 / PROBE * ((there.residual - here.residual) / PROBE + along))
+            bend = weight.along(2 / PROBE * ((there - here.residual) / PROBE + along))
             slope = weight.along(here.slope)
             right[here.columns] += slope[0] @ bend[0] + slope[1] @ bend[1]
     if not np.isfinite(right).all():

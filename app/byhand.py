@@ -11,6 +11,7 @@ import numpy as np
 
 from ..record.errors import InputError
 from ..record.tables import TRACK_COLUMNS, read_tracks, write_table
+from ..record.typed import replacing_typed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -151,10 +152,12 @@ class ByHand:
         ]
         return pd.DataFrame(rows, columns=list(TRACK_COLUMNS))
 
-    def write(self, folder: Path, time_s: Callable[[int], float]) -> Path:
-        """Write RUN/tracks_by_hand.csv, whole or not at all."""
+    def write(self, folder: Path, time_s: Callable[[int], float], outside: bool = False) -> Path:
+        """Write RUN/tracks_by_hand.csv, whole or not at all; ``outside``: it may be a link out of the folder."""
         path = folder / FILE
-        write_table(path, self.table(time_s))
+        table = self.table(time_s)
+        with replacing_typed(path, outside) as temporary:
+            write_table(temporary, table)
         self.dirty = False
         return path
 

@@ -5,6 +5,7 @@ One person works at one desk. Nothing here draws; the pages ask and tell.
 
 from __future__ import annotations
 
+import secrets
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Lock
@@ -12,14 +13,14 @@ from typing import Any
 
 from ..geometry.motion import lens_covariance
 from ..record.errors import InputError, TowlineError
-from ..record.run import RUN_FILE, Run, read_run
+from ..record.run import RUN_FILE, Run, leads_out, read_run, stay_inside
 from ..report.topview import TopView
 from ..vision.recording import Frame
 from .byhand import FILE, ByHand, begun
 from .document import Document
 from .frames import EXACT, Frames
 from .motion_view import Shown, read_shown
-from .places import Place, inside, place, videos_in
+from .places import Place, inside, page_file, place, videos_in
 from .sight import Detected, Sight, detected, sight, view_of
 from .snap import Snapped, as_clicked, snapped
 from .worker import Worker
@@ -43,7 +44,7 @@ class Desk:
     by_hand : None until the markers are known
     opened : goes up with every run that is opened
     unsure : a frame that was shown before the recording was read up to it; -1 = none
-    pages : result pages that may be shown, by number
+    pages : result pages that may be shown, by keys that nobody guesses: their address holds no other secret
     """
 
     start: Path
@@ -58,12 +59,13 @@ class Desk:
     by_hand: ByHand | None = None
     opened: int = 0
     unsure: int = -1
-    pages: dict[int, Path] = field(default_factory=dict)
+    pages: dict[str, Path] = field(default_factory=dict)
     _sight: tuple[tuple[int, str], Sight] | None = None
     _view: tuple[Sight, TopView | None] | None = None
     _detected: dict[tuple[int, int], Detected] = field(default_factory=dict)
     _detecting: Lock = field(default_factory=Lock)
     _shown: tuple[tuple[Any, ...], Shown] | None = None
+    _looked_at: tuple[str, float | None, float, bool] | None = None
 
     # opening and saving --------------------------------------------------------------------------------------------------
 
@@ -118,7 +120,7 @@ class Desk:
         written = []
         if self.by_hand is not None and self.by_hand.dirty and self.frames is not None:
             if self.by_hand.clicks:
-                written.append(self.by_hand.write(self.doc.folder, self.frames.time_s))
+                written.append(self.by_hand.write(self.doc.folder, self.frames.time_s, self.doc.outside))
             else:
                 self.by_hand.dirty = False
         if self.doc.dirty:
@@ -136,21 +138,30 @@ class Desk:
             key, _, rest = line.lstrip("# ").partition("=")
             if line.lstrip().startswith("#") and key.strip() == "video" and rest.count('"') >= 2:
                 name = rest.split('"')[1]
-                if (self.doc.folder / name).is_file():
+                if (self.doc.outside or not leads_out(name)) and (self.doc.folder / name).is_file():
                     return name
         there = videos_in(self.doc.folder)
         return there[0] if len(there) == 1 else ""
 
-    def _open_video(self) -> None:
-        name = self.video_name()
+    def _wanted(self) -> tuple[str, float | None, float, bool]:
+        """The recording that run.toml names, its frame rate and exposure, and whether it may lie outside the folder."""
         rate, exposure = self.doc.get("source", "frame_rate_hz"), self.doc.get("source", "exposure_s")
+        return (
+            self.video_name(),
+            float(rate) if isinstance(rate, (int, float)) and rate > 0 else None,
+            float(exposure) if isinstance(exposure, (int, float)) else 0.0,
+            self.doc.outside,
+        )
+
+    def _open_video(self) -> None:
+        self._looked_at = name, rate_hz, exposure_s, outside = self._wanted()
         self.video = name
         if not name:
             self.video_problem = "this run has no video"
             return
         try:
-            # as given outright in run.toml, or a file of the folder
-            self.frames = Frames(self.doc.folder / name, rate if isinstance(rate, float) else None, exposure or 0.0)
+            stay_inside(self.doc.folder / RUN_FILE, "source.video", name, outside)
+            self.frames = Frames(self.doc.folder / name, rate_hz, exposure_s)
             self.video_problem = ""
             self.index = self.first_analysed()
         except TowlineError as error:
@@ -158,16 +169,7 @@ class Desk:
 
     def refresh_video(self) -> bool:
         """Open the recording anew where run.toml names another one, or another clock; whether it did."""
-        if self.document is None:
-            return False
-        rate, exposure = self.doc.get("source", "frame_rate_hz"), self.doc.get("source", "exposure_s") or 0.0
-        now = (self.video_name(), rate if isinstance(rate, float) else None, exposure)
-        before = (
-            (self.video, None, 0.0)
-            if self.frames is None
-            else (self.video, self.frames.rate_hz, self.frames.exposure_s)
-        )
-        if now == before:
+        if self.document is None or self._wanted() == self._looked_at:
             return False
         if self.frames is not None:
             self.frames.close()
@@ -339,14 +341,20 @@ class Desk:
             kept = self._shown = (key, read_shown(run, folder))
         return kept[1]
 
-    def show_page(self, path: Path) -> int:
-        """Let a result page be shown; returns its number."""
-        for number, known in self.pages.items():
+    def show_page(self, path: Path) -> str:
+        """Let a result page be shown; returns its key.
+
+        Raises
+        ------
+        InputError : it is no file of the run's folder (a link out of it)
+        """
+        page_file(path, path.name)
+        for key, known in self.pages.items():
             if known == path:
-                return number
-        number = len(self.pages) + 1
-        self.pages[number] = path
-        return number
+                return key
+        key = secrets.token_urlsafe(24)
+        self.pages[key] = path
+        return key
 
 
 __all__ = ["Desk"]

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+import os
 import re
+import stat
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from ..record.errors import InputError
-from ..record.files import write_text
+from ..record.files import read_bytes
 from ..record.run import RUN_FILE, Run
 from ..record.schema import RunFile
 from ..record.template import run_text
-from ..record.toml import _describe, _key_path, _lists_to_tuples, _short
+from ..record.toml import TOO_DEEP, _key_path, _lists_to_tuples, _short, check_tables
+from ..record.typed import linked, sweep, write_typed
 from .toml_text import Where, value_at, with_row, with_value, without
 
 MOST_UNDO = 500
+MOST_ASIDE = 100
 MOST_BYTES = 1 << 20
 """A run.toml larger than this is no run.toml."""
 
@@ -53,19 +58,19 @@ class Document:
         InputError : it cannot be read, or is no TOML at all
         """
         path = folder / RUN_FILE
-        try:
-            raw = path.read_bytes()
-        except OSError as error:
-            raise InputError(path, "", f"cannot be read ({error.strerror})") from None
-        if len(raw) > MOST_BYTES:
-            raise InputError(path, "", f"has {len(raw)} bytes; a run.toml has at most {MOST_BYTES}")
+        raw = read_bytes(path, MOST_BYTES)
         try:
             text = raw.decode("utf-8")
-            return cls(folder, text, text)
+            document = cls(folder, text, text)
         except UnicodeDecodeError:
             raise InputError(path, "", "is not UTF-8 text") from None
-        except tomllib.TOMLDecodeError as error:
-            raise InputError(path, "", f"is not valid TOML: {error}") from None
+        except RecursionError:
+            raise InputError(path, "", TOO_DEEP) from None
+        except ValueError as error:  # TOMLDecodeError, and what a whole number of thousands of digits gives
+            raise InputError(path, "", f"is not valid TOML: {' '.join(str(error).split())[:300]}") from None
+        with suppress(InputError):  # told when it is saved
+            sweep(linked(path, document.outside))
+        return document
 
     @classmethod
     def new(cls, folder: Path, video: str) -> Document:
@@ -96,6 +101,11 @@ class Document:
     def dirty(self) -> bool:
         """Something is not saved."""
         return self._text != self._saved
+
+    @property
+    def outside(self) -> bool:
+        """Files may be named outside the folder."""
+        return self.get("outside") is True
 
     def get(self, *where: str | int) -> Any:
         """The value at a place ("tow", "speed_m_s"); None where there is none."""
@@ -190,17 +200,17 @@ class Document:
         ------
         InputError : the first fault
         """
-        try:
-            return Run(self.folder, RunFile.model_validate(_lists_to_tuples(self._content)))
-        except ValidationError as error:
-            where, message = _describe(error, RunFile, dict(self._content))
-            raise InputError(self.folder / RUN_FILE, where, message) from None
+        return Run(self.folder, check_tables(dict(self._content), RunFile, self.folder / RUN_FILE))
 
     def faults(self) -> dict[str, str]:
         """All that keeps it from being a run: key ("tow.speed_m_s", "" = the whole) -> what is wrong, in the schema's words."""
         try:
             RunFile.model_validate(_lists_to_tuples(self._content))
             return {}
+        except RecursionError:
+            return {"": TOO_DEEP}
+        except OverflowError:
+            return {"": "holds a whole number beyond 64 bits"}
         except ValidationError as error:
             found: dict[str, str] = {}
             for fault in error.errors(include_url=False):
@@ -230,21 +240,56 @@ class Document:
                     yield f"tow.{key}", f"missing key; kind = {kind!r} needs it"
 
     def save(self) -> Path:
-        """Write run.toml, whole or not at all."""
+        """Write run.toml, whole or not at all, to the disk; what it links to where it is a link.
+
+        Raises
+        ------
+        InputError : it is a link out of the folder, and ``outside = true`` does not stand at its top
+        """
         path = self.folder / RUN_FILE
-        write_text(path, self._text)
+        write_typed(path, self._text, self.outside)
         self._saved = self._text
         return path
 
+    def keep_aside(self, mine: bool) -> Path | None:
+        """Put the text of here (``mine``) or that of the file beside run.toml, under a name that is free.
+
+        Returns
+        -------
+        Path, None : where it is; None = there is no text
+
+        Raises
+        ------
+        InputError, OSError : it cannot be written
+        """
+        text = self._text if mine else self.on_disk()
+        if text is None:
+            return None
+        path = self.folder / RUN_FILE
+        mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o666
+        for number in range(1, MOST_ASIDE):
+            aside = self.folder / f"run.{'mine' if mine else 'theirs'}{number}.toml"
+            try:
+                aside.touch(mode, exist_ok=False)
+            except FileExistsError:
+                continue
+            write_typed(aside, text)
+            return aside
+        raise InputError(path, "", f"{MOST_ASIDE - 1} texts are kept beside it already; remove some")
+
     def changed_outside(self) -> bool:
         """The file is no longer what was opened or saved here."""
-        path = self.folder / RUN_FILE
+        there = self.on_disk()
+        if there is None:
+            return self._saved is not None or os.path.lexists(self.folder / RUN_FILE)
+        return there != self._saved
+
+    def on_disk(self) -> str | None:
+        """What stands in the file now; None: there is no file, or none that can be read as text."""
         try:
-            return path.read_bytes().decode("utf-8") != self._saved
-        except FileNotFoundError:
-            return self._saved is not None
-        except (OSError, UnicodeDecodeError):
-            return True
+            return read_bytes(self.folder / RUN_FILE, MOST_BYTES).decode("utf-8")
+        except (InputError, UnicodeDecodeError):
+            return None
 
 
 __all__ = ["Document"]

@@ -206,7 +206,7 @@ class DatumStep(Step):
         self._before = self.desk.index
 
     def _look_from_above(self) -> None:
-        url = f"/top/{self.desk.opened}/{self.desk.doc.version}/{self.desk.index}.jpg"
+        url = f"top/{self.desk.opened}/{self.desk.doc.version}/{self.desk.index}.jpg"
         if self._top.props.get("src") != url:
             self._top.props["src"] = url
 

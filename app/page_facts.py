@@ -6,6 +6,7 @@ import html
 
 from nicegui import ui
 
+from ..record.run import leads_out
 from .form import UNITS, FormField, FormTable, parsed, shown, tables
 from .page_hall import Step
 from .page_parts import Typed, button, choose, say
@@ -121,8 +122,11 @@ class FactsStep(Step):
         if text == (shown(self.desk.doc.get(*field.where)) or (field.default if field.kind == "choice" else "")):
             return
         value = parsed(field, text)
-        if field.key in FILES and value is not None and not (self.desk.doc.folder / value).is_file():
-            raise ValueError(f"no such file: {value} (paths start at the run folder)")
+        if field.key in FILES and value is not None:
+            if leads_out(value) and not self.desk.doc.outside:
+                raise ValueError(f"{value!r} leads out of the run folder; outside = true at the top allows it")
+            if not (self.desk.doc.folder / value).is_file():
+                raise ValueError(f"no such file: {value} (paths start at the run folder)")
         self.desk.doc.set(field.where, value)
         self.hall.changed()
 
@@ -139,8 +143,9 @@ class FactsStep(Step):
     def refilled(self) -> bool:
         """The fields stand; their texts are put in."""
         for typed, field in self._typed.values():
+            if typed.pending is None or not typed.wrong:
+                self._wrong(field, "")
             typed.put(shown(self.desk.doc.get(*field.where)))
-            self._wrong(field, "")
         for made, field in self._chosen:
             made.value = shown(self.desk.doc.get(*field.where)) or field.default
         self.changed()

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any
 
 from nicegui import run, ui
 
 from ..record.errors import TowlineError
 from .desk import Desk
-from .page_parts import Viewer, add_head, button
+from .page_parts import Viewer, add_head, button, typed_in
 from .snap import Snapped
 
 TICK_S = 0.2
@@ -260,6 +261,27 @@ class Hall:
         self.state()
         self.overlay()
 
+    def _changed_elsewhere(self) -> None:
+        """Another window changed run.toml, or opened another run: show that, and lose nothing that is being typed here."""
+        fields = typed_in(self._panel)
+        pending = {label: (text, field.read) for label, field in fields.items() if (text := field.pending) is not None}
+        same_run = self._seen[0] == self.desk.opened
+        with ExitStack() as held:
+            for field in fields.values():
+                held.enter_context(field.held())
+            if same_run and not self.desk.refresh_video() and self.step.refilled():
+                self.state()
+                self.overlay()
+                return
+        self.draw()
+        now = typed_in(self._panel) if same_run else {}
+        for label, (text, read) in pending.items():
+            if label in now:
+                now[label].keep(text, read)
+                self._cursor_into(label)
+            else:
+                self.tell(f"Another window changed what was shown here. Typed and not taken: {label}: {text}", "kept")
+
     def changed(self) -> None:
         """After a change that left the rows as they are."""
         if self.desk.refresh_video():
@@ -272,6 +294,8 @@ class Hall:
     def save(self, over: bool = False) -> bool:
         """Write what is not saved; whether all is written. ``over`` what another program wrote meanwhile."""
         desk = self.desk
+        for field in typed_in(self._panel).values():
+            field.take()
         if desk.document is None or not desk.dirty:
             return True
         if not over and desk.document.changed_outside():
@@ -295,28 +319,51 @@ class Hall:
     def _ask_over(self) -> None:
         desk = self.desk
 
-        def read_anew() -> None:
+        def kept(mine: bool) -> bool:
             dialog.close()
-            folder = desk.doc.folder
             try:
-                desk.open(folder)
+                path = desk.doc.keep_aside(mine)
+            except (TowlineError, OSError) as error:
+                self.tell(f"Nothing was changed: {error}", "negative")
+                return False
+            if path is not None:
+                self.tell(f"The other text is kept in {path.name}", "kept")
+            return True
+
+        def write_mine() -> None:
+            if kept(mine=False):
+                self.save(over=True)
+
+        def read_anew() -> None:
+            if not kept(mine=True):
+                return
+            try:
+                desk.open(desk.doc.folder)
             except TowlineError as error:
                 self.tell(str(error), "negative")
             self.draw()
 
         with self._client, ui.dialog() as dialog, ui.card():
             ui.label("run.toml was changed by another program since it was opened here.").classes("say")
+            ui.label("Whichever you take, the other text is kept beside it.").classes("say")
             with ui.row():
-                button("Write mine over it", lambda: (dialog.close(), self.save(over=True)), "stop")
-                button("Read it anew, drop mine", read_anew, "plain")
+                button("Write mine, keep theirs aside", write_mine, "stop")
+                button("Read theirs, keep mine aside", read_anew, "plain")
                 button("Stay", dialog.close, "main")
         dialog.open()
 
     def tell(self, text: str, kind: str = "info") -> None:
-        """A short message."""
+        """A short message; ``kind`` "kept": it stays until it is closed."""
         colours = {"negative": "red-10", "warning": "orange-10", "positive": "green-10", "info": "blue-grey-10"}
+        wait_ms = {"negative": 7000, "kept": 0}.get(kind, 2500)
         with self._client:  # what asked for it may be gone
-            ui.notify(text, position="bottom-right", color=colours[kind], timeout=7000 if kind == "negative" else 2500)
+            ui.notify(
+                text,
+                position="bottom-right",
+                color=colours.get(kind, "orange-10"),
+                timeout=wait_ms,
+                close_button="Close" if kind == "kept" else None,  # pyright: ignore
+            )
 
     def javascript(self, code: str) -> None:
         """Have the browser do something."""
@@ -327,6 +374,14 @@ class Hall:
         name = json.dumps(label)
         self.javascript(
             f"[...document.querySelectorAll('input')].find(e => e.getAttribute('aria-label') === {name})?.select()"
+        )
+
+    def _cursor_into(self, label: str) -> None:
+        """Put the cursor behind the text of a field that was drawn anew while somebody typed into it."""
+        name = json.dumps(label)
+        self.javascript(
+            f"{{ const e = [...document.querySelectorAll('input')].find(e => e.getAttribute('aria-label') === {name});"
+            " e?.focus(); e?.setSelectionRange(e.value.length, e.value.length); }"
         )
 
     def soon(self, call: Callable[[], Any]) -> None:
@@ -346,8 +401,8 @@ class Hall:
 
     def _tick(self) -> None:
         frames = self.desk.frames
-        if self._seen != self._now_seen():  # changed from another window
-            self.draw()
+        if self._seen != self._now_seen():
+            self._changed_elsewhere()
         if frames is not None and frames.problem and frames.problem != self._told:
             self._told = frames.problem
             self.tell(frames.problem, "negative")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from nicegui import ui
 from nicegui.element import Element
@@ -91,7 +93,8 @@ class Typed:
         placeholder: str = "",
     ) -> None:
         self._commit, self._fault, self._last = commit, fault, text
-        self.wrong = False
+        self.label, self.wrong = label, False
+        self._held = False
         self.element = ui.input(value=text, placeholder=placeholder).props(
             "outlined dense hide-bottom-space no-error-icon"
         )
@@ -99,9 +102,49 @@ class Typed:
         self.element.props["autocomplete"] = "off"
         # the browser's own event, sent before any key that is pressed next; Quasar's "blur" comes later by a timer
         self.element.on("change", lambda event: self._leave(str(event.args or "")))
+        # a text that was kept over a new drawing is none that the browser saw being typed: leaving the field tells nothing
+        self.element.on("keydown.enter", lambda: self._leave(str(self.element.value or "")))
+        _TYPED[self.element] = self
+
+    @property
+    def pending(self) -> str | None:
+        """What was typed and is not taken; None = nothing."""
+        text = str(self.element.value or "")
+        return None if text == self._last else text
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """What is being typed stays over the block; where it is told another text meanwhile, it says so."""
+        self._held = self.pending is not None
+        try:
+            yield
+        finally:
+            self._held = False
+
+    def keep(self, text: str, read: str) -> None:
+        """Show a text that was typed into this field before it was drawn anew, when ``read`` was what stood in it."""
+        theirs = self._last
+        self.element.value = text
+        if theirs != read:
+            self._mark(_differs(theirs))
+
+    def take(self) -> None:
+        """Take what is pending, as when the field is left."""
+        if (text := self.pending) is not None and not self.wrong:
+            self._leave(text)
+
+    @property
+    def read(self) -> str:
+        """The text that stands in run.toml, as far as this field was told."""
+        return self._last
 
     def put(self, text: str) -> None:
         """Show another text that is already committed."""
+        if self._held:
+            if text != self._last:
+                self._last = text
+                self._mark("" if self.pending is None else _differs(text))
+            return
         if text == self._last and not self.wrong and self.element.value == text:
             return
         self._last = text
@@ -125,6 +168,18 @@ class Typed:
         self.element.props["title"] = words
         if self._fault is not None:
             self._fault(words)
+
+
+_TYPED: WeakKeyDictionary[Element, Typed] = WeakKeyDictionary()
+
+
+def typed_in(panel: Element) -> dict[str, Typed]:
+    """The fields of a panel by their labels."""
+    return {typed.label: typed for each in panel.descendants() if (typed := _TYPED.get(each)) is not None}
+
+
+def _differs(theirs: str) -> str:
+    return f"another window wrote {theirs or 'nothing'!r} here; yours is kept: Enter takes it, Undo brings theirs back"
 
 
 def choose(label: str, options: Sequence[str], value: str, commit: Callable[[str], None]) -> ui.select:

@@ -7,11 +7,13 @@ from pathlib import Path
 
 from nicegui import ui
 
+from ..record.errors import InputError
+from .address import result_address
 from .jobs import Found
 from .page_hall import Step
 from .page_parts import bullets, button, choose, say
 from .page_track import Progress
-from .places import places_below
+from .places import page_file, places_below
 
 FORMS = {"full sine and kinematics": "full", "linear": "linear"}
 MOST_RUNS = 40
@@ -107,22 +109,27 @@ class ResultsStep(Step):
         self._reports.clear()
         folder = self.desk.doc.folder
         places = [folder / "out", folder.parent / "out"]
-        known = sorted(
-            {*(p for place in places if place.is_dir() for p in place.glob("*.html")), *self.desk.pages.values()}
-        )
+        known = sorted({*(p for place in places for p in place.glob("*.html")), *self.desk.pages.values()})
         with self._reports:
             if known:
                 ui.html("<h3>Reports</h3>", sanitize=False)
             for path in known:
-                if path.is_file():
-                    name = f"{path.parent.parent.name}: {path.name}"
-                    button(name, lambda path=path: self._open(path), "plain small", f"Report {name}").style(
-                        "margin: 3px 6px 3px 0"
-                    )
+                name = f"{path.parent.parent.name}: {path.name}"
+                try:
+                    page_file(path, path.name)
+                except InputError as error:
+                    say(f"{name}: not shown, {error.message}", "warn")
+                    continue
+                button(name, lambda path=path: self._open(path), "plain small", f"Report {name}").style(
+                    "margin: 3px 6px 3px 0"
+                )
 
     def _open(self, path: Path) -> None:
-        number = self.desk.show_page(path)
-        url = f"/result/{number}?at={path.stat().st_mtime_ns}"
+        try:
+            url = f"{result_address(self.desk.show_page(path), path.name)}?at={path.stat().st_mtime_ns}"
+        except (InputError, OSError) as error:
+            self.hall.tell(str(error), "negative")
+            return
         self._frame.props["src"] = url
         self._frame.set_visibility(True)
         self._hint.set_visibility(False)
@@ -130,7 +137,10 @@ class ResultsStep(Step):
         with self._frame_bar:
             name = ui.label("/".join(path.parts[-3:])).style("font-weight: 650; overflow-wrap: anywhere")
             name.props["title"] = str(path)
-            ui.link("Open in a tab of its own", url, new_tab=True).style("font-weight: 650; color: var(--blue)")
+            link = ui.element("a").style("font-weight: 650; color: var(--blue)")
+            link.props["href"], link.props["target"], link.props["rel"] = url, "_blank", "noopener noreferrer"
+            with link:
+                ui.label("Open in a tab of its own")
 
 
 __all__ = ["ResultsStep"]

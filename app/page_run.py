@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from nicegui import ui
 
@@ -25,7 +26,10 @@ class RunStep(Step):
         ui.html("<h2>Open a folder</h2>", sanitize=False)
         say("A run is a folder with a run.toml and a video. A folder with only a video becomes a new run.", "soft")
         with ui.element("div").classes("placerow").style("border-top: 0"):
-            self._path = ui.input(value=str(desk.start), placeholder="folder").props("outlined dense").style("flex: 1")
+            said = getattr(self, "_said", str(desk.start))
+            self._path = (
+                ui.input(value=said, placeholder="folder", on_change=self._say).props("outlined dense").style("flex: 1")
+            )
             self._path.props["aria-label"] = "Folder"
             self._path.on("keydown.enter", lambda: self._open(str(self._path.value or "")))
             button("Open", lambda: self._open(str(self._path.value or "")), "main", "Open folder")
@@ -47,6 +51,10 @@ class RunStep(Step):
             ("wheel", "zoom"),
             ("B", "brighter"),
         )
+
+    def _say(self, event: Any) -> None:
+        """What is typed stays when another window has this one drawn anew."""
+        self._said = str(event.value or "")
 
     def _todo(self) -> None:
         document = self.desk.doc

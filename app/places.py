@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,7 @@ MOST_FOLDERS = 4000
 """Folders looked into for runs."""
 MOST_RUNS = 200
 DEEPEST = 6
+NUMBERS = re.compile(r"[^/\\\0]+/[^/\\\0]+\.csv")
 LEFT_OUT = ("out", "truth", "node_modules", "__pycache__")
 
 
@@ -91,4 +93,16 @@ def inside(folder: Path, name: str) -> Path:
     return path
 
 
-__all__ = ["VIDEOS", "Place", "inside", "place", "places_below", "videos_in"]
+def page_file(page: Path, name: str) -> Path:
+    """What the page of results ``page`` (RUN/out/x.html) may show: itself, or the numbers of a figure in a folder beside it.
+
+    Raises
+    ------
+    InputError : it is neither, or a link that leads out of the run's folder
+    """
+    if name != page.name and not (NUMBERS.fullmatch(name) and ".." not in name.split("/")):
+        raise InputError(page, "", f"{name!r} is no part of it")
+    return inside(page.parent.parent, f"{page.parent.name}/{name}")
+
+
+__all__ = ["VIDEOS", "Place", "inside", "page_file", "place", "places_below", "videos_in"]

@@ -11,18 +11,27 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..record.errors import TowlineError
+from ..record.errors import InputError, TowlineError
+from .address import HOST, WaysIn
 from .desk import Desk
-from .guard import TOKEN, Guard, new_token
+from .guard import Guard
+from .messages import heed_only_whole_messages, one_line_each
+from .places import page_file
+from .wire import MOST_HEAD, Strangers, most_strangers, protocol
 
-HOST = "127.0.0.1"
+MOST_FRAMES = 10**8
+"""Numbers beyond it are no frame's: a month of film at 30 frames/s."""
+BACKLOG = 64
+"""Connections that are taken at once; they are looked at before the next ones."""
 EXIT_TERMINATED = 143
 TRIES, TRY_S = 400, 0.05
 WARM = ("geometry", "vision.datum_find", "vision.spots.search", "report.topview", "report.scale_grid", "stages")
 """Rooms imported while the person looks at the first page."""
 
 
-def serve(start: Path, open_run: bool, port: int, say: Callable[[str], None], browser: bool) -> None:
+def serve(
+    start: Path, open_run: bool, port: int, say: Callable[[str, Path], None], browser: bool, debug: bool = False
+) -> None:
     """Serve the page until Ctrl+C.
 
     Parameters
@@ -30,8 +39,9 @@ def serve(start: Path, open_run: bool, port: int, say: Callable[[str], None], br
     start : folder to begin in
     open_run : open it as a run at once
     port : 0 = any free one
-    say : told the start address, once it answers
+    say : told the address that is good once and the private file that opens the page each time, once it answers
     browser : open it in the browser
+    debug : faults of the program's own with their traceback
 
     Raises
     ------
@@ -49,13 +59,13 @@ def serve(start: Path, open_run: bool, port: int, say: Callable[[str], None], br
     if open_run:
         desk.open(start)
     port = _free_port(port)
-    token = new_token()
-    address = f"http://{HOST}:{port}/?{TOKEN}={token}"
+    ways = WaysIn(port)
     try:
-        _run(desk, port, token, lambda: _started(port, address, say, browser))
+        _run(desk, port, ways, lambda: _started(port, ways, say, browser), debug)
     except KeyboardInterrupt:
         pass  # the way to end it
     finally:
+        ways.close()
         desk.worker.close()
         desk.close()
 
@@ -72,23 +82,24 @@ def _free_port(port: int) -> int:
         return int(probe.getsockname()[1])
 
 
-def _started(port: int, address: str, say: Callable[[str], None], browser: bool) -> None:
-    """Say the address once somebody answers there."""
+def _started(port: int, ways: WaysIn, say: Callable[[str, Path], None], browser: bool) -> None:
+    """Say the ways in once somebody answers there."""
     for _ in range(TRIES):
         try:
             socket.create_connection((HOST, port), TRY_S).close()
             break
         except OSError:
             time.sleep(TRY_S)
-    say(address)
+    say(ways.link, ways.file)
     if browser:
         import webbrowser
 
-        webbrowser.open(address)
+        # the file, not the address: other users of the machine read the arguments of a browser's process
+        webbrowser.open(ways.file.as_uri())
 
 
-def _run(desk: Desk, port: int, token: str, started: Callable[[], None]) -> None:
-    from nicegui import app, ui
+def _run(desk: Desk, port: int, ways: WaysIn, started: Callable[[], None], debug: bool) -> None:
+    from nicegui import app, core, ui
 
     from .page_datum import DatumStep
     from .page_facts import FactsStep
@@ -108,8 +119,11 @@ def _run(desk: Desk, port: int, token: str, started: Callable[[], None]) -> None
         threading.Thread(target=started, daemon=True).start()
         threading.Thread(target=_warm, args=(desk,), daemon=True).start()
 
+    strangers = Strangers(most_strangers())
     app.on_startup(begin)
-    app.add_middleware(Guard, token=token, port=port)
+    app.on_startup(lambda: one_line_each(debug))
+    app.add_middleware(Guard, taken=ways.taken, port=port, known=strangers.known)
+    heed_only_whole_messages(core.sio)
     ui.run(
         root,
         host=HOST,
@@ -122,7 +136,13 @@ def _run(desk: Desk, port: int, token: str, started: Callable[[], None]) -> None
         tailwind=False,
         gzip_middleware_factory=None,
         reconnect_timeout=20.0,
+        uvicorn_logging_level="error",
+        http=protocol(strangers),
+        h11_max_incomplete_event_size=MOST_HEAD,
+        loop="asyncio",
+        backlog=min(BACKLOG, strangers.most),
         ws_max_size=1 << 20,
+        ws_per_message_deflate=False,
         timeout_graceful_shutdown=2,
     )
 
@@ -154,7 +174,7 @@ def add_routes(app: Any, desk: Desk) -> None:
     @app.get("/frame/{opened}/{index}.jpg")
     def frame(opened: int, index: int) -> Response:
         frames = desk.frames
-        if frames is None or opened != desk.opened or index < 0:
+        if frames is None or opened != desk.opened or not 0 <= index < MOST_FRAMES:
             return PlainTextResponse("no such frame", 404)
         try:
             data, sure = frames.jpeg(index)
@@ -171,7 +191,7 @@ def add_routes(app: Any, desk: Desk) -> None:
         import cv2
 
         frames = desk.frames
-        if frames is None or opened != desk.opened or desk.document is None:
+        if frames is None or opened != desk.opened or desk.document is None or not 0 <= index < MOST_FRAMES:
             return PlainTextResponse("no such frame", 404)
         try:
             seen = desk.from_above(index)
@@ -182,12 +202,17 @@ def add_routes(app: Any, desk: Desk) -> None:
         data = cv2.imencode(".jpg", seen, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
         return Response(data, media_type="image/jpeg", headers={"Cache-Control": "no-store"})
 
-    @app.get("/result/{number}")
-    def result(number: int) -> Response:
-        path = desk.pages.get(number)
-        if path is None or not path.is_file():
+    @app.get("/result/{key}/{name:path}")
+    def result(key: str, name: str) -> Response:
+        page = desk.pages.get(key)
+        if page is None:
             return PlainTextResponse("no such report", 404)
-        return FileResponse(path, media_type="text/html; charset=utf-8", headers={"Cache-Control": "no-store"})
+        try:
+            path = page_file(page, name)
+        except InputError as error:
+            return PlainTextResponse(str(error), 404)
+        kind = "text/html" if name == page.name else "text/plain"
+        return FileResponse(path, media_type=f"{kind}; charset=utf-8", headers={"Cache-Control": "no-store"})
 
 
 __all__ = ["serve"]

@@ -41,9 +41,12 @@ def call(options: argparse.Namespace) -> int:
     if not 0 <= options.port <= 65535:
         raise InputError("--port", "", f"{options.port}: 0 to 65535 is expected")
 
-    def say(address: str) -> None:
-        words = f"towline app: {address}\nCtrl+C ends it. The address is for this machine and this session only."
+    def say(address: str, file: Path) -> None:
+        words = (
+            f"towline app: {address}\nThe address is good once, on this machine; the file {file} opens the page each time.\n"
+            "Ctrl+C ends it."
+        )
         print(words, file=sys.stderr if options.json else sys.stdout, flush=True)
 
-    serve(folder.resolve(), is_run, options.port, say, not options.no_browser)
+    serve(folder.resolve(), is_run, options.port, say, not options.no_browser, options.debug)
     return 0

@@ -152,6 +152,7 @@ def test_from_a_video_to_derivatives(served: Served, tank: Path, samples: Path, 
         page.on("websocket", lambda w: asked.append(w.url))
         person = Person(page, shots)
         page.goto(served.address)
+        page.locator(".head").wait_for()
         page.evaluate(MOVED)
         assert "token" not in page.url
         try:

@@ -307,7 +307,7 @@ def test_a_stated_length_that_is_no_number_is_refused(length: str) -> None:
     async def served(*_: Any) -> None:
         raise AssertionError("let through")
 
-    guard = Guard(served, "right", 8123)
+    guard = Guard(served, lambda _: False, 8123)
     head = [
         (b"host", b"127.0.0.1:8123"),
         (b"origin", b"http://127.0.0.1:8123"),
@@ -323,7 +323,13 @@ def test_a_stated_length_that_is_no_number_is_refused(length: str) -> None:
 
     def asked(cookie: str) -> None:
         headers = [*head, (b"cookie", cookie.encode())]
-        scope = {"type": "http", "method": "POST", "path": "/x", "query_string": b"", "headers": headers}
+        scope = {
+            "type": "http",
+            "method": "POST",
+            "path": f"/{guard._place}/x",
+            "query_string": b"",
+            "headers": headers,
+        }
         asyncio.run(guard(scope, receive, send))
 
     asked(f"{guard.cookie}={guard._session}")
@@ -335,7 +341,7 @@ def test_the_app_listens_on_this_machine_only() -> None:
     hosts = [k.value for node in ast.walk(tree) if isinstance(node, ast.Call) for k in node.keywords if k.arg == "host"]
     named = {
         target.id: node.value.value
-        for node in ast.walk(tree)
+        for node in [*ast.walk(TREES["app/address.py"]), *ast.walk(tree)]
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant)
         for target in node.targets
         if isinstance(target, ast.Name)

@@ -1,8 +1,10 @@
 # make demo        the main job on the sample videos        make test   lint and tests        make docs   build/site/index.html
 # make wheel-test  the tests against an installed wheel (TESTS='-k lens' passes options on)
 # KORNIA=0         leaves torch and kornia out              PYTHON=...  another interpreter (3.11 or newer)
+# WORKERS=auto     processes of the tests, one a core
 PYTHON ?= python3
 KORNIA ?= 1
+WORKERS ?= auto
 VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml Makefile
@@ -26,7 +28,7 @@ demo: $(VENV)/.demo-$(STAMP)
 	$(BIN)/towline run sample_videos/mariner/x1446 sample_videos/mariner/x1548 sample_videos/mariner/x1649 sample_videos/mariner/x1751
 
 test: lint
-	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests -n $(WORKERS) --dist worksteal
 
 lint: $(VENV)/.test-$(STAMP)
 	$(BIN)/ruff check .

@@ -29,6 +29,7 @@ from .identify.bracket import SHEARS, bracket_words, neutral_bracket
 from .identify.cut import cut_of
 from .identify.report import tow_stability
 from .identify.steady import SteadyState, UnsettledError, stands_off
+from .names import shown
 from .processes import Each, in_turn
 from .record.errors import EstimationError, InputError, TowlineError
 from .record.exports import derivatives_covariance
@@ -68,7 +69,7 @@ def moved_batch(
     runs: list[Moved] = []
     failed: dict[str, str] = {}
     for folder in folders:
-        name = str(folder)
+        name = shown(str(folder))
         try:
             run = read_run(folder, line)
             name = run.name
@@ -78,7 +79,7 @@ def moved_batch(
                 )
             runs.append(moved(run, method, progress, fresh))
         except TowlineError as error:
-            failed[name if name not in failed else str(folder)] = str(error)
+            failed[name if name not in failed else shown(str(folder))] = str(error)
     return Batch(runs, failed)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import math
 import os
 import sys
@@ -13,11 +14,16 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from . import __version__
-from .commands.outcome import Outcome, one_line
+from .commands.outcome import Outcome, no_memory, one_line
+from .memory import reserve, too_little
+from .names import take_any_name
 
 PIPE_WIDTH = 130
 """Columns of a table that does not go to a terminal."""
 JSON_HELP = "say the result as one JSON object on standard output, and nothing else there (docs/commands.md)"
+LONGEST = 300
+"""Letters of what a library says."""
+INTERRUPTED = "interrupted; what was finished is kept"
 EXIT_OK, EXIT_ERROR, EXIT_USAGE, EXIT_SOME_FAILED, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
 
 
@@ -43,6 +49,38 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # many small matrices: one thread each is faster, and leaves the other cores to those who work side by side
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    take_any_name(sys.stdout, sys.stderr)
+    try:
+        code = _main(arguments)
+        if code == EXIT_INTERRUPTED and arguments is None:
+            _hear_no_more()
+        sys.stdout.flush()
+        return code
+    except KeyboardInterrupt:  # before the command began, or after its end
+        if arguments is None:
+            _hear_no_more()
+        print(f"towline: {INTERRUPTED}", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except OSError as error:  # of standard output
+        _silence(sys.stdout)
+        if not isinstance(error, BrokenPipeError):  # nobody reads any more: nothing to say, and to whom
+            print(f"towline: error: standard output: {error.strerror or error}", file=sys.stderr)
+        return EXIT_ERROR
+
+
+def _hear_no_more() -> None:
+    """The program ends anyway: who is impatient and presses Ctrl+C again gets the same exit code, and no words of Python's."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _silence(stream: Any) -> None:
+    """What could not be written there is not tried again when Python ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _main(arguments: Sequence[str] | None) -> int:
     parser = _parser()
     try:
         options = parser.parse_args(arguments)
@@ -75,19 +113,35 @@ def _called(parser: argparse.ArgumentParser, options: argparse.Namespace) -> tup
         if options.debug or error.name is None or error.name.startswith("towline"):
             raise
         return EXIT_ERROR, f"the package {error.name} is missing; towline doctor says what is needed"
-    except OSError as error:
+    except ImportError as error:
         if options.debug:
             raise
+        return EXIT_ERROR, f"a package cannot be loaded: {one_line(str(_first_cause(error)))[:LONGEST]}"
+    except (MemoryError, SystemError) as error:  # the second is what a library makes of the first
+        if options.debug:
+            raise
+        return EXIT_ERROR, no_memory(error)
+    except OSError as error:
+        if options.debug or (error.filename is None and error.errno in (errno.ENOSPC, errno.EPIPE)):
+            raise  # what is written to a file has its name: this is standard output
         place = f"{error.filename}: " if error.filename else ""
         return EXIT_ERROR, f"{place}{error.strerror or error}"
     except KeyboardInterrupt:
-        return EXIT_INTERRUPTED, "interrupted; what was finished is kept"
+        return EXIT_INTERRUPTED, INTERRUPTED
+
+
+def _first_cause(error: BaseException) -> BaseException:
+    return error if error.__cause__ is None else _first_cause(error.__cause__)
 
 
 def _without_faults(options: argparse.Namespace) -> tuple[int, str | None]:
     """Call the command; faults of its input become one line."""
     if options.light:
         return options.call(options), None
+    short = too_little()
+    if short is not None:
+        return EXIT_ERROR, short
+    reserve()
     from .progress import loading
 
     with loading("record"):

@@ -15,6 +15,7 @@ from .diagnose.gap import Diagnosis, diagnosed
 from .diagnose.tow import TowSimulator
 from .diagnose.tow_data import TowRun, block_step, tow_run
 from .diagnose.tow_numbers import COMPLIANCE
+from .names import shown
 from .record.errors import EstimationError, InputError, TowlineError
 from .record.files import write_text
 from .record.results import DerivativesFile, read_result
@@ -62,14 +63,14 @@ def diagnose_folders(
     Parameters
     ----------
     folders : runs to fit
-    held_out : runs kept aside for the shrink (fitted last); none: each run is kept aside in turn
+    held_out : runs kept aside for the shrink (fitted last); none: each run is kept aside in turn; one run alone is fitted itself
     effects : Python files with effects of one's own
     reference : derivatives.json of the simulator that is to be judged; None: the derivatives are fitted to these runs
     line : what the tow line keeps, instead of what the runs say
 
     Raises
     ------
-    TowlineError : no two runs can be used, or a file is wrong
+    TowlineError : no run can be used, or a file is wrong
     """
     library = library_of(effects)
     runs: list[Run] = []
@@ -86,7 +87,7 @@ def diagnose_folders(
                 held.append(len(runs))
             runs.append(run)
         except TowlineError as error:
-            failed[str(folder)] = str(error)
+            failed[shown(str(folder))] = str(error)
     if not runs:
         raise TowlineError(next(iter(failed.values()), "no run to diagnose"))
     step = block_step([float(m.motion["t_s"].iloc[-1] - m.motion["t_s"].iloc[0]) for m in motions])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -12,6 +14,7 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import Any, Protocol
 
+from .memory import reserve
 from .record.errors import TowlineError
 
 Job = tuple[Callable[..., Any], tuple[Any, ...]]
@@ -23,6 +26,8 @@ Tell = Callable[[int], None]
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """What tells the linear algebra how many threads to use."""
 ORPHAN_S = 0.5
+GRACE_S = 3.0
+"""How long a worker that is told to end may take to clear up."""
 
 
 @contextmanager
@@ -39,11 +44,13 @@ def processes(count: int) -> Iterator[Done]:
     # one thread each: they share the cores
     for name in THREADS:
         os.environ.setdefault(name, "1")
-    pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with, initargs=(os.getpid(),))
+    pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin, initargs=(os.getpid(),))
 
     def done(jobs: Iterable[Job]) -> Iterator[Any]:
+        with undisturbed():  # a worker is started here
+            futures = [pool.submit(_job, call, *arguments) for call, arguments in jobs]
         try:
-            for future in as_completed([pool.submit(call, *arguments) for call, arguments in jobs]):
+            for future in as_completed(futures):
                 yield future.result()
         except BrokenProcessPool as error:
             raise TowlineError(f"a worker ended before its time ({error}); start again to go on") from None
@@ -51,9 +58,68 @@ def processes(count: int) -> Iterator[Done]:
     try:
         yield done
     except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
+        _end(pool)
         raise
     pool.shutdown()
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Ctrl+C waits until the block ends; processes that are started in it never hear it: who started them ends them."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _end(pool: ProcessPoolExecutor) -> None:
+    """End the workers now: each is told to, and clears up; who does not within ``GRACE_S`` is killed."""
+    with undisturbed():
+        left = list((pool._processes or {}).values())
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in left:
+            process.terminate()
+        until_s = time.monotonic() + GRACE_S
+        for process in left:
+            process.join(max(0.0, until_s - time.monotonic()))
+            process.kill()
+
+
+def _job(call: Callable[..., Any], *arguments: Any) -> Any:
+    _AT_WORK.append(True)
+    try:
+        return call(*arguments)
+    finally:
+        _AT_WORK.clear()
+        if _ENDING:  # what the job wrote is cleared up by now, and nobody waits for its answer
+            os._exit(1)
+
+
+def _begin(parent: int) -> None:
+    """In a worker, first: it ends when it is told to, or when its parent is gone, and says nothing of either."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _told_to_end)
+    end_with(parent)
+    reserve()
+
+
+_AT_WORK: list[bool] = []
+"""Not empty while a worker has a job."""
+_ENDING: list[bool] = []
+"""Not empty once a worker at work was told to end."""
+
+
+def _told_to_end(*_: object) -> None:
+    """Between jobs at once; in a job by way of its own end, so that what writes removes its temporary file."""
+    if not _AT_WORK:
+        os._exit(1)
+    _ENDING.append(True)
+    sys.unraisablehook = lambda _: None
+    raise SystemExit(1)
 
 
 def _here(jobs: Iterable[Job]) -> Iterator[Any]:
@@ -94,8 +160,8 @@ def _numbered(number: int, call: Callable[..., Any], *arguments: Any) -> tuple[i
     return number, call(*arguments)
 
 
-def _end_with(parent: int) -> None:
-    """Nobody waits for a process whose parent was killed, and the next start does its work."""
+def end_with(parent: int) -> None:
+    """End this process soon after its parent: nobody waits for it then, and the next start does its work."""
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -112,4 +178,15 @@ def in_parallel(call: Callable[..., Any], arguments: Iterable[tuple[Any, ...]], 
         yield from done(jobs)
 
 
-__all__ = ["THREADS", "Done", "Each", "Job", "each_of", "in_parallel", "in_turn", "processes"]
+__all__ = [
+    "THREADS",
+    "Done",
+    "Each",
+    "Job",
+    "each_of",
+    "end_with",
+    "in_parallel",
+    "in_turn",
+    "processes",
+    "undisturbed",
+]

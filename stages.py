@@ -20,7 +20,7 @@ import numpy as np
 from . import __version__
 from .progress import Progress, loading, throttled
 from .record.errors import InputError, TowlineError
-from .record.files import replacing, sha256_of_texts
+from .record.files import read_array, sha256_of_texts, write_array
 from .record.results import CameraFile, TruthFile, read_result, write_result
 from .record.run import RUN_FILE, Run
 from .record.tables import input_hash_of, read_motion, read_tracks, write_table
@@ -367,7 +367,7 @@ def _drawn_before(path: Path, found: Tracked) -> bool:
 def _kept(run: Run, paths: dict[str, Path], tracks: pd.DataFrame) -> Moved | None:
     """The motion as it stands; None where a file of it is damaged, so that it is made anew."""
     try:
-        common, lag = (np.load(paths[name], allow_pickle=False) for name in (COMMON, LAG))
+        common, lag = (read_array(paths[name]) for name in (COMMON, LAG))
         motion, camera = read_motion(paths[MOTION]), read_result(paths[CAMERA], CameraFile)
     except (OSError, ValueError, EOFError, TowlineError):
         return None
@@ -399,8 +399,7 @@ def moved(run: Run, method: str = "exact", progress: Progress | None = None, fre
     write_table(paths[MARKS], result.marks, stamp)
     write_result(paths[CAMERA], result.camera)
     for name, modes in ((COMMON, result.common), (LAG, result.lag)):
-        with replacing(paths[name]) as temporary:
-            np.save(temporary, modes)
+        write_array(paths[name], modes)
     write_table(paths[MOTION], result.motion, stamp)  # last: its stamp vouches for the others
     return Moved(run, read_motion(paths[MOTION]), result.common, result.camera, tracks, result.lag)
 

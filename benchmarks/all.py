@@ -54,9 +54,12 @@ TABLES = {
     "vision": Table("benchmarks/vision.py", "vision.txt", 20, "marks against their bound, beside trackpy, OpenCV, scikit-image"),
     "fuzz": Table("benchmarks/fuzz.py", "fuzz.txt", 6, "damaged recordings"),
     "faults": Table("benchmarks/faults.py --cases 2000 --estimators 100", "faults.txt", 20, "damaged files of every other kind"),
+    "rough": Table("benchmarks/rough.py", "rough.txt", 30, "hostile files, links, names, signals, short memory, full disks"),
     "geometry": Table("benchmarks/geometry.py", "geometry.txt", 15, "random cameras, planted faults"),
     "trapezoid": Table("benchmarks/trapezoid.py", "trapezoid.txt", 1, "the thesis's trapezoid against the exact form"),
     "identify": Table("benchmarks/identify.py", "identify.txt", 90, "the joint fit, its bound, scipy, CasADi, jax-sysid, pysindy"),
+    "surge_peers": Table("benchmarks/surge_peers.py", "surge_peers.txt", 2, "four tows with surge beside scipy"),
+    "whole_path": Table("benchmarks/whole_path.py", "whole_path.txt", 25, "long films and many runs, seconds and memory"),
     "identify_scale": Table(
         "benchmarks/identify_scale.py", "identify_scale.txt", 3, "the joint fit by the command against runs and frames"
     ),
@@ -66,6 +69,7 @@ TABLES = {
     "steady": Table("benchmarks/steady.py", "steady.txt", 8, "swinging and settled tows told apart, stability, bracket of X_v"),
     "methods": Table("benchmarks/methods.py", "methods.txt", 6, "every estimator under one noise"),
     "gap": Table("benchmarks/gap.py", "gap.txt", 5, "every effect of the library, planted once"),
+    "doors": Table("benchmarks/doors.py", "doors.txt", 5, "the app's doors, tried from outside"),
     "app": Table("benchmarks/app.py", "app.txt", 3, "the page: seconds per interaction, memory"),
     "campaign": Table("benchmarks/campaign.py", "campaign.txt", 9, "two workers against one, kills, memory"),
     "end_to_end": Table("benchmarks/end_to_end.py {out}/end-to-end", "end_to_end.txt", 100, "100 campaigns, film to derivatives"),

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..record.errors import TowlineError
-from ..record.files import sha256_of_file, write_text
+from ..record.files import JSON_BYTES, read_text, sha256_of_file, write_text
 from .find import OUT
 
 INDEX = ".towline-mirror.json"
@@ -59,8 +59,8 @@ def mirrored(url: str, cache: Path | None = None) -> Iterator[Path]:
 def _pulled(storage: Any, root: str, local: Path) -> dict[str, list[str]]:
     """Fetch; returns path -> the storage's mark of its version, and its SHA-256 here."""
     try:
-        known = json.loads((local / INDEX).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        known = json.loads(read_text(local / INDEX, JSON_BYTES))
+    except (ValueError, RecursionError, TowlineError):
         known = {}
     files = storage.find(root)
     if not files:

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pandas as pd
 
+from ..names import shown
 from ..record.files import replacing
+from ..record.tables import for_people
 from .work import Answer
 
 COLUMNS = ("level", "name", "folder", "quantity", "value", "std", "unit", "reason")
@@ -24,16 +26,17 @@ def tidy(runs: Sequence[Answer], fits: Sequence[Answer]) -> pd.DataFrame:
                 rows.append((level, a.name or a.job, where, "", math.nan, math.nan, "", a.reason))
             for quantity, value, std, unit in a.numbers:
                 rows.append((level, a.name, where, quantity, value, math.nan if std is None else std, unit, ""))
-    return pd.DataFrame(rows, columns=list(COLUMNS)).astype({"value": float, "std": float})
+    said = [tuple(shown(cell) if isinstance(cell, str) else cell for cell in row) for row in rows]
+    return pd.DataFrame(said, columns=list(COLUMNS)).astype({"value": float, "std": float})
 
 
 def write_tidy(folder: Path, table: pd.DataFrame) -> list[Path]:
-    """campaign.csv and campaign.parquet."""
+    """campaign.csv (texts that a spreadsheet would calculate begin with ') and campaign.parquet (as they are)."""
     paths = [folder / "campaign.csv", folder / "campaign.parquet"]
     with replacing(paths[0]) as temporary:
-        table.to_csv(temporary, index=False, lineterminator="\n")
-    with replacing(paths[1]) as temporary:
-        table.to_parquet(temporary, index=False)
+        for_people(table).to_csv(temporary, index=False, lineterminator="\n")
+    with replacing(paths[1]) as temporary, temporary.open("wb") as stream:
+        table.to_parquet(stream, index=False)
     return paths
 
 

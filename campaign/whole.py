@@ -9,9 +9,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from ..names import shown
 from ..processes import Done, each_of, processes
 from ..progress import Progress
-from ..record.errors import TowlineError
+from ..record.errors import InputError, TowlineError
 from ..record.run import RUN_FILE
 from .find import OUT, run_folders
 from .table import tidy, write_tidy
@@ -100,7 +101,7 @@ def _answers(workers: Done, jobs: Sequence[Any], order: Sequence[str], what: str
 
 def _from_here(answer: Answer, folder: Path) -> Answer:
     """Its reason names files from the campaign's folder, wherever that stands."""
-    return replace(answer, reason=answer.reason.replace(f"{folder.resolve()}{os.sep}", ""))
+    return replace(answer, reason=answer.reason.replace(f"{shown(str(folder.resolve()))}{os.sep}", ""))
 
 
 def _fits(runs: Sequence[Answer], folder: Path, out: Path) -> list[tuple[str, str, list[str], str]]:
@@ -135,23 +136,31 @@ def _alone(out: Path) -> Iterator[None]:
     except ImportError:  # no such locks on this system
         yield
         return
-    with open(out / LOCK, "w") as lock:
+    try:
+        # neither a link's target nor a named pipe's reader has anything to do with it
+        lock = os.open(out / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+    except OSError as error:
+        raise InputError(out / LOCK, "", f"cannot be locked ({error.strerror}); a plain file is expected") from None
+    try:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise TowlineError(f"{out}: another campaign is at work here") from None
         yield
+    finally:
+        os.close(lock)
 
 
 def _below(out: Path) -> list[Path]:
-    return [out, *(p for p in sorted(out.iterdir()) if p.is_dir())]
+    return [out, *(p for p in sorted(out.iterdir()) if p.is_dir() and not p.is_symlink())]
 
 
 def _swept(*folders: Path) -> None:
     """Remove what a killed writer left unfinished."""
     for folder in folders:
         for path in folder.glob(".*.tmp*"):
-            path.unlink(missing_ok=True)
+            if path.is_symlink() or not path.is_dir():
+                path.unlink(missing_ok=True)
 
 
 __all__ = ["Campaign", "campaign"]

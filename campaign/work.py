@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from ..names import shown
 from ..processes import Each, in_turn
 from ..record.errors import TowlineError
-from ..record.files import sha256_of_texts, write_text
+from ..record.files import JSON_BYTES, read_text, sha256_of_texts, write_text
 from ..record.schema import Line
 
 RECORD = "campaign.json"
@@ -223,8 +224,8 @@ def _stamp(kind: str, folders: Sequence[str], options: Options) -> str:
 def _kept(path: Path, stamp: str) -> Answer | None:
     """The answer of before, if it was made from the same, and its files are there."""
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        record = json.loads(read_text(path, JSON_BYTES))
+    except (ValueError, RecursionError, TowlineError):
         return None
     if not isinstance(record, dict) or record.get("stamp") != stamp:
         return None
@@ -242,7 +243,7 @@ def restored(plain: dict[str, Any]) -> Answer:
 
 
 def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
+    return " ".join(shown(str(error)).split())
 
 
 __all__ = ["TRIM", "Answer", "Number", "Options", "fit_job", "restored", "run_job"]

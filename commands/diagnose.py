@@ -25,7 +25,14 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
         metavar="derivatives.json",
         help="judge a simulator with these derivatives as they are",
     )
-    sub.add_argument("--effects", nargs="+", type=Path, default=[], metavar="FILE.py", help="effects of one's own")
+    sub.add_argument(
+        "--effects",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="FILE.py",
+        help="effects of one's own; this RUNS the file as a program: name none that you would not run yourself",
+    )
     sub.add_argument("--write-model", type=Path, metavar="FILE.toml", help="derivatives and effect for a scenario.toml")
     sub.add_argument("--no-page", action="store_true", help="write no HTML page")
     sub.add_argument("-o", "--out", type=Path, help="where gap.json and gap.html go (default: RUN/out)")

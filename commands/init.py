@@ -70,11 +70,11 @@ def call(options: argparse.Namespace) -> int:
     import tomllib
 
     from ..record.errors import InputError
-    from ..record.files import write_text
     from ..record.run import RUN_FILE
     from ..record.schema import RunFile
     from ..record.template import PLACEHOLDER, run_text
     from ..record.toml import check_tables
+    from ..record.typed import write_typed
 
     folder: Path = options.folder
     path = folder / RUN_FILE
@@ -86,7 +86,7 @@ def call(options: argparse.Namespace) -> int:
     content, size_px = _content(options, folder, asker)
     text = run_text(content, asker.assumed, size_px)
     check_tables(tomllib.loads(text), RunFile, path)
-    write_text(path, text)
+    write_typed(path, text, content.get("outside") is True)
     options.outcome.wrote(path)
     todo = []
     if any(point["name"].startswith(PLACEHOLDER) for point in content.get("datum", [])):

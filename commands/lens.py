@@ -129,6 +129,7 @@ def _views(options: argparse.Namespace, board: Any) -> tuple[list[Any], list[str
 
 def _files(sources: list[Path]) -> list[Path]:
     from ..record.errors import InputError
+    from ..record.files import ABSENT, refusal
 
     files: list[Path] = []
     for source in sources:
@@ -137,10 +138,11 @@ def _files(sources: list[Path]) -> list[Path]:
             if not inside:
                 raise InputError(source, "", f"holds no pictures ({', '.join(PICTURES)})")
             files += inside
-        elif source.is_file():
-            files.append(source)
         else:
-            raise InputError(source, "", "no such file or folder")
+            wrong = refusal(source)
+            if wrong is not None:
+                raise InputError(source, "", f"{wrong} or folder" if wrong == ABSENT else wrong)
+            files.append(source)
     return files
 
 
@@ -149,9 +151,11 @@ def _picture(path: Path) -> Any:
     import numpy as np
 
     from ..record.errors import InputError
+    from ..record.files import PICTURE_BYTES, read_bytes
 
+    content = read_bytes(path, PICTURE_BYTES)
     try:
-        luma = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if path.stat().st_size else None
+        luma = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if content else None
     except cv2.error:  # a header that claims more pixels than OpenCV takes
         luma = None
     if luma is None:

@@ -12,6 +12,8 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
+from ..names import shown
+
 
 class Outcome:
     """Gathers what a command wrote, found, and could not do.
@@ -72,21 +74,27 @@ def one_line(text: str) -> str:
     return " ".join(text.split())
 
 
+def no_memory(error: Exception) -> str:
+    """What a user reads where memory ran out."""
+    said = one_line(str(error))
+    return f"out of memory{f' ({said})' if said else ''}: fewer or shorter runs at once, or fewer --workers, take less"
+
+
 def plain(value: Any) -> Any:
     """``value`` in JSON's own kinds; a number that is not finite becomes null.
 
     Takes result files (pydantic), dataclasses, numpy's arrays and numbers, paths, mappings, sequences and sets.
     """
-    if value is None or isinstance(value, (str, bool)):
+    if isinstance(value, (str, Path)):
+        return shown(str(value))
+    if value is None or isinstance(value, bool):
         return value
     if isinstance(value, (int, float)):
         return value if math.isfinite(value) else None
     if isinstance(value, complex):
         return [plain(value.real), plain(value.imag)]
-    if isinstance(value, Path):
-        return str(value)
     if isinstance(value, Mapping):
-        return {str(key): plain(inner) for key, inner in value.items()}
+        return {shown(str(key)): plain(inner) for key, inner in value.items()}
     if isinstance(value, (set, frozenset)):
         return [plain(inner) for inner in sorted(value)]
     if isinstance(value, (list, tuple)):

@@ -13,7 +13,7 @@ from ..record.results import Measured
 from .apart import Apart, measurement
 from .effects import Effect
 from .engine import TWINS, Candidate, Progress, Ranking, ranked
-from .held_out import Shrink, shrink
+from .held_out import Shrink, none_left, shrink
 from .inference import Fitted, Inference
 from .next_run import next_run
 from .noise import TIMES_S
@@ -105,6 +105,7 @@ def diagnosed(
         set95=[list(names) for names in ranking.set95],
         next_run=_next(inference, ranking, best),
         next_measurement=_measurement(ranking, best, simulator.apart),
+        kept_aside=not none_left(len(simulator.runs), held),
         derivatives={
             "before": _derivatives(ranking.base, simulator.shared_names),
             **({"after": _derivatives(best.fitted, simulator.shared_names)} if best is not None else {}),

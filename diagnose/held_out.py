@@ -34,6 +34,11 @@ class Shrink:
     residuals: dict[int, tuple[Array, Array]]
 
 
+def none_left(count: int, held: Sequence[int] | None) -> bool:
+    """Whether, of ``count`` runs, none would be left to fit with ``held`` kept aside (None: each in turn): nothing is, then."""
+    return count < 2 or (held is not None and len(held) == count)
+
+
 def aside(inference: Inference, fitted: Fitted, forces: Forces, run: int, others: Sequence[int]) -> Array:
     """Whitened residual (m n,) of what moves, of a run that took no part in the fit."""
     h, grams = fitted.hypothesis, fitted.grams
@@ -50,7 +55,7 @@ def shrink(
 
     Parameters
     ----------
-    held : runs kept aside (all at once); None: each in turn
+    held : runs kept aside (all at once); None: each in turn. Where that leaves no run to fit, all are fitted themselves
     """
     count, free = len(inference.simulator.runs), inference.simulator.free
     lengths = [len(run.centre_s) for run in inference.simulator.runs]
@@ -58,6 +63,8 @@ def shrink(
     turns = [(i, [j for j in range(count) if j != i]) for i in range(count)]
     if held:
         turns = [(i, [j for j in range(count) if j not in held]) for i in held]
+    if none_left(count, held):
+        turns = [(i, list(range(count))) for i in range(count)]
     residuals: dict[int, tuple[Array, Array]] = {}
     for run, others in turns:
         residuals[run] = tuple(aside(inference, f, forces, run, others) for f in (base, best))  # pyright: ignore

@@ -13,9 +13,11 @@ import pickle
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
+from ..processes import end_with, undisturbed
 from ..record.errors import TowlineError
 
 Item = TypeVar("Item")
@@ -33,9 +35,15 @@ def side_by_side(work: Callable[[Item], Answer], items: Sequence[Item], known: S
         return [work(item) for item in items]
     fork = multiprocessing.get_context("fork")
     here, there = fork.Pipe(duplex=False)
-    copy = fork.Process(target=_answer, args=(there, work, items[1::2], known), daemon=True)
-    copy.start()
-    there.close()
+    copy = fork.Process(target=_copied, args=(os.getpid(), here, there, work, items[1::2], known), daemon=True)
+    try:
+        with undisturbed():
+            copy.start()
+    except OSError:  # no memory for a copy
+        here.close()
+        return [work(item) for item in items]
+    finally:
+        there.close()
     try:
         own = [work(item) for item in items[0::2]]
         try:
@@ -61,11 +69,26 @@ def _two_cores() -> bool:
     return len(os.sched_getaffinity(0)) > 1
 
 
+def _copied(
+    parent: int,
+    here: Connection,
+    there: Connection,
+    work: Callable[[Item], Answer],
+    items: Sequence[Item],
+    known: Sequence[object],
+) -> None:
+    """In the copy: it ends with its parent, whose end of the pipe it does not keep open."""
+    here.close()
+    end_with(parent)
+    with suppress(BrokenPipeError):
+        _answer(there, work, items, known)
+
+
 def _answer(there: Connection, work: Callable[[Item], Answer], items: Sequence[Item], known: Sequence[object]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other process is told, and ends this one
     try:
         answer: list[Any] | Exception = [work(item) for item in items]
-    except (TowlineError, ArithmeticError, ValueError) as error:
+    except (TowlineError, ArithmeticError, ValueError, MemoryError) as error:
         answer = error
     buffer = io.BytesIO()
     _Pickler(buffer, known).dump(answer)

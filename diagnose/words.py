@@ -46,8 +46,20 @@ def is_open(file: GapFile) -> bool:
     return file.verdict == "no_gap" and file.p_no_gap < OPEN
 
 
+ALONE = (
+    "No other run was there to be kept aside: the gaps are those of what was fitted itself, and fall further than another run's "
+    "would. Much of what one run has its derivatives alone can take up: an effect counts as found when a second tow, of another "
+    "tow point, line or speed, shows it, too."
+)
+
+
 def sentences(file: GapFile, held: Shrink | None, rest: Leftover) -> list[str]:
     """The summary in plain words."""
+    said = _summary(file, held, rest)
+    return said if file.kept_aside else [*said, ALONE]
+
+
+def _summary(file: GapFile, held: Shrink | None, rest: Leftover) -> list[str]:
     if file.verdict == "no_gap":
         doubted = is_open(file)
         said = [f"The simulator explains these runs to within their noise (probability {file.p_no_gap:.2f})."]
@@ -91,8 +103,9 @@ def sentences(file: GapFile, held: Shrink | None, rest: Leftover) -> list[str]:
     said.append(f"Its size: {numbers}.")
     if held is not None and held.before > 1:
         low, high = row.shrink_interval
+        on = "runs kept aside" if file.kept_aside else "fitted run itself"
         said.append(
-            f"With it, the gap on the runs kept aside falls from {row.gap_before:.2f} to {row.gap_after:.2f} sigma "
+            f"With it, the gap on the {on} falls from {row.gap_before:.2f} to {row.gap_after:.2f} sigma "
             f"({100 * row.shrink:.0f} %, interval {100 * low:.0f}-{100 * high:.0f})."
         )
     apart = file.next_measurement

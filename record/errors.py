@@ -6,9 +6,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from ..names import shown
+
 
 class TowlineError(Exception):
     """Something in the input, not in the program, is wrong; ``str(error)`` is one line for the user."""
+
+    def __str__(self) -> str:
+        return shown(super().__str__())
 
 
 class InputError(TowlineError):

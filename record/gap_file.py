@@ -77,6 +77,10 @@ class GapFile(ResultFile):
     next_measurement: NextMeasurement | None = Field(
         default=None, description="null: neither of the best two can be measured without a tow"
     )
+    kept_aside: bool = Field(
+        default=True,
+        description="false: no run was left to keep aside; gaps and shrinks are those of the runs that were fitted",
+    )
     derivatives: dict[str, dict[str, Measured]] = Field(
         default_factory=dict, description="the six, before (no effect) and after (the headline)"
     )

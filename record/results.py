@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .errors import InputError
-from .files import write_text
+from .files import JSON_BYTES, read_text, write_text
 
 ResultT = TypeVar("ResultT", bound="ResultFile")
 
@@ -253,12 +253,9 @@ def write_result(path: str | Path, result: ResultFile) -> None:
 def read_result(path: str | Path, kind: type[ResultT]) -> ResultT:
     """Read a result file; InputError if it is absent, no JSON, or another schema."""
     path = Path(path)
+    text = read_text(path, JSON_BYTES)
     try:
-        result = kind.model_validate_json(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(path, "", "no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, "", f"cannot be read ({error})") from None
+        result = kind.model_validate_json(text)
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in fault["loc"])

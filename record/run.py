@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .errors import InputError
-from .files import sha256_of_file, sha256_of_texts
+from .files import ABSENT, refusal, sha256_of_file, sha256_of_texts
 from .schema import Line, ModelTable, RunFile, TowTable, WaterTable
 from .toml import read_toml
 
@@ -108,10 +108,11 @@ def read_run(folder: str | Path, line: Line | None = None) -> Run:
     path = folder / RUN_FILE
     run = with_line(Run(folder, read_toml(path, RunFile)), line)
     for key, name in _paths(run.file):
-        if not run.file.outside and leads_out(name):
-            raise InputError(path, key, f"{name!r} leads out of the run folder; outside = true at the top allows it")
-        if not _is_file(folder / name):
-            raise InputError(path, key, f"no such file: {name if name.isprintable() else repr(name)}")
+        stay_inside(path, key, name, run.file.outside)
+        wrong = refusal(folder / name)
+        if wrong is not None:
+            written = name if name.isprintable() else repr(name)
+            raise InputError(path, key, f"{wrong}: {written}" if wrong == ABSENT else f"{written} {wrong}")
     return run
 
 
@@ -123,16 +124,22 @@ def with_line(run: Run, line: Line | None) -> Run:
     return Run(run.folder, run.file.model_copy(update={"tow": tow}))
 
 
+def stay_inside(path: Path, key: str, name: str, outside: bool) -> None:
+    """Refuse a file that ``key`` of run.toml names out of the run folder, unless ``outside`` (true at the top) allows it.
+
+    The one rule of the commands and of the app.
+
+    Raises
+    ------
+    InputError : it leads out and may not
+    """
+    if not outside and leads_out(name):
+        raise InputError(path, key, f"{name!r} leads out of the run folder; outside = true at the top allows it")
+
+
 def leads_out(name: str) -> bool:
     """Whether a path, as written, is absolute or climbs out of the folder it starts at; links are followed, not judged."""
     return bool(Path(name).anchor) or Path(os.path.normpath(name)).parts[:1] == ("..",)
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except (OSError, ValueError):  # a name longer than the file system's, or with a zero byte
-        return False
 
 
 def _paths(file: RunFile) -> list[tuple[str, str]]:

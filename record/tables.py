@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
-from .files import replacing
+from .files import TABLE_BYTES, read_text, reading, replacing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,7 +24,11 @@ TRACK_COLUMNS = ("frame", "t_s", "marker", "u_px", "v_px", "sigma_u_px", "sigma_
 MARK_COLUMNS = ("t_s", "marker", "x_m", "y_m", "sigma_x_m", "sigma_y_m", "status")
 MOTION_COLUMNS = ("t_s", "y_cg_m", "beta_rad", "alpha_rad")
 FOUND_LETTERS, SHOWN_LETTERS = 300, 100
+CELL_BYTES = 8
+_FORMULA = re.compile(r"(^|[;\t\r\n])(?='*[=+\-@\t\r\uff1d\uff0b\uff0d\uff20])")
+_NO_FORMULA = re.compile(r"(^|[;\t\r\n])'(?='*[=+\-@\t\r\uff1d\uff0b\uff0d\uff20])")
 _HASH_PREFIX = "# inputs sha256 "
+_HASH_LETTERS = 200
 
 
 def read_table(path: str | Path, needed: tuple[str, ...]) -> pd.DataFrame:
@@ -38,8 +44,6 @@ def read_table(path: str | Path, needed: tuple[str, ...]) -> pd.DataFrame:
             table = _read_parquet(path)
         else:
             table = _read_csv(path)
-    except FileNotFoundError:
-        raise InputError(path, "", "no such file") from None
     except InputError:
         raise
     except (OSError, ValueError, csv.Error) as error:  # pandas and pyarrow raise their own ValueErrors
@@ -55,7 +59,7 @@ def read_table(path: str | Path, needed: tuple[str, ...]) -> pd.DataFrame:
 def _read_csv(path: Path) -> pd.DataFrame:
     import pandas as pd
 
-    text = path.read_text(encoding="utf-8-sig")
+    text = read_text(path, TABLE_BYTES)
     lines = text.splitlines(keepends=True)
     skip = 0
     while skip < len(lines) and (lines[skip].startswith("#") or not lines[skip].strip()):
@@ -66,15 +70,20 @@ def _read_csv(path: Path) -> pd.DataFrame:
         head, first = (len(next(csv.reader([line.strip("\r\n")]), [])) for line in lines[skip : skip + 2])
         if first > head:
             raise InputError(path, "row 1", f"{first} cells; the header has {head}")
-    return pd.read_csv(io.StringIO("".join(lines[skip:])), skip_blank_lines=False)
+    return _texts_changed(pd.read_csv(io.StringIO("".join(lines[skip:])), skip_blank_lines=False), as_meant)
 
 
 def _read_parquet(path: Path) -> pd.DataFrame:
-    import pandas as pd
+    import pyarrow.parquet as parquet
 
     try:
-        return pd.read_parquet(path).reset_index(drop=True)
-    except OSError:
+        with reading(path, TABLE_BYTES) as stream:
+            file = parquet.ParquetFile(stream)
+            rows, columns = file.metadata.num_rows, file.metadata.num_columns
+            if CELL_BYTES * rows * max(columns, 1) > TABLE_BYTES:  # repeated values take no room in the file
+                raise InputError(path, "", f"holds {rows} rows of {columns} columns; no table here is so long")
+            return file.read().to_pandas().reset_index(drop=True)
+    except (OSError, InputError, MemoryError):
         raise
     except Exception as error:  # of damaged bytes and damaged descriptions in them: whatever came of it
         raise ValueError(_first_line(error)) from None
@@ -90,20 +99,49 @@ def write_table(path: str | Path, table: pd.DataFrame, input_hash: str | None = 
     path = Path(path)
     with replacing(path) as temporary:
         if path.suffix == ".parquet":
-            table.to_parquet(temporary, index=False)
+            with temporary.open("wb") as stream:
+                table.to_parquet(stream, index=False)
             return
         with open(temporary, "w", encoding="utf-8", newline="") as stream:
             if input_hash is not None:
                 stream.write(f"{_HASH_PREFIX}{input_hash}\n")
-            table.to_csv(stream, index=False, float_format="%.10g", lineterminator="\n")
+            for_people(table).to_csv(stream, index=False, float_format="%.10g", lineterminator="\n")
+
+
+def no_formula(text: str) -> str:
+    """``text`` as a cell that no spreadsheet calculates: a ' before =, +, -, @, tab or CR at its start, or behind a semicolon, tab
+    or line end within it (a cell of its own where semicolons part them).
+    """
+    return _FORMULA.sub(r"\1'", text)
+
+
+def as_meant(text: str) -> str:
+    """What ``no_formula`` was given."""
+    return _NO_FORMULA.sub(r"\1", text)
+
+
+def for_people(table: pd.DataFrame) -> pd.DataFrame:
+    """A table for a CSV that a spreadsheet may open: texts, and names of columns, by ``no_formula``; numbers as they are."""
+    return _texts_changed(table, no_formula).rename(columns=lambda name: no_formula(str(name)))
+
+
+def _texts_changed(table: pd.DataFrame, change: Callable[[str], str]) -> pd.DataFrame:
+    new = {}
+    for name in table.columns:
+        if table[name].dtype.kind not in "biufcmM":
+            texts = (value for value in table[name].unique() if isinstance(value, str))
+            other = {text: change(text) for text in texts if change(text) != text}
+            if other:
+                new[name] = table[name].map(lambda value, other=other: other.get(value, value))
+    return table.assign(**new) if new else table
 
 
 def input_hash_of(path: str | Path) -> str | None:
     """The hash that ``write_table`` put into a CSV, or None."""
     try:
-        with open(path, encoding="utf-8") as stream:
-            first = stream.readline()
-    except (OSError, UnicodeDecodeError):
+        with reading(path) as stream:
+            first = stream.readline(_HASH_LETTERS).decode("ascii")
+    except (OSError, UnicodeDecodeError, InputError):
         return None
     return first.removeprefix(_HASH_PREFIX).strip() if first.startswith(_HASH_PREFIX) else None
 

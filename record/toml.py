@@ -10,6 +10,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from .errors import InputError
+from .files import TOML_BYTES, read_text
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
 TOO_DEEP = "its lists or tables stand too deep in one another"
@@ -28,17 +29,13 @@ def read_toml(path: str | Path, model: type[ModelT]) -> ModelT:
 
     Raises
     ------
-    InputError : the file is missing, is no TOML, or a key is unknown, missing, of the wrong kind or out of range.
+    InputError : the file is missing, is no plain file of at most ``TOML_BYTES``, is no TOML, or a key is unknown, missing, of the
+        wrong kind or out of range.
     """
     path = Path(path)
+    text = read_text(path, TOML_BYTES)
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(path, "", "no such file") from None
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise InputError(path, "", "is not UTF-8 text") from None
+        content = tomllib.loads(text)
     except RecursionError:
         raise InputError(path, "", TOO_DEEP) from None
     except ValueError as error:  # TOMLDecodeError, and what a whole number of thousands of digits gives

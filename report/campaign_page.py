@@ -105,7 +105,13 @@ def runs_figure(found: Campaign, good: list[Answer]) -> Html:
     lines = -(-len(good) // COLUMNS)
     width, height = PANEL_IN
     drawing = Figure(figsize=(COLUMNS * width, lines * height + 0.3))
-    axes = drawing.subplots(lines, COLUMNS, squeeze=False, sharex=True).ravel()
+    # axes that share, and a layout that measures every text, would cost the square of their number
+    axes = drawing.subplots(lines, COLUMNS, squeeze=False).ravel()
+    high, across = drawing.get_figheight(), drawing.get_figwidth()
+    drawing.subplots_adjust(
+        left=0.3 / across, right=1 - 0.05 / across, bottom=0.45 / high, top=1 - 0.06 / high, wspace=0.24, hspace=0.18
+    )
+    ends: list[float] = []
     data: dict[str, Columns] = {}
     for k, (ax, a) in enumerate(zip(axes, good, strict=False), 1):
         run = read_run(found.folder / a.job)
@@ -114,6 +120,7 @@ def runs_figure(found: Campaign, good: list[Answer]) -> Html:
         t_s, measured = motion["t_s"].to_numpy(), (motion["status"] == "measured").to_numpy()
         thin = slice(None, None, max(1, len(t_s) // 300))
         part: dict[str, ArrayLike] = {"run": a.name, "t_s": t_s[thin]}
+        ends += [float(t_s[0]), float(t_s[-1])] if len(t_s) else []
         for column, factor, colour, name in (
             ("y_cg_m", 100.0, BLUE, "y_cg_cm"), ("beta_rad", float(np.degrees(1.0)), VERMILION, "beta_deg"),
         ):  # fmt: skip
@@ -126,10 +133,12 @@ def runs_figure(found: Campaign, good: list[Answer]) -> Html:
         ax.text(0.98, 0.95, str(k), transform=ax.transAxes, ha="right", va="top", fontsize=TEXT_PT - 1.5, color=GREY)
         for side in ("top", "right"):
             ax.spines[side].set_visible(False)
+    for k, ax in enumerate(axes[: len(good)]):
+        ax.set_xlim(min(ends, default=0.0), max(ends, default=1.0))
+        ax.tick_params(labelbottom=k + COLUMNS >= len(good))
     for ax in axes[len(good) :]:
         ax.set_axis_off()
-    drawing.supxlabel("t (s)", fontsize=TEXT_PT - 1)
-    drawing.tight_layout(pad=0.4)
+    drawing.supxlabel("t (s)", fontsize=TEXT_PT - 1, y=0.05 / high)
     caption = (
         "Every run in the table's order: y in cm (blue) and heading in degrees (vermilion); gaps were not measured."
     )

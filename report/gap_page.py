@@ -72,8 +72,9 @@ def _ranking(file: GapFile) -> Html:
             ]
         )
     rows.append(["something in no library", number(f"{file.p_unknown:.3f}"), "", "", "", ""])
+    where = "runs kept aside" if file.kept_aside else "the fitted run itself"
     words = (
-        "Gap: root mean square of what the simulator misses in y and heading on runs kept aside, over the noise (1 = noise). "
+        f"Gap: root mean square of what the simulator misses in y and heading on {where}, over the noise (1 = noise). "
         "Shrink: share of the excess that goes away, with its 90 % interval."
     )
     return table(

@@ -8,8 +8,10 @@ from urllib.parse import quote
 
 import numpy as np
 
-from ..record.files import write_text
+from ..record.errors import TowlineError
+from ..record.files import reading, write_text
 from ..record.results import DerivativesFile, SteadyFile
+from ..record.tables import for_people
 from .html import FIGURES, Drawn, Html, bullets, join, safe, tag
 from .run_section import RunPage, frames_of, run_section
 from .sections import Frames, derivatives_section, failed_box, summary
@@ -123,9 +125,18 @@ def write_document(path: Path, page: Html) -> None:
     for one in page.drawn:
         _write_drawn(folder / f"{one.name}.csv", path.name, one)
     for old in folder.glob("*.csv") if folder.is_dir() else ():
-        if old.stem not in {one.name for one in page.drawn} and old.read_text(encoding="utf-8").startswith(MARK):
+        if old.stem not in {one.name for one in page.drawn} and _is_drawn(old):
             old.unlink()
     write_text(path, page.replace(f'href="{FIGURES}/', f'href="{quote(folder.name)}/'))
+
+
+def _is_drawn(path: Path) -> bool:
+    """Whether a file holds the data of a picture."""
+    try:
+        with reading(path) as stream:
+            return stream.read(len(MARK)) == MARK.encode()
+    except TowlineError:
+        return False
 
 
 def _write_drawn(path: Path, page: str, drawn: Drawn) -> None:
@@ -135,6 +146,7 @@ def _write_drawn(path: Path, page: str, drawn: Drawn) -> None:
 
 def csv_text(table: pd.DataFrame) -> str:
     """As ``to_csv`` with ten digits writes it, in a fifth of the time: the numbers of a column by one format."""
+    table = for_people(table)
     if table.shape[1] < 2:
         return table.to_csv(index=False, float_format="%.10g", lineterminator="\n")
     columns = []

@@ -267,6 +267,10 @@ _BESIDE = {
 }
 
 
+FEW_RUNS = 4
+"""Each of them has its own R on the page; of more, the least and the largest."""
+
+
 def _beside(result: DerivativesFile) -> Html:
     """Numbers of the hull beside the six, and the tension that the motion asks for; nothing where the line's tension is given."""
     if result.free is not None or (not result.hull and result.tension is None):
@@ -282,7 +286,11 @@ def _beside(result: DerivativesFile) -> Html:
         words = f"{significant(found.factor, 3)} ({significant(low, 3)} to {significant(high, 3)}) of {said}"
         if found.z is not None:
             words += f": {to_decimals(abs(found.z), 1)} standard deviations apart"
-        forces = ", ".join(f"{name} {significant(value, 3)}" for name, value in found.resistance_n.items())
+        each = found.resistance_n
+        forces = ", ".join(f"{name} {significant(value, 3)}" for name, value in each.items())
+        if len(each) > FEW_RUNS:
+            least, most = min(each.values()), max(each.values())
+            forces = f"{significant(least, 3)} to {significant(most, 3)}, {len(each)} runs"
         rows.append([_named("<i>R</i>, by the mass alone", words), number(forces), unit("N")])
         for name, gauge in found.gauges.items():
             parts = ((gauge.scale, "of what pulls"), (gauge.zero_n, "N more"), (gauge.delay_s, "s late"))

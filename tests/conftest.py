@@ -69,6 +69,19 @@ def surge_cases(root: Path) -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def doors_wire(root: Path) -> ModuleType:
+    """Attacks on a started app over its port."""
+    return _cases(root, "doors_wire")
+
+
+@pytest.fixture(scope="session")
+def doors_browser(root: Path, doors_wire: ModuleType) -> ModuleType:
+    """Attacks on a started app in Chromium."""
+    assert doors_wire.__name__ in sys.modules  # it imports that
+    return _cases(root, "doors_browser")
+
+
+@pytest.fixture(scope="session")
 def cases(root: Path) -> ModuleType:
     """Filmed campaigns with a planted effect."""
     return _cases(root, "gap_cases")

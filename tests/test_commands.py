@@ -82,11 +82,24 @@ def test_steady_videos_give_the_neutral_point_back(samples: Path, tmp_path: Path
     result = read_result(tmp_path / "out" / "steady.json", SteadyFile)
     low, high = result.x_v_interval_m
     assert low < 0.219 < high
-    assert high - low < 0.02
-    assert result.force_unit == "F/R"
+    assert high - low < 0.05  # X_vv of a drifting hull is known as usual only: 2 to 4 % of F in these tows
+    assert result.force_unit == "N"
     assert len(result.pairs) == 6
-    assert not (tmp_path / "out" / "derivatives.json").exists()  # no tension is given
     assert all(tow.settled for tow in result.tows.values())
+    six = read_result(tmp_path / "out" / "derivatives.json", DerivativesFile).derivatives  # from how the tows settle
+    truth = json.loads((runs[0] / "truth" / "derivatives.json").read_text())["derivatives"]
+    assert len(six) == 6
+    for name in six:
+        assert abs(six[name].value - truth[name]) < 3.3 * six[name].std, name
+    # R unknown, too: X_v from the angles alone (4.9)
+    for run in runs:
+        (run / "run.toml").write_text((run / "run.toml").read_text().replace("tension_n = 0.5\n", ""))
+    assert main(["steady", *map(str, runs)]) == 0
+    result = read_result(tmp_path / "out" / "steady.json", SteadyFile)
+    low, high = result.x_v_interval_m
+    assert low < 0.219 < high
+    assert high - low < 0.1  # R is usual only, and X_vv U^2/R with it
+    assert result.force_unit == "F/R"
 
 
 def test_track_writes_an_overlay(samples: Path, tmp_path: Path) -> None:

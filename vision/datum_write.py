@@ -7,10 +7,11 @@ from pathlib import Path
 
 from ..geometry.camera import Lens
 from ..record.errors import InputError
-from ..record.files import replacing
+from ..record.files import TOML_BYTES, read_bytes
 from ..record.run import RUN_FILE, Run
 from ..record.schema import RunFile
 from ..record.toml import check_tables
+from ..record.typed import replacing_typed
 from .datum_find import FoundDatum, FoundPoint, find_datum
 from .recording import Frame, clip_info, read_frames
 
@@ -66,7 +67,7 @@ def write_datum(path: Path, points: tuple[FoundPoint | None, ...]) -> int:
     """
     import tomlkit
 
-    document = tomlkit.parse(path.read_bytes().decode("utf-8"))
+    document = tomlkit.parse(read_bytes(path, TOML_BYTES).decode("utf-8"))
     changed = 0
     for table, point in zip(document["datum"], points, strict=True):  # pyright: ignore
         if point is None or point.reason:
@@ -76,7 +77,7 @@ def write_datum(path: Path, points: tuple[FoundPoint | None, ...]) -> int:
         table["pixel_px"] = pixel  # pyright: ignore
         table["sigma_px"] = round(point.sigma_px, DIGITS)  # pyright: ignore
         changed += 1
-    check_tables(document.unwrap(), RunFile, path)
-    with replacing(path) as temporary:
+    checked = check_tables(document.unwrap(), RunFile, path)
+    with replacing_typed(path, checked.outside) as temporary:
         temporary.write_bytes(tomlkit.dumps(document).encode("utf-8"))
     return changed

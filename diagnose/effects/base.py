@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ...record.errors import InputError
+from ...record.files import PYTHON_BYTES, refusal
 from ...simulate.model import Array
 
 STAGES = ("camera", "clock", "line", "sway", "yaw")
@@ -187,9 +188,10 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     InputError : the file cannot be run, or defines none
     """
     path = Path(path)
+    wrong = refusal(path, PYTHON_BYTES)
     spec = importlib.util.spec_from_file_location(f"towline_effects_{path.stem}", path)
-    if spec is None or spec.loader is None or not path.is_file():
-        raise InputError(path, "", "no such Python file")
+    if wrong is not None or spec is None or spec.loader is None:
+        raise InputError(path, "", wrong or "no such Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     try:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
+from ..files import TABLE_BYTES, read_bytes
 from .convention import Array
 
 LONGEST = 100_000
@@ -58,12 +59,7 @@ def read_text(path: Path) -> list[str]:
     ------
     InputError : it is absent, empty, or no text
     """
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(path, "", "no such file") from None
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})") from None
+    content = read_bytes(path, TABLE_BYTES)
     if b"\0" in content[:4096]:
         raise InputError(path, "", "is no text; a table as text is expected")
     try:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, nullcontext, suppress
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...record.errors import VideoError
+from ...record.files import refusal
 from .ahead import Ahead
 from .clock import Clock
 from .ledger import Picture
@@ -24,6 +27,23 @@ from .pictures import Doubt, Stream
 FRAMES_AHEAD = 40
 BYTES_AHEAD = 64 << 20
 """Decoded frames waiting to be used: so many, and no more than this."""
+LISTS_OF_FILES = frozenset(
+    {
+        "concat",
+        "dash",
+        "hls",
+        "image2",
+        "imf",
+        "rtp",
+        "rtsp",
+        "sap",
+        "sdp",
+        "tedcaptions",
+        "vobsub",
+        "webm_dash_manifest",
+    }
+)
+"""Formats, by ffmpeg's names, whose pictures stand in other files or come from a network."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +170,7 @@ def _decoded_once(
     decode_threads: int | None,
     haste: bool,
 ) -> Generator[Frame]:
-    contradicted = contradiction(path) if Path(path).is_file() else None
+    contradicted = contradiction(path) if refusal(path) is None else None
     if contradicted is not None and frame_rate_hz is None:
         raise _index_error(path, contradicted)
     # an edit list cuts by times: where those are wrong, and frames are counted instead, nothing is cut
@@ -210,12 +230,15 @@ def _opened(path: str | Path, options: dict[str, str] | None = None):
     import av.error
 
     path = Path(path)
-    if not path.is_file():
-        raise VideoError(f"{path}: no such file")
+    wrong = refusal(path)
+    if wrong is not None:
+        raise VideoError(f"{path}: {wrong}")
     if path.stat().st_size == 0:
         raise VideoError(f"{path}: is empty")
+    given = {"format_whitelist": _formats(), **(options or {})}
     try:
-        container = av.open(str(path), options=options or {}, metadata_errors="replace")
+        # absolute: a name such as "concat:a|b" would be taken for a protocol
+        container = av.open(os.path.abspath(path), options=given, metadata_errors="replace")
     except (av.error.FFmpegError, ValueError) as error:
         raise VideoError(f"{path}: is not a video that can be read, or is cut short ({_reason(error)})") from None
     if not container.streams.video or container.streams.video[0].codec_context is None:
@@ -223,6 +246,14 @@ def _opened(path: str | Path, options: dict[str, str] | None = None):
         container.close()
         raise VideoError(f"{path}: holds {held}")
     return container
+
+
+@cache
+def _formats() -> str:
+    """All that the decoder reads but lists of other files: a recording is the one file that was named."""
+    from av import formats_available
+
+    return ",".join(sorted(formats_available - LISTS_OF_FILES))
 
 
 def _info(container: Any, path: str | Path) -> ClipInfo:

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 _BOXES_WITHIN = (b"trak", b"edts", b"mdia", b"minf", b"stbl")
 _LARGEST_INDEX_BYTES = 1 << 28
+_MOST_BOXES = 1 << 18
+"""Beside the index: fragments bring two each, one or more a second."""
 STEPS_APART = 1.5
 """Stated length and sum of the frame times may differ by so many frames (encoders count the last one differently)."""
 LENGTHS_APART = 1e-3
@@ -27,7 +29,10 @@ def contradiction(path: str | Path) -> str | None:
     if index is None:
         return None
     for track in _children(index, b"trak"):
-        found = dict(_tables(track))
+        try:
+            found = dict(_tables(track))
+        except RecursionError:
+            return "its boxes stand too deep in one another"
         if found.get(b"hdlr", b"")[8:12] == b"vide":
             found.update((name, box) for name, box in _boxes(index) if name == b"mvhd")
             try:
@@ -41,7 +46,9 @@ def _index_of(file: BinaryIO) -> bytes | None:
     """The moov box; None where there is none, or where fragments follow it (they bring tables of their own)."""
     end = file.seek(0, 2)
     at = 0
-    while at + 8 <= end:
+    for _ in range(_MOST_BOXES):
+        if at + 8 > end:
+            break
         file.seek(at)
         head = file.read(16)
         size = int.from_bytes(head[:4], "big")

@@ -1,0 +1,41 @@
+"""Names of files as text that any output takes: a byte in a name that is no UTF-8 is written as \\xff."""
+
+from __future__ import annotations
+
+import codecs
+
+BYTES_SHOWN = "towline_bytes_shown"
+"""The error handler (``errors=``) that does it."""
+
+
+def _shown_bytes(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    letters = error.object[error.start : error.end]
+    return "".join(_shown_letter(ord(letter)) for letter in letters), error.end
+
+
+def _shown_letter(code: int) -> str:
+    """Python keeps byte B of a file's name that is no UTF-8 as letter 0xDC00 + B."""
+    if 0xDC80 <= code <= 0xDCFF:
+        return f"\\x{code - 0xDC00:02x}"
+    return f"\\u{code:04x}" if code <= 0xFFFF else f"\\U{code:08x}"
+
+
+codecs.register_error(BYTES_SHOWN, _shown_bytes)
+
+
+def shown(text: str) -> str:
+    """``text`` with such bytes written out; any other text as it is."""
+    return text.encode("utf-8", BYTES_SHOWN).decode("utf-8")
+
+
+def take_any_name(*streams: object) -> None:
+    """Let standard output and standard error take names of files with any bytes."""
+    for stream in streams:
+        reconfigure = getattr(stream, "reconfigure", None)
+        if reconfigure is not None:
+            reconfigure(errors=BYTES_SHOWN)
+
+
+__all__ = ["BYTES_SHOWN", "shown", "take_any_name"]

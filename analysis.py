@@ -131,8 +131,13 @@ def identified(
     progress: Callable[[str], None] | None = None,
     noise: str = "auto",
     each: Each = in_turn,
+    kept: Callable[[Callable[[], Fit]], Fit] | None = None,
 ) -> Identified:
     """Joint fit of the six derivatives over the batch; ``noise`` as in ``identify.fit_with_noise``.
+
+    Parameters
+    ----------
+    kept : gets what fits, and gives the fit: what it says, or what it said before of the same runs
 
     Raises
     ------
@@ -150,7 +155,11 @@ def identified(
     if not used:
         raise EstimationError(next(iter(failed.values()), "no run to fit"))
     remarks = _one_hull(used)
-    fit = fit_with_noise(data, form, speed_m_s, noise, progress, each)
+
+    def fitted_now() -> Fit:
+        return fit_with_noise(data, form, speed_m_s, noise, progress, each)
+
+    fit = fitted_now() if kept is None else kept(fitted_now)
     first = used[0].run
     result = derivatives_file(
         fit,

@@ -72,7 +72,10 @@ def protocol(strangers: Strangers) -> type[asyncio.Protocol]:
     from uvicorn.protocols.http.h11_impl import H11Protocol
     from uvicorn.protocols.websockets.wsproto_impl import WSProtocol
 
-    class Socket(WSProtocol):
+    class Bounded(asyncio.Protocol):
+        client: Client | None
+        transport: Any
+
         def connection_lost(self, exc: Exception | None) -> None:
             if self.client is not None:
                 strangers.known(self.client)
@@ -81,26 +84,18 @@ def protocol(strangers: Strangers) -> type[asyncio.Protocol]:
         def data_received(self, data: bytes) -> None:
             try:
                 super().data_received(data)
-            except Exception:  # bytes that are no handshake or no frame: whatever the parser made of them
+            except Exception:  # bytes that are no request, handshake or frame: whatever the parser made of them
                 self.transport.abort()
 
-    class Watched(H11Protocol):
+    class Socket(Bounded, WSProtocol):
+        pass
+
+    class Watched(Bounded, H11Protocol):
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
             self.ws_protocol_class = Socket
             if self.client is not None:
                 strangers.came(self.client, transport, self.loop)
-
-        def connection_lost(self, exc: Exception | None) -> None:
-            if self.client is not None:
-                strangers.known(self.client)
-            super().connection_lost(exc)
-
-        def data_received(self, data: bytes) -> None:
-            try:
-                super().data_received(data)
-            except Exception:  # as above
-                self.transport.abort()
 
     return Watched
 

@@ -21,6 +21,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from browser import started
+
 SAMPLE = Path(__file__).resolve().parent.parent / "sample_videos" / "mariner" / "x1446"
 LARGER = {
     "image_size_px = [800, 600]": "image_size_px = [1280, 720]",
@@ -29,15 +31,6 @@ LARGER = {
     "cx_px = 399.5": "cx_px = 639.5",
     "cy_px = 299.5": "cy_px = 359.5",
 }
-ARGUMENTS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
 WAIT_MS = 20_000
 PAUSE_MS = 300
 """Between two jumps of the slider: a person looks."""
@@ -278,10 +271,9 @@ def main() -> int:
         address = re.search(r"http://\S+", process.stdout.readline())
         assert address
         print(f"start to address: {time.perf_counter() - begin:.1f} s")
-        chromium = next(p for n in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(n)))
         try:
             with sync_playwright() as playwright:
-                browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS)
+                browser = started(playwright)
                 page = browser.new_page(viewport={"width": 1366, "height": 768})
                 page.set_default_timeout(WAIT_MS)
                 page.add_init_script(NOTED)

@@ -26,8 +26,7 @@ def attacks(place: Path, connections: int, kills: int, shots: Path | None) -> It
     folder = wire.run_folder(place / "hall" / "x1446")
     errors = place / "errors.txt"
     yield wire.listed_processes(folder, errors)
-    app = App(folder, errors)
-    try:
+    with App(folder, errors) as app:
         with browser.chromium() as context:
             yield from browser.hostile_report(app, context, folder, shots)
             yield wire.cookie_alone(app, browser.other_port(app, context))
@@ -43,8 +42,6 @@ def attacks(place: Path, connections: int, kills: int, shots: Path | None) -> It
         yield wire.absurd_messages(app)
         with browser.chromium() as context:
             yield from browser.two_windows(app, context, folder)
-    finally:
-        app.end()
     yield wire.killed_saves(kills)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import socketserver
 import threading
 from collections.abc import Iterator
@@ -10,20 +9,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from browser import CHROMIUM, started
 from doors_wire import App, Row, run_folder
 
-CHROMIUM = next(
-    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
-)
-ARGUMENTS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
 SECRET = "what stands outside the run folder"
 HOSTILE = """<!doctype html><html><head><title>report</title>
 <meta http-equiv="refresh" content="1; url=http://127.0.0.1:EVIL/refresh">
@@ -108,7 +96,7 @@ def chromium() -> Iterator[Any]:
     from playwright import sync_api
 
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        browser = started(playwright)
         context = browser.new_context(viewport={"width": 1366, "height": 768})
         context.set_default_timeout(20_000)
         yield context
@@ -324,7 +312,6 @@ def two_windows(app: App, context: Any, folder: Path) -> list[Row]:
 
 
 __all__ = [
-    "ARGUMENTS",
     "CHROMIUM",
     "App",
     "Evil",

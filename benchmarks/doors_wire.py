@@ -132,6 +132,12 @@ class App:
         self._stream.flush()
         return self._errors.read_text()
 
+    def __enter__(self) -> App:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.end()
+
     def end(self) -> None:
         """As Ctrl+C does."""
         self.process.terminate()
@@ -505,8 +511,7 @@ def listed_processes(folder: Path, errors: Path) -> Row:
 
     looker = threading.Thread(target=look)
     looker.start()
-    app = App(folder, errors, environment={"BROWSER": f"{browser} %s"}, arguments=())
-    try:
+    with App(folder, errors, environment={"BROWSER": f"{browser} %s"}, arguments=()) as app:
         end = time.monotonic() + 10
         while not (folder.parent / "opened").exists() and time.monotonic() < end:
             time.sleep(0.05)
@@ -529,8 +534,6 @@ def listed_processes(folder: Path, errors: Path) -> Row:
         app.enter()
         used = app.status(app.ask(f"/?token={in_file[0]}"))
         held = not listed and closed and opened.startswith("file://") and used == 403
-    finally:
-        app.end()
     gone = not app.file.parent.exists()
     words = (
         f"{len(seen)} command lines seen: a file's path, no token{as_another}; a used token: {used}; gone at the end"

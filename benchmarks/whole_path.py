@@ -5,13 +5,15 @@
 The film is a sample joined to itself without encoding it again, taken through ``towline run``: tracked, mapped, refused by the fit
 with a line that names where it steps. What the fit takes is measured on records of as many frames that are one tow
 (``identify_scale``), and on campaigns of small runs: 20 s at 25 samples a second, one after the other with one worker. Each command
-is run once more: what is done is not done again. The largest campaign is interrupted in its joint step, too.
+is run once more: what is done is not done again. The largest campaign is interrupted in its joint step, too, and on its page.
+Every command runs on a terminal, where its progress is.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import pty
 import re
 import shutil
 import signal
@@ -20,6 +22,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -31,8 +34,10 @@ from towline.processes import THREADS
 SAMPLE = Path(__file__).resolve().parent.parent / "sample_videos" / "mariner" / "x1446"
 RATE_HZ = 30.0
 LOOK_EVERY_S = 0.05
-FITTING = re.compile(r"full: step|joint fit|fitting")
-"""What the progress lines of a joint step hold."""
+FITTING, DRAWING = re.compile(r"full: step \d+"), re.compile(r"drawing the page")
+"""What a campaign says in its joint step, and once that is done."""
+SCRATCH = re.compile(r"\S*/(?=(film|long|campaign)-)")
+CONTROLS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
 
 def joined(folder: Path, frames: int) -> Path:
@@ -58,27 +63,40 @@ def joined(folder: Path, frames: int) -> Path:
 
 
 def timed(arguments: Sequence[str | Path], stop_at: re.Pattern | None = None) -> tuple[float, float, float, int, str]:
-    """Wall and processor seconds, largest memory of a process in MiB, exit code, and what it said last.
+    """Wall and processor seconds, largest memory of a process in MiB, exit code, and what it said last; on a terminal.
 
     stop_at : SIGINT as soon as the progress says this
     """
     began = time.perf_counter()
-    with tempfile.NamedTemporaryFile("r", suffix=".txt") as said:
-        with open(said.name, "w", encoding="utf-8") as target:
-            process = subprocess.Popen(
-                [sys.executable, "-m", "towline", *map(str, arguments)], stdout=target, stderr=subprocess.STDOUT
-            )
-        largest, busy = 0.0, 0.0
-        while process.poll() is None:
-            rss, cpu = _tree(process.pid)
-            largest, busy = max(largest, rss), max(busy, cpu)
-            if stop_at is not None and stop_at.search(said.read()):
-                process.send_signal(signal.SIGINT)
-                stop_at = None
-            time.sleep(LOOK_EVERY_S)
-        said.seek(0)
-        lines = [line for line in re.split(r"[\r\n]+", said.read()) if line.strip()]
+    here, terminal = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "towline", *map(str, arguments)], stdout=terminal, stderr=terminal, stdin=terminal
+    )
+    os.close(terminal)
+    os.set_blocking(here, False)
+    largest, busy, said, looked = 0.0, 0.0, "", 0
+    while process.poll() is None:
+        rss, cpu = _tree(process.pid)
+        largest, busy = max(largest, rss), max(busy, cpu)
+        said += _heard(here)
+        if stop_at is not None and (found := stop_at.search(said, looked)):
+            process.send_signal(signal.SIGINT)
+            stop_at = None
+            print(f"{'':34}stopped at: {found.group(0)}")
+        looked = max(0, len(said) - 200)
+        time.sleep(LOOK_EVERY_S)
+    said += _heard(here)
+    os.close(here)
+    lines = [line for line in re.split(r"[\r\n]+", CONTROLS.sub("", said)) if line.strip()]
     return time.perf_counter() - began, busy, largest, process.returncode, lines[-1] if lines else ""
+
+
+def _heard(terminal: int) -> str:
+    parts = []
+    with suppress(OSError):  # nothing there now, or the other side is gone
+        while part := os.read(terminal, 1 << 16):
+            parts.append(part.decode(errors="replace"))
+    return "".join(parts)
 
 
 def _tree(pid: int) -> tuple[float, float]:
@@ -98,9 +116,13 @@ def _tree(pid: int) -> tuple[float, float]:
 def _row(words: str, size: int, found: tuple[float, float, float, int, str]) -> None:
     wall, busy, memory, code, last = found
     print(
-        f"{words:34}{size:8d}{wall:9.1f}{busy:11.1f}{1000 * busy / size:14.2f}{memory:9.0f}{code:6d}   {last[:90]}",
+        f"{words:34}{size:8d}{wall:9.1f}{busy:11.1f}{1000 * busy / size:14.2f}{memory:9.0f}{code:6d}   {_short(last)}",
         flush=True,
     )
+
+
+def _short(last: str) -> str:
+    return SCRATCH.sub("", last)[:60]
 
 
 def main() -> None:
@@ -131,7 +153,10 @@ def main() -> None:
                 shutil.copytree(run, some / run.name)
             command = ["campaign", some, "--workers", "1"]
             if runs == max(given.runs):
-                _row("campaign, interrupted in its fit", runs, timed(command, FITTING))
+                _row("campaign, stopped in its fit", runs, timed(command, FITTING))
+                _row("campaign, stopped after its fit", runs, timed(command, DRAWING))
+                _row("campaign, to its end", runs, timed(command))
+                shutil.rmtree(some / "out")
             _row("campaign, runs", runs, timed(command))
             _row("  once more", runs, timed(command))
             shutil.rmtree(some)

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from ..record.errors import InputError, TowlineError
 from ..record.run import RUN_FILE
 from .find import OUT, run_folders
 from .table import tidy, write_tidy
-from .work import TRIM, WANTS, Answer, Options, fit_job, restored, run_job
+from .work import TRIM, WANTS, Answer, Options, Tell, fit_job, restored, run_job
 
 LOCK = ".campaign.lock"
 
@@ -78,7 +79,7 @@ def campaign(
         runs += [Answer(name, name, f"no {RUN_FILE} in this folder; towline init writes one") for name in found.without]
         plan = _fits(runs, folder, target)
         # a fit is one job of this process; what it does run by run is spread over the workers
-        jobs = [(fit_job, (name, *rest, chosen, each_of(workers))) for name, *rest in plan]
+        jobs = [(fit_job, (name, *rest, chosen, each_of(workers), _telling(say, name))) for name, *rest in plan]
         with processes(1) as here:
             fits = _answers(here, jobs, [name for name, *_ in plan], "fits", say)
         runs, fits = ([_from_here(a, folder) for a in answers] for answers in (runs, fits))
@@ -97,6 +98,12 @@ def _answers(workers: Done, jobs: Sequence[Any], order: Sequence[str], what: str
         failed += bool(answer.reason)
         say(f"{what}: {failed} failed", len(found), len(jobs))
     return [found[job] for job in order]
+
+
+def _telling(say: Progress, name: str) -> Tell:
+    """What a fit tells, said with how often it told something: nobody knows how many steps it takes."""
+    steps = count(1)
+    return lambda said: say(f"{name}: {said}", next(steps), None)
 
 
 def _from_here(answer: Answer, folder: Path) -> Answer:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,8 +17,13 @@ from ..record.errors import TowlineError
 from ..record.files import JSON_BYTES, read_text, sha256_of_texts, write_text
 from ..record.schema import Line
 
+if TYPE_CHECKING:
+    from ..identify import Fit
+
 RECORD = "campaign.json"
 """Beside a fit's results, written last: what they were made from, and the answer."""
+FIT = ".fit.json"
+"""Beside them while the page is not drawn: the fit."""
 WANTS = ", "
 TRIM = "trim"
 """Of the model, by the stern positive, rad; among a run's numbers where run.toml says it."""
@@ -77,16 +82,35 @@ class Answer:
     redone: bool = True
 
 
+Tell = Callable[[str], None]
+
+
+def silent(said: str) -> None:
+    """Nobody is told."""
+
+
 def run_job(job: str, folder: str, options: dict[str, Any]) -> dict[str, Any]:
     """Tracks and motion of one run; whatever goes wrong is its reason."""
     return _answered(job, "", lambda: _moved(job, Path(folder), Options(**options)))
 
 
 def fit_job(
-    job: str, kind: str, folders: Sequence[str], out: str, options: dict[str, Any], each: Each = in_turn
+    job: str,
+    kind: str,
+    folders: Sequence[str],
+    out: str,
+    options: dict[str, Any],
+    each: Each = in_turn,
+    tell: Tell = silent,
 ) -> dict[str, Any]:
-    """Derivatives or steady state of several runs, unless they stand in ``out`` already; ``each``: what does a run's share."""
-    return _answered(job, job, lambda: _fit(job, kind, folders, Path(out), Options(**options), each))
+    """Derivatives or steady state of several runs, unless they stand in ``out`` already.
+
+    Parameters
+    ----------
+    each : does a run's share
+    tell : hears what is going on
+    """
+    return _answered(job, job, lambda: _fit(job, kind, folders, Path(out), Options(**options), each, tell))
 
 
 def _answered(job: str, name: str, work: Callable[[], Answer]) -> dict[str, Any]:
@@ -99,18 +123,20 @@ def _answered(job: str, name: str, work: Callable[[], Answer]) -> dict[str, Any]
     return asdict(answer)
 
 
-def _fit(job: str, kind: str, folders: Sequence[str], out: Path, options: Options, each: Each) -> Answer:
+def _fit(job: str, kind: str, folders: Sequence[str], out: Path, options: Options, each: Each, tell: Tell) -> Answer:
     stamp = _stamp(kind, folders, options)
-    kept = None if options.fresh else _kept(out / RECORD, stamp)
-    if kept is not None:
-        return replace(kept, redone=False)
-    if kind == "derivatives":
-        answer = _fitted(job, folders, out, options, stamp, each)
-    elif kind == "free_run":
-        answer = _freed(job, folders, out, options, stamp)
+    answer = None if options.fresh else _kept(out / RECORD, stamp)
+    if answer is not None:
+        answer = replace(answer, redone=False)
     else:
-        answer = _settled(job, folders, out, options, stamp)
-    write_text(out / RECORD, json.dumps(asdict(answer), indent=1, sort_keys=True) + "\n")
+        if kind == "derivatives":
+            answer = _fitted(job, folders, out, options, stamp, each, tell)
+        elif kind == "free_run":
+            answer = _freed(job, folders, out, options, stamp)
+        else:
+            answer = _settled(job, folders, out, options, stamp)
+        write_text(out / RECORD, json.dumps(asdict(answer), indent=1, sort_keys=True) + "\n")
+    (out / FIT).unlink(missing_ok=True)
     return answer
 
 
@@ -167,15 +193,22 @@ def _numbers(run: Any, m: Any) -> tuple[Number, ...]:
     return tuple(found)
 
 
-def _fitted(job: str, folders: Sequence[str], out: Path, options: Options, stamp: str, each: Each) -> Answer:
+def _fitted(
+    job: str, folders: Sequence[str], out: Path, options: Options, stamp: str, each: Each, tell: Tell
+) -> Answer:
     from ..analysis import fit_page, identified, moved_batch
     from ..record.results import write_result
     from ..report.identify_page import write_identify_page
 
     batch = moved_batch(folders, options.method, line=options.line)
-    answer = identified(batch, options.form, options.speed_m_s, noise=options.noise, each=each)
+
+    def kept(fit: Callable[[], Fit]) -> Fit:
+        return _kept_fit(out / FIT, stamp, options.fresh, fit)
+
+    answer = identified(batch, options.form, options.speed_m_s, None, tell, options.noise, each, kept)
     write_result(out / "derivatives.json", answer.result)
-    write_identify_page(out / "derivatives.html", fit_page(answer, each=each), each)
+    tell("drawing the page")
+    write_identify_page(out / "derivatives.html", fit_page(answer, None, tell, each), each)
     result = answer.result
     numbers = [(name, d.value, d.std, d.unit) for name, d in result.derivatives.items()]
     numbers += [(f"{name}_prime", d.prime, d.prime_std, "") for name, d in result.derivatives.items()]
@@ -234,6 +267,21 @@ def _kept(path: Path, stamp: str) -> Answer | None:
         return answer if all((path.parent / name).is_file() for name in answer.wrote) else None
     except (KeyError, TypeError, ValueError):  # damaged: done again
         return None
+
+
+def _kept_fit(path: Path, stamp: str, fresh: bool, fit: Callable[[], Fit]) -> Fit:
+    """What ``fit`` gives, or gave before this was stopped on its way to the page."""
+    from ..identify.stored import fit_as_text, fit_from_text
+
+    try:
+        said, _, text = read_text(path, JSON_BYTES).partition("\n")
+        if said == stamp and not fresh:
+            return fit_from_text(text)
+    except (ValueError, TowlineError):
+        pass
+    text = fit_as_text(fit())
+    write_text(path, f"{stamp}\n{text}")
+    return fit_from_text(text)  # as it lies in memory then: sums of the same order give the same last digit
 
 
 def restored(plain: dict[str, Any]) -> Answer:

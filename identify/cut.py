@@ -19,8 +19,6 @@ FREE_S = 1.0
 """A touch counts after the model was clear of both walls for so long: many are let go from the side."""
 LOST_S = 1.0
 """A model not found for so long, up to the record's end, is lost for good."""
-STEP_SD, STEP_AROUND = 10.0, 5
-"""Neighbours stand a step apart that is so many of their standard deviations, and keeps for so many samples on both sides."""
 
 
 @dataclass(frozen=True)
@@ -48,48 +46,6 @@ def cut_of(run: Run, motion: pd.DataFrame) -> Cut | None:
     """
     found = [c for c in (_wall(run, motion), _lost(motion)) if c is not None]
     return min(found, key=lambda c: c.t_s, default=None)
-
-
-@dataclass(frozen=True)
-class Step:
-    """Where a record leaves its path at once, which no hull does.
-
-    Attributes
-    ----------
-    t_s : of the largest step
-    y_m, beta_rad : its size
-    count : of all such places
-    """
-
-    t_s: float
-    y_m: float
-    beta_rad: float
-    count: int
-
-
-def step_of(t_s: Array, y_m: Array, beta_rad: Array, sd: Array) -> Step | None:
-    """The largest step of a record, None where there is none.
-
-    Parameters
-    ----------
-    t_s, y_m, beta_rad : (n,)
-    sd : (n, 2), of y and beta
-    """
-    n, around = len(t_s), STEP_AROUND
-    if n < 4 * around:
-        return None
-    z = np.stack([y_m, beta_rad]) / np.median(sd, axis=0)[:, None]
-    slope = np.median(np.lib.stride_tricks.sliding_window_view(np.diff(z), 2 * around + 1, axis=1), axis=2)
-    at = np.arange(around, around + slope.shape[1])  # the step is from sample ``at`` to the next
-    right = np.median([z[:, at + 1 + k] - k * slope for k in range(around)], axis=0)
-    left = np.median([z[:, at - k] + k * slope for k in range(around)], axis=0)
-    size, once = right - left - slope, np.diff(z)[:, at] - slope
-    found = (np.minimum(np.abs(size), np.abs(once)) > STEP_SD).any(axis=0)
-    if not found.any():
-        return None
-    largest = int(np.argmax(np.where(found, np.abs(size).max(axis=0), 0.0)))
-    step = size[:, largest] * np.median(sd, axis=0)
-    return Step(float(t_s[at[largest] + 1]), float(step[0]), float(step[1]), int(found.sum()))
 
 
 def before_cut(run: Run, motion: pd.DataFrame) -> Array:

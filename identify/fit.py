@@ -20,7 +20,6 @@ from ..record.errors import EstimationError, solvable
 from ..simulate.model import Array
 from .colour.disturbance import Disturbance
 from .colour.leftover import Whitened, leftover
-from .cut import Step, step_of
 from .data import RunData
 from .joint.arrow import Inverse, Shares, inverse_of, shares_of, widened
 from .joint.begin import knows_full_only, rough_optimum
@@ -30,11 +29,10 @@ from .joint.problem import OWN, Answer, Problem
 from .joint.solve import Optimum, minimise
 from .joint.thin import without_modes
 from .noise import Whitener, stated
+from .stepping import refuse_stepping, why_not_followed
 from .still import Colour, colours, reweighted
 
 FORMS = ("linear", "full")
-FOLLOWED = 0.5
-"""A stepping record is still one tow's where what is left of it is less than this share of the step, in standard deviations."""
 REWEIGHTINGS = 4
 SETTLED = 0.01
 """Reweighting ends when no scatter changes by more than this share."""
@@ -163,7 +161,7 @@ def fit_runs(
     try:
         return _fitted(runs, form, speed, progress, start, extra, hold, near)
     except EstimationError as error:
-        raise _why(runs, error) from error
+        raise why_not_followed(runs, error) from error
 
 
 def _fitted(
@@ -183,11 +181,14 @@ def _fitted(
         paths = list(near.paths) if any(d.shared for d in runs) else None
     else:
         theta, steps = rough_optimum(runs, speed, form, progress, start, extra, hold)
-        _refuse_stepping(runs, Problem([without_modes(d) for d in runs], form, speed, hold, extra), theta)
+
+        def plain() -> Problem:
+            return Problem([without_modes(d) for d in runs], form, speed, hold, extra)
+
+        refuse_stepping(runs, lambda: plain().residuals(theta))
         if any(d.shared for d in runs):
             # the common modes must be known along a smooth path before they may move
-            plain = Problem([without_modes(d) for d in runs], form, speed, hold, extra)
-            optimum = minimise(plain, theta, weights, progress, damping=NEAR)
+            optimum = minimise(plain(), theta, weights, progress, damping=NEAR)
             theta, steps = optimum.theta, steps + optimum.steps
             paths = [a.response.T for a in optimum.answers]
     first_chi2 = np.nan
@@ -213,38 +214,6 @@ def _fitted(
             break
     assert optimum is not None
     return _report(problem, optimum, weights, known, first_chi2, steps)
-
-
-def _why(runs: list[RunData], error: EstimationError) -> EstimationError:
-    """What a record that no motion follows may be: one that steps."""
-    return next((_stepping(d, step) for d in runs if (step := _step_of(d)) is not None), error)
-
-
-def _refuse_stepping(runs: list[RunData], problem: Problem, theta: Array) -> None:
-    """A record that steps and is followed worse than the step is large is none of one tow; a knocked camera leaves half of it."""
-    found = [_step_of(d) for d in runs]
-    if not any(found):
-        return
-    left = problem.residuals(theta)
-    for data, step, residual in zip(runs, found, left, strict=True):
-        if step is not None:
-            sd = np.sqrt(np.einsum("nii->ni", data.covariance)).T
-            size = float(np.max(np.abs([step.y_m, step.beta_rad]) / np.median(sd, axis=1)))
-            if not float(np.sqrt(np.mean((residual / sd) ** 2))) < FOLLOWED * size:
-                raise _stepping(data, step)
-
-
-def _step_of(data: RunData) -> Step | None:
-    return step_of(data.t_s, data.y_m, data.beta_rad, np.sqrt(np.einsum("nii->ni", data.covariance)))
-
-
-def _stepping(data: RunData, step: Step) -> EstimationError:
-    many = f", and at {step.count - 1} more places" if step.count > 1 else ""
-    return EstimationError(
-        f"run {data.name!r}: y_CG steps by {1000 * step.y_m:+.1f} mm and the heading by {np.degrees(step.beta_rad):+.2f} "
-        f"deg at t = {step.t_s:.2f} s{many}: no hull moves so. Were recordings joined there, or marks taken for one "
-        "another? [source] span_s takes one part"
-    )
 
 
 def _share(fit: Fit, problem: Problem, theta: Array) -> None:

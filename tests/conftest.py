@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import importlib.util
 import re
+import shutil
 import sys
 from collections.abc import Callable
 from html.parser import HTMLParser
@@ -50,6 +51,16 @@ def _cases(root: Path, name: str) -> ModuleType:
     return module
 
 
+@pytest.fixture
+def run_folder(tmp_path: Path, samples: Path) -> Path:
+    """A copy of a sample, without results and truth."""
+    folder = tmp_path / "x1446"
+    folder.mkdir()
+    for name in ("video.mp4", "run.toml"):
+        shutil.copy(samples / "mariner" / "x1446" / name, folder)
+    return folder
+
+
 @pytest.fixture(scope="session")
 def cameras(root: Path) -> ModuleType:
     """Random cameras and planted faults."""
@@ -75,9 +86,18 @@ def doors_wire(root: Path) -> ModuleType:
 
 
 @pytest.fixture(scope="session")
-def doors_browser(root: Path, doors_wire: ModuleType) -> ModuleType:
+def browsers(root: Path) -> ModuleType:
+    """Chromium, where there is one."""
+    made = _cases(root, "browser")
+    if made.CHROMIUM is None:
+        pytest.skip("no Chromium on this machine")
+    return made
+
+
+@pytest.fixture(scope="session")
+def doors_browser(root: Path, browsers: ModuleType, doors_wire: ModuleType) -> ModuleType:
     """Attacks on a started app in Chromium."""
-    assert doors_wire.__name__ in sys.modules  # it imports that
+    assert {browsers.__name__, doors_wire.__name__} <= sys.modules.keys()  # it imports them
     return _cases(root, "doors_browser")
 
 

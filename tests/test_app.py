@@ -6,7 +6,6 @@ import ast
 import asyncio
 import os
 import re
-import shutil
 import socket
 import stat
 import subprocess
@@ -45,16 +44,6 @@ AT_THE_BOUND = {"_dot": 1.33, "_corner": 1.50}
 three times the 8 % by which the rms of 80 coordinates scatters."""
 CODEC_PX = 0.15
 """Four times the 0.04 px rms that a mark of the samples lies off in the decoded picture."""
-
-
-@pytest.fixture
-def run_folder(tmp_path: Path, samples: Path) -> Path:
-    """A copy of a sample, without results and truth."""
-    folder = tmp_path / "x1446"
-    folder.mkdir()
-    for name in ("video.mp4", "run.toml"):
-        shutil.copy(samples / "mariner" / "x1446" / name, folder)
-    return folder
 
 
 @pytest.fixture

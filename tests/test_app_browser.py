@@ -15,22 +15,11 @@ import time
 import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
 
-CHROMIUM = next(
-    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
-)
-ARGUMENTS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
 SIGMAS = 5.0
 """Each derivative lies within so many of its own standard deviations of the truth: one in two million is farther by chance."""
 MOTION_M = 2e-3
@@ -56,7 +45,6 @@ MOVED = """() => {
 
 pytest.importorskip("nicegui", reason="nicegui is not installed (the extra app)")
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (the extra test)")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
 
 
 class Served:
@@ -136,13 +124,15 @@ def served(tank: Path, tmp_path: Path) -> Iterator[Served]:
 
 
 @pytest.mark.slow
-def test_from_a_video_to_derivatives(served: Served, tank: Path, samples: Path, tmp_path: Path) -> None:
+def test_from_a_video_to_derivatives(
+    browsers: ModuleType, served: Served, tank: Path, samples: Path, tmp_path: Path
+) -> None:
     sample = tomllib.loads((samples / "mariner" / "x1446" / "run.toml").read_text())
     shots = Path(os.environ.get("TOWLINE_SHOTS", tmp_path / "shots"))
     said: list[str] = []
     asked: list[str] = []
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        browser = browsers.started(playwright)
         page = browser.new_page(viewport={"width": 1366, "height": 768})
         page.set_default_timeout(15_000)
         page.on("console", lambda m: said.append(m.text) if m.type in ("error", "warning") else None)

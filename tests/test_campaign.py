@@ -20,7 +20,7 @@ import pytest
 from towline.campaign.find import run_folders
 from towline.campaign.remote import cache_folder
 from towline.campaign.whole import campaign
-from towline.campaign.work import RECORD, Options
+from towline.campaign.work import FIT, RECORD, Options
 from towline.campaign.workers import workers
 from towline.cli import EXIT_SOME_FAILED, main
 from towline.record import InputError
@@ -150,6 +150,50 @@ def test_a_killed_campaign_goes_on_to_the_same_end(
         campaign(folder, one, QUICK)
     for path, when in finished.items():
         assert os.stat(path).st_mtime_ns == when
+    assert files_of(folder) == undisturbed[1]
+
+
+def test_what_is_stopped_after_the_fit_does_not_fit_again(
+    made: Path, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path, files_of: FilesOf
+) -> None:
+    """The fit tells of its steps; Ctrl+C while its page is drawn, and what is told then tells of none."""
+    folder = copied(made, tmp_path)
+    said: list[str] = []
+
+    def stopping(text: str, done: int, total: int | None) -> None:
+        said.append(text)
+        if "page" in text:
+            raise KeyboardInterrupt
+
+    with workers(1) as one:
+        with pytest.raises(KeyboardInterrupt):
+            campaign(folder, one, QUICK, progress=stopping)
+        assert sum("step" in text for text in said) > 3
+        said.clear()
+        campaign(folder, one, QUICK, progress=lambda text, done, total: said.append(text))
+    assert any("page" in text for text in said)
+    assert not any("step" in text for text in said)
+    assert files_of(folder) == undisturbed[1]
+
+
+@pytest.mark.parametrize(
+    "damage", [b"", b"x", b'{"is": "Fit", "holds": {}}', b'{"is": "array", "holds": 3}', b"[" * 10_000]
+)
+def test_a_damaged_fit_is_fitted_again(
+    made: Path, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path, files_of: FilesOf, damage: bytes
+) -> None:
+    folder = copied(made, tmp_path)
+
+    def stopping(text: str, done: int, total: int | None) -> None:
+        if "page" in text:
+            raise KeyboardInterrupt
+
+    with workers(1) as one:
+        with pytest.raises(KeyboardInterrupt):
+            campaign(folder, one, QUICK, progress=stopping)
+        kept = folder / "out" / "derivatives" / FIT
+        kept.write_bytes(kept.read_bytes().partition(b"\n")[0] + b"\n" + damage)
+        campaign(folder, one, QUICK)
     assert files_of(folder) == undisturbed[1]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import stat
 import subprocess
 import sys
@@ -25,16 +24,6 @@ posix = pytest.mark.skipif(os.name != "posix", reason="permissions and links of 
 
 def mode(path: Path) -> int:
     return stat.S_IMODE(path.stat().st_mode)
-
-
-@pytest.fixture
-def run_folder(tmp_path: Path, samples: Path) -> Path:
-    """A copy of a sample, without results and truth."""
-    folder = tmp_path / "x1446"
-    folder.mkdir()
-    for name in ("video.mp4", "run.toml"):
-        shutil.copy(samples / "mariner" / "x1446" / name, folder)
-    return folder
 
 
 def faster(folder: Path) -> Document:

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from towline.identify import RunData, fit_runs
-from towline.identify.cut import step_of
+from towline.identify.stepping import step_of
 from towline.identify.surge import surge_moves
 from towline.identify.tension import refuse_impossible, slack_spells, tension_from_motion
 from towline.record import EstimationError, Priors
@@ -315,7 +315,7 @@ def test_records_joined_to_one_are_named() -> None:
         common=np.zeros((0, 3 * n, 2)),
         lag=np.zeros((0, 3 * n, 2)),
     )
-    step = step_of(joined.t_s, joined.y_m, joined.beta_rad, np.sqrt(np.einsum("nii->ni", joined.covariance)))
+    step = step_of(joined)
     assert step is not None
     assert step.t_s == pytest.approx(n * 0.08) or step.t_s == pytest.approx(2 * n * 0.08)
     speed = (
@@ -323,7 +323,7 @@ def test_records_joined_to_one_are_named() -> None:
     )  # a sample; both sides are carried on over two at the mean of their slopes
     assert step.y_m == pytest.approx(one.y_m[0] - one.y_m[-1], abs=2 * speed + 3e-3)
     assert step.count == 2
-    assert step_of(one.t_s, one.y_m, one.beta_rad, np.sqrt(np.einsum("nii->ni", one.covariance))) is None
+    assert step_of(one) is None
     beaten = replace(joined, y_m=3.0 * joined.y_m)  # no motion of these equations at all
     with pytest.raises(EstimationError, match=r"y_CG steps by .* mm and the heading by .* at t = 40.00 s, and at"):
         fit_runs([beaten])

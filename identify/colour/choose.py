@@ -63,16 +63,17 @@ def fit_with_noise(
         return replace(fit, notes=(f"the residuals are {what} (least Ljung-Box p {lowest:.2g}): output error",))
     if noise == "auto" and len(runs) > 2 * MOST_ASKED:
         some = [runs[k] for k in sorted(np.argsort(chances, kind="stable")[:MOST_ASKED])]
-        asked = _asked(some, fit_runs(some, form, fit.speed_m_s, progress), form, noise, progress, each)
+        few = fit_runs(some, form, fit.speed_m_s, progress)
+        asked = _asked(_along(some, few), few, form, noise, progress, each)
         if asked.found is None:
             return _without_force(runs, fit, form, asked, progress)
         begin = asked.found.noise
     else:
         begin = None
-    asked = _asked(runs, fit, form, noise, progress, each, begin)
+    along = _along(runs, fit)
+    asked = _asked(along, fit, form, noise, progress, each, begin)
     if asked.found is None:
         return _without_force(runs, fit, form, asked, progress)
-    along = [modes_along(d, p) for d, p in zip(runs, fit.response, strict=True)]
     return as_fit(along, fit, asked.found, (asked.words,))
 
 
@@ -86,7 +87,7 @@ class _Asked:
 
 
 def _asked(
-    runs: list[RunData],
+    along: list[RunData],
     fit: Fit,
     form: str,
     noise: str,
@@ -94,10 +95,9 @@ def _asked(
     each: Each,
     begin: Array | None = None,
 ) -> _Asked:
-    """Fit a force to the residuals of ``fit``, and hold it against coloured measurement noise."""
-    known = any(colours(runs))
+    """Fit a force to the residuals of ``fit`` to the runs ``along`` its path, and hold it against coloured measurement noise."""
+    known = any(colours(along))
     what = "coloured beyond what the static records show" if known else "coloured"
-    along = [modes_along(d, p) for d, p in zip(runs, fit.response, strict=True)]
     try:
         found = maximise(along, form, fit.speed_m_s, fit.theta, begin, progress, each=each)
     except EstimationError as error:
@@ -126,6 +126,10 @@ def _asked(
         else f"innovations form as asked for (BIC lower by {gap:.0f} than for coloured measurement noise): "
     ) + f"side force {d.force_n:.2g} N, moment {d.moment_n_m:.2g} N m, correlation time {d.time_s:.2g} s"
     return _Asked(found, words)
+
+
+def _along(runs: list[RunData], fit: Fit) -> list[RunData]:
+    return [modes_along(d, path) for d, path in zip(runs, fit.response, strict=True)]
 
 
 def _without_force(

@@ -14,7 +14,6 @@ from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..data import RunData
 from ..noise import stated
-from .full import full_paths
 from .problem import OWN, Problem
 from .solve import Optimum, Progress, minimise, normal
 from .thin import thinned
@@ -122,13 +121,16 @@ def _grown(
     few = [thinned(d) for d in runs]
     while span_s < longest_s:
         span_s *= 2
-        parts = [_until(d, span_s) for d in few]
-        problem = Problem(parts, form, speed_m_s, hold, extra, rough=True)
-        weights = [stated(d.covariance, d.t_s) for d in parts]
-        ends = ROUGH_CONVERGED if span_s >= longest_s else LEADING_CONVERGED
-        found = minimise(problem, theta, weights, progress, converged=ends)
+        problem = Problem([_until(d, span_s) for d in few], form, speed_m_s, hold, extra, rough=True)
+        found = _followed(problem, theta, progress, last=span_s >= longest_s)
         theta, steps = found.theta, steps + found.steps
     return theta, steps
+
+
+def _followed(problem: Problem, theta: Array, progress: Progress | None, last: bool) -> Optimum:
+    """The optimum of a part of the records; roughly, where it is not the ``last``."""
+    weights = [stated(d.covariance, d.t_s) for d in problem.runs]
+    return minimise(problem, theta, weights, progress, converged=ROUGH_CONVERGED if last else LEADING_CONVERGED)
 
 
 def _by_some(
@@ -176,14 +178,11 @@ def _biased(data: RunData) -> RunData:
 
 
 def _per_residual(problem: Problem, theta: Array, weights) -> float:
-    """Chi-square over the residuals' number, of runs without common modes in the full form; no sensitivities are asked for."""
+    """Chi-square over the residuals' number; no sensitivities are asked for."""
     with np.errstate(all="ignore"):
-        paths, _ = full_paths(problem.runs, problem.run_values(theta), problem.speed, ())
+        left = problem.residuals(theta)
         cost = problem.prior(theta)[2]
-        for k, (data, weight, (response, _)) in enumerate(zip(problem.runs, weights, paths, strict=True)):
-            at = problem.own_at(k) + OWN.index("y_b")
-            residual = np.stack([data.y_m, data.beta_rad]) - response - theta[at : at + 2, None]
-            cost += float((weight.along(residual) ** 2).sum())
+        cost += sum(float((w.along(residual) ** 2).sum()) for w, residual in zip(weights, left, strict=True))
     return cost / sum(2 * len(d.t_s) for d in problem.runs) if np.isfinite(cost) else np.inf
 
 
@@ -191,19 +190,16 @@ def _led_in(
     runs: list[RunData], speed_m_s: float, begins: list[Array], progress: Progress | None, extra: Extra, hold
 ) -> tuple[Optimum, int]:
     """The records' first part from the best of the starts, then more and more of it."""
-    steps, found = 0, None
-    theta = begins[-1]
-    for share in SHARES:
-        parts = [_first_part(d, share) for d in runs]
-        problem = Problem(parts, "full", speed_m_s, hold, extra, rough=True)
-        some = [stated(d.covariance, d.t_s) for d in parts]
-        if found is None:
-            theta = min(begins, key=lambda t: _per_residual(problem, t, some))
-        ends = ROUGH_CONVERGED if share == SHARES[-1] else LEADING_CONVERGED
-        found = minimise(problem, theta, some, progress, converged=ends)
+    problems = [
+        Problem([_first_part(d, share) for d in runs], "full", speed_m_s, hold, extra, rough=True) for share in SHARES
+    ]
+    weights = [stated(d.covariance, d.t_s) for d in problems[0].runs]
+    theta, steps = min(begins, key=lambda t: _per_residual(problems[0], t, weights)), 0
+    for problem in problems[:-1]:
+        found = _followed(problem, theta, progress, last=False)
         theta, steps = found.theta, steps + found.steps
-    assert found is not None
-    return found, steps
+    found = _followed(problems[-1], theta, progress, last=True)
+    return found, steps + found.steps
 
 
 def _until(data: RunData, span_s: float) -> RunData:

@@ -207,14 +207,18 @@ class Problem:
             paths, _ = full_paths(self.runs, values, self.speed, (), self._guess, self.rough)
         else:
             paths = linear_paths(self.runs, values, self.speed, ())
-        return [self._left(i, theta, response) for i, (response, _) in enumerate(paths)]
+        return [
+            _measured(d) - self._seen(i, theta, path)
+            for i, (d, (path, _)) in enumerate(zip(self.runs, paths, strict=True))
+        ]
 
-    def _left(self, index: int, theta: Array, response: Array) -> Array:
-        data, own = self.runs[index], self.own_at(index)
-        total = response + theta[own + 4 : own + 6, None]
-        for key, shared in data.shared:
-            total = total + np.einsum("cmn,m->cn", shared.transpose(2, 0, 1), theta[self.mode_at[key]])
-        return np.stack([data.y_m, data.beta_rad]) - total
+    def _seen(self, index: int, theta: Array, path: Array) -> Array:
+        """``path`` (2, n) of a run with its biases and common modes."""
+        own = self.own_at(index)
+        seen = path + theta[own + 4 : own + 6, None]
+        for key, shared in self.runs[index].shared:
+            seen = seen + np.einsum("cmn,m->cn", shared.transpose(2, 0, 1), theta[self.mode_at[key]])
+        return seen
 
     @property
     def layout(self) -> Layout:
@@ -239,7 +243,7 @@ class Problem:
         return matrix, gradient, float(cost)
 
     def _answer(
-        self, index: int, theta: Array, values: Array, guess: Guess | None, response: Array, sensitivity: Array
+        self, index: int, theta: Array, values: Array, guess: Guess | None, path: Array, sensitivity: Array
     ) -> Answer:
         data, own = self.runs[index], self.own_at(index)
         columns, parts = self._chained(index, theta, values, sensitivity)
@@ -247,7 +251,7 @@ class Problem:
         for channel in range(2):
             if self.free[own + 4 + channel]:
                 columns.append(own + 4 + channel)
-                ones = np.zeros((2, 1, response.shape[1]))
+                ones = np.zeros((2, 1, path.shape[1]))
                 ones[channel] = 1.0
                 parts.append(ones)
         for key, shared in data.shared:
@@ -255,13 +259,12 @@ class Problem:
             columns += range(at.start, at.stop)
             parts.append(shared.transpose(2, 0, 1))
         slope = np.concatenate(parts, axis=1) if len(parts) > 1 else parts[0]
-        residual = self._left(index, theta, response)
-        total = np.stack([data.y_m, data.beta_rad]) - residual
+        response = self._seen(index, theta, path)
         gauge = tension = None
         if guess is not None and guess.tension is not None and data.tow.line == "surge":
             tension = guess.tension_at(index, data.t_s - data.t_s[0])[0]
             gauge = self._gauge(index, theta, values, guess, count, len(columns))
-        return Answer(total, residual, slope, np.array(columns), gauge, tension)
+        return Answer(response, _measured(data) - response, slope, np.array(columns), gauge, tension)
 
     def _chained(self, index: int, theta: Array, values: Array, sensitivity: Array) -> tuple[list[int], list[Array]]:
         """Places in the parameter vector and slopes (channels, k, n) of what moves the motion, from those of ``wanted``."""
@@ -367,3 +370,7 @@ class Problem:
                     ratio = 1.0 if index < 2 else self.speed / data.tow.speed_m_s
                     found[index] = (prior.value * ratio, prior.std * ratio)
         return found
+
+
+def _measured(data: RunData) -> Array:
+    return np.stack([data.y_m, data.beta_rad])

@@ -133,6 +133,7 @@ def main() -> None:
     given = parser.parse_args()
     for name in THREADS:
         os.environ[name] = "1"
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job passes on that it is ignored
     print(f"{'':34}{'size':>8}{'seconds':>9}{'processor':>11}{'ms each':>14}{'MiB':>9}{'exit':>6}   said last")
     with tempfile.TemporaryDirectory() as place:
         folder, rng = Path(place), np.random.default_rng(24)

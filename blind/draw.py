@@ -18,7 +18,18 @@ from .truth.camera import camera_of
 from .truth.cases import LONG_S, Case, RunTruth, lane_of
 from .truth.hulls import FREE, HULLS
 from .truth.motion import STEP_S, B, X, Y, swim
-from .truth.sizes import EFFECTS, FORCES, IN_SOME_RUNS, MASS_ARMS, MOMENTS, OUTSIDE, Range
+from .truth.sizes import (
+    EFFECTS,
+    FORCES,
+    IN_SOME_RUNS,
+    MASS_ARMS,
+    MOMENTS,
+    OUTSIDE,
+    RUDDER_ARM,
+    RUDDER_N_RAD,
+    TOLD,
+    Range,
+)
 
 NULLS, UNKNOWN, PAIRS = 0.25, 0.15, 0.10
 """Shares of the cases with nothing, with something in no library, with two effects; the rest hold one effect."""
@@ -67,7 +78,8 @@ class Wanted:
     nulls : cases with nothing (None: a quarter)
     video : how many of them are filmed
     only : effects to draw from (empty: all)
-    kinds : shares of unknown and pairs
+    unknown, pairs : their shares
+    told : how many of the nulls have an input that run.toml tells
     """
 
     cases: int
@@ -77,11 +89,13 @@ class Wanted:
     only: tuple[str, ...] = ()
     unknown: float = UNKNOWN
     pairs: float = PAIRS
+    told: int = 0
 
 
 @dataclass(frozen=True)
 class Dealt:
-    """What a case will be: arguments of ``case_of``, and whether its size is to be cut down to a faint one."""
+    """What a case will be: arguments of ``case_of``, whether its size is to be cut down to a faint one, and what
+    input it is told."""
 
     name: str
     kind: str
@@ -90,6 +104,7 @@ class Dealt:
     coloured: bool | None
     video: bool
     faint: bool
+    told: str = ""
 
 
 def dealt(wanted: Wanted) -> list[Dealt]:
@@ -109,6 +124,7 @@ def dealt(wanted: Wanted) -> list[Dealt]:
     filmed = set(rng.permutation(n)[: wanted.video].tolist())
     # nulls alternate between white and coloured, so that neither goes short
     colours = {int(k): bool(i % 2) for i, k in enumerate(k for k in order if kinds[k][0] == "null")}
+    inputs = dict(zip(colours, _dealt(list(TOLD), min(wanted.told, len(colours)), rng), strict=False))
     width = max(3, len(str(n)))
     faint = np.random.default_rng([wanted.seed, 78]).random(n) < FAINT
     return [
@@ -120,6 +136,7 @@ def dealt(wanted: Wanted) -> list[Dealt]:
             colours.get(int(k)),
             i in filmed,
             bool(faint[i]) and kinds[k][0] in ("effect", "unknown"),
+            inputs.get(int(k), ""),
         )
         for i, k in enumerate(order)
     ]
@@ -137,8 +154,25 @@ def drawn(wanted: Wanted, workers: int = 1, progress=None) -> list[Case]:
 
 
 def _drawn(each: Dealt) -> Case:
-    case = gentle(case_of(each.name, each.kind, each.effects, each.seed, each.coloured, each.video))
+    case = case_of(each.name, each.kind, each.effects, each.seed, each.coloured, each.video)
+    if each.told:
+        case = told(case, each.told, np.random.default_rng([*each.seed, 7]))
+    case = gentle(case)
     return fainter(case, np.random.default_rng([*each.seed, 6])) if each.faint else case
+
+
+def told(case: Case, what: str, rng: np.random.Generator) -> Case:
+    """The case with one of ``TOLD``, in every run of another size."""
+    found = {
+        f"{name}@{run}": _number(span, rng) * (case.hull["length_pp"] / 2.66 if name.endswith("_m") else 1.0)
+        for run in range(len(case.runs))
+        for name, span in TOLD[what].items()
+    }
+    if what.startswith("rudder"):
+        y_delta = float(rng.uniform(*RUDDER_N_RAD)) * case.hull["tension"] / 3.96
+        found["rudder.y_delta"] = y_delta
+        found["rudder.n_delta"] = y_delta * case.hull["length_pp"] * float(rng.uniform(*RUDDER_ARM))
+    return replace(case, told=found)
 
 
 def fainter(case: Case, rng: np.random.Generator) -> Case:
@@ -186,7 +220,8 @@ def gentle(case: Case) -> Case:
         if turn > 3:
             sized = {f"{effect}.{next(iter((EFFECTS | OUTSIDE)[effect]))}" for effect in case.effects}
             numbers = {k: v * (0.7 if k.split("@")[0] in sized else 1) for k, v in numbers.items()}
-        case = replace(case, runs=runs, numbers=numbers)
+        laid = {k: v * (0.7 if k.startswith("rudder.angle_rad") else 1) for k, v in case.told.items()}
+        case = replace(case, runs=runs, numbers=numbers, told=laid)
     raise EstimationError(f"{case.name}: no release keeps {case.effects} towing")
 
 

@@ -25,6 +25,7 @@ class Judged:
     Attributes
     ----------
     name, kind, held, truth, coloured, hull : of the case; ``truth`` is the call that would be right, ``held`` the effects by name
+    told : run.toml tells an input beside the usual ones
     nearest, rivals : D to the nearest rival and to each
     said : the diagnosis's call
     probability : of what was said
@@ -42,6 +43,7 @@ class Judged:
     truth: Call
     coloured: bool
     hull: str
+    told: bool
     nearest: float | None
     rivals: Mapping[str, float]
     said: Call
@@ -110,6 +112,7 @@ def judged(
         truth_of(case),
         bool(case.noise["coloured"]),
         case.hull_name,
+        bool(case.told),
         measure.get("nearest"),
         measure.get("rivals", {}),
         said,

@@ -88,13 +88,8 @@ def _of_calls(method: str, cases: Sequence[Judged]) -> list[Score]:
         rate("right within its class", name, here, Judged.in_class)
         rate("right outright", name, here, Judged.right)
     nulls = [c for c in cases if c.kind == "null"]
-    for name, colour in (("white", False), ("coloured", True)):
-        rate(
-            "false alarms",
-            f"nulls, {name}",
-            [c for c in nulls if c.coloured is colour],
-            lambda c, s: s not in (NO_GAP, NONE),
-        )
+    for name, of in _strata(nulls):
+        rate("false alarms", name, of, lambda c, s: s not in (NO_GAP, NONE))
     unknown = [c for c in cases if c.kind == "unknown"]
     rate("rejected", "in no library", unknown, lambda c, s: s == UNKNOWN)
     rate("named as an effect", "in no library", unknown, lambda c, s: s not in (NO_GAP, UNKNOWN, NONE))
@@ -120,7 +115,7 @@ def _of_probabilities(cases: Sequence[Judged]) -> list[Score]:
             found.append(_mean("mean size of the set", name, [len(c.set95) for c in here]))
             found.append(share("right within the class it states", name, TOWLINE, (_in_own_class(c) for c in here)))
     nulls = [c for c in answered if c.kind == "null"]
-    for name, of in (("nulls", nulls), *((f"nulls, {n}", [c for c in nulls if c.coloured is v]) for n, v in COLOURS)):
+    for name, of in (("nulls", nulls), *_strata(nulls)):
         if of:
             sure = (c.said != NO_GAP and c.probability > SURE for c in of)
             found.append(share("false alarms with p > 0.9", name, TOWLINE, sure))
@@ -143,6 +138,12 @@ def _of_probabilities(cases: Sequence[Judged]) -> list[Score]:
             Score("seconds a case, 90th percentile", "all", TOWLINE, None, len(seconds), slow, slow, slow, "s")
         )
     return found
+
+
+def _strata(nulls: Sequence[Judged]) -> list[tuple[str, list[Judged]]]:
+    """Those with nothing but the usual inputs by their noise, and those with one more that is told."""
+    found = [(f"nulls, {name}", [c for c in nulls if not c.told and c.coloured is v]) for name, v in COLOURS]
+    return [*found, ("nulls, inputs", [c for c in nulls if c.told])]
 
 
 COLOURS = (("white", False), ("coloured", True))

@@ -16,6 +16,12 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--seed", type=int, default=1, help="of everything that is drawn (default: 1)")
     sub.add_argument("--workers", type=int, default=1, help="processes (default: 1)")
     sub.add_argument("--nulls", type=int, help="campaigns without any effect (default: a quarter)")
+    sub.add_argument(
+        "--told",
+        type=int,
+        default=0,
+        help="nulls whose run.toml tells a rudder, a speed history, ... (default: none)",
+    )
     sub.add_argument("--video", type=int, default=0, help="campaigns that are filmed and tracked (default: none)")
     sub.add_argument("--only", nargs="+", default=[], metavar="EFFECT", help="draw from these effects alone")
     sub.add_argument("--only-write", action="store_true", help="seal and write the campaigns, diagnose nothing")
@@ -35,7 +41,9 @@ def call(options: argparse.Namespace) -> int:
     out: Path = options.out
     with show_progress() as show:
         if not options.score_only:
-            wanted = Wanted(options.cases, options.seed, options.nulls, options.video, tuple(options.only))
+            wanted = Wanted(
+                options.cases, options.seed, options.nulls, options.video, tuple(options.only), told=options.told
+            )
             prepare(out, wanted, lambda text: _say(options, text), options.workers, show)
             if options.only_write:
                 return EXIT_OK

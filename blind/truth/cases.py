@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -55,6 +56,7 @@ class Case:
     rate_hz, duration_s, static_s : the films
     history : a load cell's record of the pull (tension.csv) instead of R
     video : films instead of tracks
+    told : inputs that run.toml tells, as ``numbers``
     """
 
     name: str
@@ -74,6 +76,7 @@ class Case:
     static_s: float = 12.0
     history: bool = False
     video: bool = False
+    told: dict[str, float] = field(default_factory=dict)
     extra: dict[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
@@ -89,10 +92,10 @@ class Case:
         return cls(**{**values, "runs": runs, "marks": marks, "datum": datum})
 
 
-def run_numbers(case: Case, index: int) -> dict[str, float]:
-    """The effects' numbers that hold for a run."""
+def run_numbers(numbers: Mapping[str, float], index: int) -> dict[str, float]:
+    """Those of ``Case.numbers`` or ``Case.told`` that hold for a run."""
     found: dict[str, float] = {}
-    for name, value in case.numbers.items():
+    for name, value in numbers.items():
         plain, _, at = name.partition("@")
         if not at:
             found.setdefault(plain, value)
@@ -115,8 +118,9 @@ def lane_of(case: Case, index: int, effects: bool = True) -> dict[str, float]:
         "beta_release": true["beta_rad"],
         "duration": case.duration_s,
     }
+    lane |= run_numbers(case.told, index)
     if effects:
-        lane |= run_numbers(case, index)
+        lane |= run_numbers(case.numbers, index)
     return lane
 
 

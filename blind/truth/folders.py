@@ -9,9 +9,14 @@ import pandas as pd
 
 from ...record import write_table
 from ...record.files import write_text
-from .cases import Case, Filmed, filmed, load_cell, picks, swum
-from .lanes import Array
+from .cases import Case, Filmed, filmed, lane_of, load_cell, picks, run_numbers, swum
+from .forces import rudder_rad
+from .lanes import Array, Lanes
 from .motion import Path as Swum
+from .motion import speed_at
+
+TOLD_HZ = 50.0
+"""Samples of the histories that run.toml names."""
 
 
 def write_case(folder: Path, case: Case) -> list[Path]:
@@ -41,9 +46,35 @@ def _write_run(folder: Path, case: Case, index: int, path: Swum, film: Filmed, p
     if case.history:
         t_s, pull = load_cell(case, path, index)
         write_table(folder / "tension.csv", pd.DataFrame({"t_s": t_s, "tension_n": pull}))
+    for name, column, history in _histories(case, index):
+        write_table(folder / name, pd.DataFrame({"t_s": history[0], column: history[1]}))
     # the description last: a folder without one is not finished
     write_text(folder / "run.toml", _description(case, index, picked, film))
     return folder
+
+
+def _histories(case: Case, index: int) -> list[tuple[str, str, tuple[Array, Array]]]:
+    """Of the inputs that run.toml tells: file, column, times and values."""
+    q, found = Lanes([lane_of(case, index)]), []
+    t_s = np.arange(-1.0, case.duration_s + 2.0, 1 / TOLD_HZ)
+    if case.told and q.has("rudder.period_s"):
+        found.append(("rudder.csv", "rudder_rad", (t_s, rudder_rad(q, t_s))))
+    if case.told and q.has("speed_drift.share"):
+        # the wheel that says the speed is as wrong as what is stated of it
+        scale = case.runs[index].stated["speed_m_s"] / q["speed"]
+        found.append(("speed.csv", "speed_m_s", (t_s, np.array([float((speed_at(q, t) * scale)[0]) for t in t_s]))))
+    return found
+
+
+def _told(case: Case, index: int) -> list[str]:
+    """Keys of [tow] for the inputs that run.toml tells."""
+    q = run_numbers(case.told, index)
+    keys = {"tow_point_offset_m": "tow_point_offset.offset_m", "post_amplitude_m": "carriage_shake.size_m"}
+    keys |= {"post_frequency_hz": "carriage_shake.rate_hz", "post_phase_rad": "carriage_shake.phase"}
+    if "rudder.period_s" not in q:
+        keys["rudder_rad"] = "rudder.angle_rad"
+    said = [f"{key} = {q[name]:.6f}" for key, name in keys.items() if name in q]
+    return said + [f'{Path(name).stem} = "{name}"' for name, _, _ in _histories(case, index)]
 
 
 def _tracks(case: Case, t_s: Array, pixel: Array) -> pd.DataFrame:
@@ -104,6 +135,7 @@ def _description(case: Case, index: int, picked: Array, film: Filmed) -> str:
         f"line_length_m = {stated['line_m']:.4f}",
         f"tow_point_m = {stated['tow_point_m']:.4f}",
         pull,
+        *_told(case, index),
         "",
         "[model]",
         f"length_pp_m = {hull['length_pp']:.3f}",

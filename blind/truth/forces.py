@@ -143,7 +143,20 @@ def magnet(q: Lanes, now: Now) -> tuple[Array, Array]:
     return q["magnet.side_n"] * np.sin(phase), q["magnet.moment_n_m"] * np.sin(phase)
 
 
+def rudder_rad(q: Lanes, t_s: Array | float) -> Array:
+    """Held, or to and fro by the clock as a servo of limited rate follows: rad, positive to port."""
+    wave = np.sin(2 * np.pi * (t_s / np.maximum(q["rudder.period_s"], 1.0) + q["rudder.phase"]))
+    return q["rudder.angle_rad"] * np.where(q["rudder.period_s"] > 0, np.clip(2.0 * wave, -1.0, 1.0), 1.0)
+
+
+def rudder(q: Lanes, now: Now) -> tuple[Array, Array]:
+    """The rudder, by the square of the speed through the water."""
+    pressed = (now.speed / q["speed_ref"]) ** 2 * rudder_rad(q, now.t_s)
+    return q["rudder.y_delta"] * pressed, q["rudder.n_delta"] * pressed
+
+
 TERMS = (
+    ("rudder.angle_rad", rudder),
     ("crossflow_drag.drag_m", strip_drag),
     ("cubic_damping.side", drift_cubic),
     ("cubic_damping.turn", drift_cubic),

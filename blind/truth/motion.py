@@ -129,7 +129,7 @@ def _released(q: Lanes) -> Array:
     along = np.sqrt(np.maximum(line**2 - across**2, 1e-6))
     state[X] = q["datum_bias.ahead_m"] - along - xt * cb + yt * sb
     state[Y], state[B] = y, b
-    speed = _speed(q, 0.0)
+    speed = speed_at(q, 0.0)
     state[V], state[R] = -speed * sb + q["v_release"], q["r_release"]
     nx, ny = -along / line, across / line
     c, side = nx * cb + ny * sb, ny * cb - nx * sb
@@ -140,7 +140,7 @@ def _released(q: Lanes) -> Array:
     return state
 
 
-def _speed(q: Lanes, t: float) -> Array:
+def speed_at(q: Lanes, t: float) -> Array:
     """Carriage speed: a drift that settles, a drive that sticks and slips, a drive that fails for a moment.
 
     Nothing more is needed: the model's own inertia meets it through the line.
@@ -211,7 +211,7 @@ def _pull(q: Lanes, s: Array, length: Array, length_rate: Array) -> Array:
 def _rates(q: Lanes, terms, t: float, s: Array, random: Array) -> tuple[Array, Array]:
     x, y, b, u, v, r = s[:6]
     sb, cb = np.sin(b), np.cos(b)
-    speed = _speed(q, t)
+    speed = speed_at(q, t)
     post_y, post_v = _post(q, t)
     xt, yt = q["x_t"], q["tow_point_offset.offset_m"]
     out = np.zeros_like(s)

@@ -20,6 +20,25 @@ from __future__ import annotations
 
 Range = tuple[float, float, str]
 
+TOLD: dict[str, dict[str, Range]] = {
+    "rudder held": {"rudder.angle_rad": (0.02, 0.26, "either")},
+    "rudder moved": {
+        "rudder.angle_rad": (0.05, 0.26, "log"),
+        "rudder.period_s": (7.0, 20.0, "log"),
+        "rudder.phase": (0.0, 1.0, "even"),
+    },
+    "speed history": {"speed_drift.share": (0.008, 0.05, "either"), "speed_drift.settle_s": (8.0, 60.0, "log")},
+    "tow point aside": {"tow_point_offset.offset_m": (0.003, 0.03, "either")},
+    "post moved": {
+        "carriage_shake.size_m": (0.02, 0.08, "log"),
+        "carriage_shake.rate_hz": (0.04, 0.2, "log"),
+        "carriage_shake.phase": (0.0, 6.28, "even"),
+    },
+}
+"""Inputs that run.toml tells, each run's its own: nothing is missing where they act, and none may be blamed for a gap."""
+RUDDER_N_RAD, RUDDER_ARM = (1.0, 3.0), (-0.5, -0.4)
+"""Y_delta, N to starboard by an angle to port, of the MARINER hull; N_delta over Y_delta Lpp."""
+
 EFFECTS: dict[str, dict[str, Range]] = {
     "crossflow_drag": {"drag_m": (0.04, 0.25, "log"), "tilt": (-0.4, 0.4, "even"), "ends": (-0.5, 0.8, "even")},
     "cubic_damping": {"side": (0.3, 1.5, "log"), "turn": (0.006, 0.03, "log"), "arm": (-0.3, 0.4, "even")},

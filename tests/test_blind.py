@@ -34,6 +34,7 @@ from towline.blind.draw import (
     gentle,
     opened,
     sealed,
+    told,
     write_cases,
 )
 from towline.blind.judge import NO_GAP, UNKNOWN, Judged
@@ -49,10 +50,11 @@ from towline.blind.truth.hulls import FREE, FRIGATE, MARINER
 from towline.blind.truth.lanes import Lanes
 from towline.blind.truth.motion import B, R, V, X, Y, swim
 from towline.blind.truth.noise import wandering
-from towline.blind.truth.sizes import EFFECTS, OUTSIDE
+from towline.blind.truth.sizes import EFFECTS, OUTSIDE, TOLD
 from towline.blind.words import score_text
 from towline.diagnose.effects import LIBRARY
-from towline.record import InputError, read_run, read_tracks
+from towline.diagnosing import diagnose_folders
+from towline.record import InputError, TowlineError, read_run, read_tracks
 
 SPRING_TOL_M = 7e-4
 """What another program's spring of 20 kN/m makes of the same tows (theory.md 10): T is up to 1.1 N from R, which stretches it by
@@ -715,3 +717,35 @@ def test_a_slice_of_the_blind_check(tmp_path: Path) -> None:
     calls = baseline_calls(sorted((tmp_path / CASES / cases[0].name).glob("run-*")), {})
     assert set(calls) == {"always null", "BIC on forces", "sparse regression"}
     assert UNKNOWN not in calls.values()
+
+
+TOLD_KEYS = ("rudder", "speed =", "tow_point_offset_m", "post_")
+
+
+def test_told_inputs_are_dealt_to_nulls_alone() -> None:
+    cases = dealt(Wanted(40, 6, nulls=20, told=15))
+    assert all(each.kind == "null" for each in cases if each.told)
+    counts = Counter(each.told for each in cases if each.told)
+    assert set(counts.values()) == {3}
+    assert set(counts) == set(TOLD)
+    plain = dealt(Wanted(40, 6, nulls=20))
+    assert [replace(each, told="") for each in cases] == plain
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["rudder moved", "post moved"])
+def test_an_input_that_is_told_is_no_gap_and_one_that_is_not_is(tmp_path: Path, what: str) -> None:
+    """The same films twice: with run.toml as it is, and with the input's line taken out of it."""
+    case = gentle(told(_case(""), what, np.random.default_rng(2)))
+    runs = write_case(tmp_path, case)
+    assert diagnose_folders(runs).diagnosis.file.verdict == "no_gap"
+    for folder in runs:
+        lines = (folder / "run.toml").read_text().splitlines(keepends=True)
+        kept = [line for line in lines if not line.startswith(TOLD_KEYS)]
+        assert len(kept) < len(lines)
+        (folder / "run.toml").write_text("".join(kept))
+    try:
+        verdict = diagnose_folders(runs).diagnosis.file.verdict
+    except TowlineError:
+        verdict = "no fit"
+    assert verdict != "no_gap"

@@ -219,8 +219,8 @@ def _notes(fit: Fit, runs: list[RunData]) -> list[str]:
             notes.append(f"the static record of {d.name!r} is not used: {why}")
     if fit.orders.any():
         notes.append(
-            "the noise is coloured (a codec, for one, repeats its errors): it is whitened by an autoregression of order "
-            f"{fit.orders.min()} to {fit.orders.max()}"
+            "what colour each channel's noise shows (a codec, for one, repeats its errors) is whitened by an autoregression, of "
+            f"order {fit.orders.min()} to {fit.orders.max()}"
         )
     notes += fit.notes
     if fit.naive_covariance is not None:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..progress import Progress
+from ..pipeline.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class Found:
 
 def track(folders: Sequence[Path], tell: Progress, fresh: bool = False) -> Found:
     """Track the marks and work the motion out: ``towline motion``."""
+    from ..pipeline.stages import CAMERA, MARKS, MOTION, TRACKS, moved, tracked
     from ..record.run import read_run
-    from ..stages import CAMERA, MARKS, MOTION, TRACKS, moved, tracked
 
     (folder,) = folders
     run = read_run(folder)
@@ -65,8 +65,8 @@ def track(folders: Sequence[Path], tell: Progress, fresh: bool = False) -> Found
 
 def check(folders: Sequence[Path], tell: Progress, effects: bool = True) -> Found:
     """Is the camera right: ``towline check``."""
-    from ..analysis import output_folder
-    from ..checking import checked, filmed_runs, set_ups
+    from ..pipeline.analysis import output_folder
+    from ..pipeline.checking import checked, filmed_runs, set_ups
     from ..record.results import write_result
     from ..report.check_page import write_check_page
 
@@ -87,7 +87,7 @@ def check(folders: Sequence[Path], tell: Progress, effects: bool = True) -> Foun
 
 def identify(folders: Sequence[Path], tell: Progress, form: str = "full") -> Found:
     """The six derivatives: ``towline identify``."""
-    from ..analysis import fit_page, identified, moved_batch, output_folder
+    from ..pipeline.analysis import fit_page, identified, moved_batch, output_folder
     from ..record.results import write_result
     from ..report.format import SYMBOLS_TEXT, plus_minus
     from ..report.identify_page import write_identify_page
@@ -118,11 +118,11 @@ def identify(folders: Sequence[Path], tell: Progress, form: str = "full") -> Fou
 
 def steady(folders: Sequence[Path], tell: Progress) -> Found:
     """The neutral point: ``towline steady``, with the page of ``towline run``."""
-    from ..analysis import moved_batch, output_folder, steadied
+    from ..pipeline.analysis import moved_batch, output_folder, steadied
+    from ..pipeline.stages import run_page
     from ..record.results import write_result
     from ..report import write_page
     from ..report.format import plus_minus
-    from ..stages import run_page
 
     batch = moved_batch(folders, "exact", tell)
     _some(batch.runs, batch.failed)
@@ -140,8 +140,8 @@ def steady(folders: Sequence[Path], tell: Progress) -> Found:
 
 def diagnose(folders: Sequence[Path], tell: Progress) -> Found:
     """Where simulator and tank differ: ``towline diagnose``."""
-    from ..analysis import output_folder
-    from ..diagnosing import diagnose_folders
+    from ..pipeline.analysis import output_folder
+    from ..pipeline.diagnosing import diagnose_folders
     from ..record.results import write_result
     from ..report.gap_page import write_gap_page
 

@@ -48,7 +48,7 @@ def read_shown(run: Run | None, folder: Path) -> Shown:
     ----------
     run : as saved; None where run.toml cannot be read
     """
-    from ..stages import MOTION, TRACKS, code_hash
+    from ..pipeline.stages import MOTION, TRACKS, code_hash
 
     source = None if run is None else run.file.source
     out = folder / "out"

@@ -25,7 +25,14 @@ BACKLOG = 64
 """Connections that are taken at once; they are looked at before the next ones."""
 EXIT_TERMINATED = 143
 TRIES, TRY_S = 400, 0.05
-WARM = ("geometry", "vision.datum_find", "vision.spots.search", "report.topview", "report.scale_grid", "stages")
+WARM = (
+    "geometry",
+    "vision.datum_find",
+    "vision.spots.search",
+    "report.topview",
+    "report.scale_grid",
+    "pipeline.stages",
+)
 """Rooms imported while the person looks at the first page."""
 
 

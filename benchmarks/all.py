@@ -21,7 +21,7 @@ from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from towline.processes import THREADS
+from towline.pipeline.executor.processes import THREADS
 from towline.record.files import write_text
 
 HERE = Path(__file__).resolve().parent

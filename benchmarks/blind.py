@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
-from towline.diagnosing import diagnose_folders
+from towline.pipeline.diagnosing import diagnose_folders
 from towline.record import TowlineError
 from towline.simulate.model import Line
 

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from towline.cli import EXIT_SOME_FAILED
-from towline.processes import THREADS
+from towline.pipeline.executor.processes import THREADS
 
 SAMPLE = Path(__file__).resolve().parent.parent / "sample_videos" / "mariner"
 

@@ -24,9 +24,9 @@ import pandas as pd
 import tomlkit
 from end_to_end_cases import PRIORS, campaign, filmed
 
-from towline.analysis import identified, moved_batch
 from towline.blind.scores import interval
-from towline.processes import THREADS, in_parallel
+from towline.pipeline.analysis import identified, moved_batch
+from towline.pipeline.executor.processes import THREADS, in_parallel
 from towline.record.errors import TowlineError
 from towline.record.files import write_text
 from towline.simulate.model import DERIVATIVE_UNITS

@@ -154,7 +154,7 @@ def _placed(setup: Any) -> str:
 
 
 def _picture(path: Path) -> Any:
-    from towline.commands.lens import _picture as read
+    from towline.cli.lens import _picture as read
 
     return read(path)
 

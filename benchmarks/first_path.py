@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from towline.analysis import Batch, identified, steadied
 from towline.diagnose import motion_error
 from towline.geometry import motion_from_tracks, run_datum
+from towline.pipeline.analysis import Batch, identified, steadied
+from towline.pipeline.stages import Moved, losses, truth_motion
 from towline.record import read_run, read_tracks
-from towline.stages import Moved, losses, truth_motion
 from towline.vision import clip_info, read_frames, track
 
 SAMPLES = Path(__file__).resolve().parent.parent / "sample_videos"

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from identify_cases import HULL, LENGTH_M, POINTS_M, SIGMA_BETA_RAD, SIGMA_Y_M, TENSION_N, times
 
-from towline.processes import THREADS
+from towline.pipeline.executor.processes import THREADS
 from towline.record.tables import write_table
 from towline.simulate import Start, Tow, simulate_full
 

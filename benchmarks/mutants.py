@@ -29,7 +29,7 @@ from pathlib import Path
 from threading import Thread
 
 from towline.blind.scores import interval
-from towline.processes import THREADS
+from towline.pipeline.executor.processes import THREADS
 
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ("geometry", "identify", "diagnose")

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from surge_cases import NAMES, SurgeCampaign, surge_campaigns
 
 from towline.identify import fit_runs
-from towline.processes import THREADS
+from towline.pipeline.executor.processes import THREADS
 
 Array = np.ndarray
 START_OFF = 1.1

@@ -302,7 +302,7 @@ with av.open(sys.argv[1]) as container:
         pass
 """
 
-_IMPORTS = "import towline.cli, towline.stages, towline.vision, av, cv2, pandas, scipy.optimize"
+_IMPORTS = "import towline.cli, towline.pipeline.stages, towline.vision, av, cv2, pandas, scipy.optimize"
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ import numpy as np
 from identify_cases import POINTS_M, times
 from identify_scale import LONG_POINT_M, written
 
-from towline.processes import THREADS
+from towline.pipeline.executor.processes import THREADS
 
 SAMPLE = Path(__file__).resolve().parent.parent / "sample_videos" / "mariner" / "x1446"
 RATE_HZ = 30.0

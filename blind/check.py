@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from ..processes import in_parallel
+from ..pipeline.executor.processes import in_parallel
 from ..record.files import JSON_BYTES, read_text, write_text
 from .baselines import baseline_calls
 from .draw import ANSWERS, CASES, Wanted, opened, sealed, write_cases

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..processes import in_parallel
+from ..pipeline.executor.processes import in_parallel
 from ..record.errors import EstimationError, InputError
 from ..record.files import JSON_BYTES, read_text, write_text
 from .truth.camera import camera_of

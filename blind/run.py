@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..processes import in_parallel
+from ..pipeline.executor.processes import in_parallel
 from ..record.errors import TowlineError
 from ..record.files import JSON_BYTES, read_text, write_text
 from .draw import ANSWERS, CASES
@@ -48,7 +48,7 @@ def answered(jobs: Sequence[tuple[str, list[Path], Path]], workers: int, progres
 
 
 def _answer(name: str, folders: list[Path], to: Path) -> str:
-    from ..diagnosing import diagnose_folders
+    from ..pipeline.diagnosing import diagnose_folders
 
     began = time.perf_counter()
     found: dict[str, Any] = {"case": name, "runs": len(folders)}

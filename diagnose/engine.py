@@ -20,8 +20,8 @@ from .hypothesis import Hypothesis, with_effects
 from .inference import Fitted, Inference, on_its_side
 from .noise import Forces
 from .scan import Leftover, leftover, standing_out
-from .side_by_side import side_by_side
 from .simulator import Simulator
+from .spread import Spread, one_by_one
 
 P_NO_GAP, P_SINGLE, P_PAIR, P_UNKNOWN = 0.5, 0.36, 0.07, 0.07
 """Prior shares."""
@@ -116,7 +116,7 @@ class Ranking:
 
 
 def ranked(
-    simulator: Simulator, library: Sequence[Effect], progress: Progress | None = None
+    simulator: Simulator, library: Sequence[Effect], progress: Progress | None = None, spread: Spread = one_by_one
 ) -> tuple[Inference, Ranking]:
     """Rank every effect and pair.
 
@@ -124,6 +124,7 @@ def ranked(
     ----------
     simulator : with its runs
     library : effects to try
+    spread : does what is independent
 
     Raises
     ------
@@ -131,8 +132,8 @@ def ranked(
     """
     say = progress or (lambda _: None)
     say("the simulator as it is")
-    first, forces = _first_fit(simulator)
-    inference = Inference(simulator, simulator.noise(first))
+    first, forces = _first_fit(simulator, spread)
+    inference = Inference(simulator, simulator.noise(first), spread)
     base = _taken_on(inference, inference.fit([first], [forces], 2, (0,)))[0]
     usable, excluded = simulator.usable(library)
     usable = [*usable, *simulator.suggested(base)]
@@ -167,7 +168,7 @@ def ranked(
     return inference, _ranking(inference, base, candidates, free_form, excluded)
 
 
-def _first_fit(simulator: Simulator) -> tuple[Hypothesis, Forces]:
+def _first_fit(simulator: Simulator, spread: Spread) -> tuple[Hypothesis, Forces]:
     """From the measured motion, at first without asking that it is one motion; the best end of all starts."""
 
     def ended(start: Hypothesis) -> tuple[float, Hypothesis, Forces] | None:
@@ -177,7 +178,7 @@ def _first_fit(simulator: Simulator) -> tuple[Hypothesis, Forces]:
             return None
         return found.log_evidence, found.hypothesis, found.forces
 
-    found = [end for end in side_by_side(ended, simulator.starts()) if end is not None]
+    found = [end for end in spread(ended, simulator.starts()) if end is not None]
     if not found:
         raise EstimationError(
             "the simulator without effects cannot follow these runs at all: its motion grows beyond bounds; for a tow: is it "
@@ -248,7 +249,7 @@ def screened(
     """
     halves = [effects[k::2] for k in range(min(2, len(effects)))]
     answers: dict[str, float] = {}
-    for part in side_by_side(lambda half: _scores(inference, base, half, shares), halves):
+    for part in inference.spread(lambda half: _scores(inference, base, half, shares), halves):
         answers.update(part)
     return answers
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..record.gap_file import GapFile, NextMeasurement, NextRun, RankedEffects, Where
 from ..record.results import Measured
+from ..record.run import Run
 from .apart import Apart, measurement
 from .effects import Effect
 from .engine import TWINS, Candidate, Progress, Ranking, ranked
@@ -17,8 +18,8 @@ from .held_out import Shrink, none_left, shrink
 from .inference import Fitted, Inference
 from .next_run import next_run
 from .noise import TIMES_S
-from .side_by_side import side_by_side
 from .simulator import Simulator
+from .spread import Spread, one_by_one
 from .where import Place, where
 from .words import sentences
 
@@ -52,6 +53,22 @@ class Diagnosis:
     held: Shrink | None
 
 
+@dataclass(frozen=True)
+class Diagnosed:
+    """A campaign, diagnosed.
+
+    Attributes
+    ----------
+    diagnosis : gap.json and what is behind it
+    runs : run folders used
+    failed : folder -> why
+    """
+
+    diagnosis: Diagnosis
+    runs: list[Run]
+    failed: dict[str, str]
+
+
 def diagnosed(
     simulator: Simulator,
     library: Sequence[Effect],
@@ -60,6 +77,7 @@ def diagnosed(
     held: Sequence[int] | None = None,
     rng: np.random.Generator | None = None,
     progress: Progress | None = None,
+    spread: Spread = one_by_one,
 ) -> Diagnosis:
     """Diagnose a campaign.
 
@@ -70,6 +88,7 @@ def diagnosed(
     tool, inputs : for the file
     held : runs kept aside for ``shrink``; None: each in turn
     rng : of the bootstrap
+    spread : does what is independent
 
     Raises
     ------
@@ -77,7 +96,7 @@ def diagnosed(
     """
     say = progress or (lambda _: None)
     rng = rng or np.random.default_rng()
-    inference, ranking = ranked(simulator, library, progress)
+    inference, ranking = ranked(simulator, library, progress, spread)
     verdict, best = _verdict(ranking)
     say("where it lies, and how far it shrinks")
     place = where(inference, ranking, best)
@@ -136,7 +155,7 @@ def _rows(
     best: Candidate | None,
 ) -> tuple[list[RankedEffects], Shrink | None]:
     shown = ranking.candidates[:SHOWN]
-    gaps = side_by_side(
+    gaps = inference.spread(
         lambda pair: shrink(inference, ranking.base, pair[0].fitted, held, pair[1]),
         list(zip(shown, rng.spawn(len(shown)), strict=True)),
     )

@@ -21,8 +21,8 @@ from .grams import Columns, Grams, Reduced, reduced
 from .hypothesis import Hypothesis, Slopes
 from .noise import SMALLEST, TIMES_S, Forces, Noise
 from .shooting import MOST_CLOSINGS
-from .side_by_side import side_by_side
 from .simulator import Simulator
+from .spread import Spread, one_by_one
 
 LARGEST_SHARE = 0.4
 """No shared number changes by more than this share in a step."""
@@ -137,13 +137,15 @@ class Inference:
     ----------
     simulator : of all runs
     noise : of the measurement, and of random forces about a motion near these; None: anew about every motion that is tried
+    spread : does what is independent
 
     Attributes
     ----------
     mode_count : of camera modes, over all runs
     """
 
-    def __init__(self, simulator: Simulator, noise: Noise | None) -> None:
+    def __init__(self, simulator: Simulator, noise: Noise | None, spread: Spread = one_by_one) -> None:
+        self.spread = spread
         self.simulator, self._noise = simulator, noise
         self.own_sd, self.stated = simulator.own_sd, simulator.stated
         self.own_count = simulator.own_sd.shape[1]
@@ -300,7 +302,7 @@ class Inference:
             for k in range(min(GROUPS, count))
         ]
         known = [self._noise, *(e for h in hypotheses for e in h.effects)]
-        found = side_by_side(lambda group: self._turns(*group), groups, known)
+        found = self.spread(lambda group: self._turns(*group), groups, known)
         return self._with_noise([found[k % GROUPS][k // GROUPS] for k in range(count)])
 
     def _turns(
@@ -347,7 +349,7 @@ class Inference:
 
         near = [k for k, fitted in enumerate(found) if fitted.log_evidence > best - NEAR]
         answers = list(found)
-        for k, noise in zip(near, side_by_side(again, near), strict=True):
+        for k, noise in zip(near, self.spread(again, near), strict=True):
             if noise is not None:
                 answers[k] = self._fitted(found[k].linear, found[k].grams, *noise)
         return answers

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..names import shown
+from .names import shown
 
 
 class TowlineError(Exception):

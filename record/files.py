@@ -15,8 +15,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from ..names import BYTES_SHOWN
 from .errors import InputError
+from .names import BYTES_SHOWN
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

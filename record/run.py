@@ -94,11 +94,24 @@ def read_run(folder: str | Path, line: Line | None = None) -> Run:
 
     Parameters
     ----------
+    folder : run folder, or its run.toml
     line : what the tow line keeps, "surge" or "constant", instead of what run.toml says
+
+    Returns
+    -------
+    Run
+        the folder with what run.toml says, in SI units; nothing but run.toml is read yet
 
     Raises
     ------
-    InputError : run.toml or a file that it names is missing, or its content cannot be used.
+    InputError : run.toml or a file that it names is missing, or its content cannot be used
+
+    Examples
+    --------
+    >>> import towline
+    >>> run = towline.read_run("sample_videos/mariner/x1446")
+    >>> run.tow.speed_m_s
+    1.28
     """
     folder = Path(folder)
     if folder.name == RUN_FILE and not folder.is_dir():

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..record.campaigns import Answer, Campaign
 from ..record.errors import TowlineError
 from ..record.results import DerivativesFile, SteadyFile, read_result
 from .draw import BLUE, GREY, TEXT_PT, VERMILION, Columns, svg_image
@@ -15,10 +15,6 @@ from .html import Html, figure, number, table, tag
 from .page import document, write_document
 from .sections import derivatives_section, failed_box
 from .steady_section import steady_section
-
-if TYPE_CHECKING:
-    from ..campaign.whole import Campaign
-    from ..campaign.work import Answer
 
 COLUMNS, PANEL_IN = 4, (1.65, 1.15)
 SHOWN = (

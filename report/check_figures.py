@@ -11,7 +11,7 @@ from .html import Html, figure, join
 from .series import Array
 
 if TYPE_CHECKING:
-    from ..checking import Checked
+    from ..geometry.checks.checked import Checked
     from ..record.check_file import CheckFile
 
 ARROW_PX = 60.0

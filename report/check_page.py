@@ -13,7 +13,7 @@ from .html import Html, bullets, join, number, table, tag
 from .page import document, write_document
 
 if TYPE_CHECKING:
-    from ..checking import Checked
+    from ..geometry.checks.checked import Checked
     from ..record.check_file import CheckFile
 
 VERDICTS = {"sound": "The camera geometry is sound", "fault": "Something is wrong", "unknown": "Something does not fit"}

@@ -12,7 +12,7 @@ from .html import Html, bullets, number, table, tag
 from .page import document, write_document
 
 if TYPE_CHECKING:
-    from ..diagnosing import Diagnosed
+    from ..diagnose.gap import Diagnosed
     from ..record.gap_file import GapFile
     from ..record.results import Measured
 

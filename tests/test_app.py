@@ -471,7 +471,7 @@ def test_clicks_go_on_by_n_and_are_taken_back() -> None:
 
 def test_clicks_become_tracks_and_tracks_motion(desk: Desk, run_folder: Path, samples: Path) -> None:
     """Places of the truth clicked on every 10th frame with 0.5 px of scatter: the motion is off by what it says it is."""
-    from towline.stages import moved
+    from towline.pipeline.stages import moved
 
     truth = samples / "mariner" / "x1446" / "truth"
     places = read_tracks(truth / "tracks.csv")

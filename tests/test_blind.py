@@ -53,7 +53,7 @@ from towline.blind.truth.noise import wandering
 from towline.blind.truth.sizes import EFFECTS, OUTSIDE, TOLD
 from towline.blind.words import score_text
 from towline.diagnose.effects import LIBRARY
-from towline.diagnosing import diagnose_folders
+from towline.pipeline.diagnosing import diagnose_folders
 from towline.record import InputError, TowlineError, read_run, read_tracks
 
 SPRING_TOL_M = 7e-4
@@ -495,7 +495,7 @@ def test_folders_tell_nothing_and_read_back(tmp_path: Path) -> None:
 
 
 def test_a_filmed_case_is_tracked_to_its_pixels(tmp_path: Path) -> None:
-    from towline.stages import tracked
+    from towline.pipeline.stages import tracked
 
     case = case_of("case-x", "null", [], [5, 1], False, video=True)
     case = replace(case, duration_s=1.6, static_s=0.4, runs=case.runs[:1])
@@ -546,7 +546,7 @@ def test_a_check_is_scored_from_its_files(tmp_path: Path, monkeypatch: pytest.Mo
     assert outcome.missing == []
     kept = json.loads((tmp_path / "score.json").read_text())
     assert kept["truth_sha256"] == outcome.digest
-    from towline.report.blind_page import blind_page
+    from towline.blind.page import blind_page
 
     page = blind_page(outcome)
     assert outcome.digest in page

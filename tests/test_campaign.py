@@ -17,12 +17,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from towline.campaign.find import run_folders
-from towline.campaign.remote import cache_folder
-from towline.campaign.whole import campaign
-from towline.campaign.work import FIT, RECORD, Options
-from towline.campaign.workers import workers
 from towline.cli import EXIT_SOME_FAILED, main
+from towline.pipeline.campaign.find import run_folders
+from towline.pipeline.campaign.remote import cache_folder
+from towline.pipeline.campaign.whole import campaign
+from towline.pipeline.campaign.work import FIT, RECORD, Options
+from towline.pipeline.campaign.workers import workers
 from towline.record import InputError
 from towline.record.errors import TowlineError
 from towline.report.campaign_page import campaign_page
@@ -130,8 +130,8 @@ def test_a_killed_campaign_goes_on_to_the_same_end(
     """kill -9 at random moments; nothing that was finished is redone, and every byte is that of a campaign left alone."""
     folder = copied(made, tmp_path)
     code = (
-        "import sys; from pathlib import Path; from towline.campaign.whole import campaign; "
-        "from towline.campaign.work import RECORD, Options; from towline.campaign.workers import workers\n"
+        "import sys; from pathlib import Path; from towline.pipeline.campaign.whole import campaign; "
+        "from towline.pipeline.campaign.work import RECORD, Options; from towline.pipeline.campaign.workers import workers\n"
         "if __name__ == '__main__':\n"
         "    with workers(1) as one: campaign(Path(sys.argv[1]), one, Options(form='linear', noise='output'))"
     )

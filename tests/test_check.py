@@ -342,7 +342,7 @@ def test_the_command_names_the_fault_and_draws_its_page(
 
 def test_what_the_camera_does_to_the_derivatives(samples: Path) -> None:
     """A deck 2 mm higher changes the derivatives by tenths of a per cent; doubling it doubles the change (it is linear)."""
-    from towline.checking import effects_of
+    from towline.pipeline.checking import effects_of
     from towline.record import read_run
 
     run = read_run(samples / "mariner" / "x1548")

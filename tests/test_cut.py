@@ -8,18 +8,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from towline.analysis import Batch, identified
 from towline.identify import run_data
 from towline.identify.added_mass import added_masses
 from towline.identify.cut import before_cut, cut_of
 from towline.identify.steady import steady_state
+from towline.pipeline.analysis import Batch, identified
+from towline.pipeline.stages import Moved
 from towline.record import InputError
 from towline.record.results import Derivative
 from towline.record.run import Run
 from towline.record.schema import ModelTable, RunFile
 from towline.record.toml import check_tables
 from towline.simulate import Hull, Start, Tow, simulate_full
-from towline.stages import Moved
 
 TABLES = {
     "name": "r",

@@ -26,7 +26,7 @@ from towline.diagnose.tow_data import block_step
 from towline.diagnose.tow_model import TowModel
 from towline.diagnose.tow_noise import tow_noise
 from towline.diagnose.words import sentences
-from towline.diagnosing import diagnose_folders
+from towline.pipeline.diagnosing import diagnose_folders
 from towline.record import InputError, read_run
 from towline.record.gap_file import GapFile, NextMeasurement, Where
 from towline.report.gap_page import _headline

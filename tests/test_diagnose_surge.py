@@ -20,7 +20,7 @@ from towline.diagnose.hypothesis import Hypothesis
 from towline.diagnose.simulated import effects_of, with_effects
 from towline.diagnose.tow import TowSimulator
 from towline.diagnose.tow_data import TowRun, block_step, tow_run
-from towline.diagnosing import diagnose_folders
+from towline.pipeline.diagnosing import diagnose_folders
 from towline.record import Run, RunFile
 from towline.record.scenario import ScenarioFile
 from towline.record.toml import check_tables

@@ -24,7 +24,7 @@ from pathlib import Path
 
 import pytest
 
-from towline.cli import _parser, main
+from towline.cli import command_parser, main
 from towline.record.instruments.setup import SetupFile
 from towline.record.plan_file import PlanRequest
 from towline.record.priors import Priors
@@ -166,7 +166,7 @@ def test_no_code_hides_in_indented_text(page: Path) -> None:
     "page", [p for p in PAGES if any(b.marker == "usage" for b in BLOCKS[p])], ids=lambda p: p.name
 )
 def test_usage_is_what_the_commands_take(page: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    parser = _parser()
+    parser = command_parser()
     for block in (b for b in BLOCKS[page] if b.marker == "usage"):
         for line in filter(None, (line.partition(" #")[0].strip() for line in block.text.split("\n"))):
             for words in spelled_out(line):

@@ -13,7 +13,7 @@ import pytest
 from scipy.io import loadmat
 
 from towline.cli import main
-from towline.exporting import linear_model, state_space
+from towline.pipeline.exporting import linear_model, state_space
 from towline.record.errors import InputError, TowlineError
 from towline.record.exports import read_state_space, to_control
 from towline.record.results import DerivativesFile, RunFit, write_result
@@ -295,7 +295,7 @@ def _first_places(source: Path) -> dict[str, float]:
 
 
 def test_no_usable_run_is_an_error_and_writes_nothing(tmp_path: Path) -> None:
-    from towline.exporting import export_mat
+    from towline.pipeline.exporting import export_mat
 
     with pytest.raises(TowlineError, match="no such run folder"):
         export_mat(tmp_path / "a.mat", [tmp_path / "none"])

@@ -14,10 +14,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from towline.blind.page import reliability_figure
 from towline.cli import main
 from towline.record.results import Measured, SteadyFile, SteadyTow
 from towline.report import draw
-from towline.report.blind_page import reliability_figure
 from towline.report.check_figures import map_figure
 from towline.report.dynamics_figures import Answer, bode_figure
 from towline.report.html import Drawn, Html, figure, tag

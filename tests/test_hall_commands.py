@@ -20,10 +20,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from towline import machine
-from towline.cli import _parser, main
-from towline.commands.ask import numbers
-from towline.commands.outcome import Outcome, plain
+from towline.cli import command_parser, machine, main
+from towline.cli.ask import numbers
+from towline.cli.outcome import Outcome, plain
 from towline.record import RunFile, read_run
 from towline.record.reference import _model_in
 from towline.record.template import ASSUMED, PLACEHOLDER, checked_value, field_of, run_text
@@ -37,7 +36,7 @@ MARKS = ["--mark", "bow", "1.2", "0", "0.12", "--mark", "stern", "-1.1", "0", "0
 
 
 def commands() -> dict[str, argparse.ArgumentParser]:
-    return next(a.choices for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
+    return next(a.choices for a in command_parser()._actions if isinstance(a, argparse._SubParsersAction))
 
 
 def said_as_json(capsys: pytest.CaptureFixture[str]) -> tuple[dict[str, Any], str]:
@@ -109,9 +108,9 @@ def test_every_command_takes_json_before_and_after_its_name() -> None:
     for name, sub in commands().items():
         option = next(a for a in sub._actions if "--json" in a.option_strings)
         assert option.default is argparse.SUPPRESS, f"{name} would undo towline --json {name}"
-    assert _parser().parse_args(["--json", "doctor"]).json
-    assert _parser().parse_args(["doctor", "--json"]).json
-    assert not _parser().parse_args(["doctor"]).json
+    assert command_parser().parse_args(["--json", "doctor"]).json
+    assert command_parser().parse_args(["doctor", "--json"]).json
+    assert not command_parser().parse_args(["doctor"]).json
 
 
 def test_a_summary_becomes_one_object(samples: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -213,7 +212,7 @@ def test_a_fault_of_the_program_is_an_object_and_a_traceback(
 
 def test_no_command_says_what_it_wrote_by_itself(root: Path) -> None:
     """Else the object of --json would not name the file: ``options.outcome.wrote`` says it both ways."""
-    for path in [root / "cli.py", *(root / "commands").glob("*.py")]:
+    for path in (root / "cli").glob("*.py"):
         assert not re.search(r"print\(f?[\"'](wrote|page:)", path.read_text(encoding="utf-8")), path.name
 
 

@@ -13,18 +13,18 @@ import pandas as pd
 import pytest
 from scipy.stats import chi2
 
-from towline.analysis import Batch, Identified, fit_page, identified
 from towline.cli import main
 from towline.identify import derivatives_file, fit_runs, fit_with_noise
 from towline.identify.consistency import consistency, judged
 from towline.identify.reference import compare_to_reference, reference_set
+from towline.pipeline.analysis import Batch, Identified, fit_page, identified
+from towline.pipeline.stages import Moved
 from towline.record import DerivativesFile, Priors, Run, RunFile, read_result
 from towline.record.schema import ModelTable, WaterTable
 from towline.record.toml import check_tables
 from towline.report.identify_page import identify_page
 from towline.report.page import csv_text
 from towline.report.series import cross_correlation
-from towline.stages import Moved
 
 HOSTILE = "<script>alert('x')</script> & co"
 

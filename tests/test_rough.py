@@ -20,17 +20,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from towline.campaign import find
-from towline.campaign.find import run_folders
 from towline.cli import main
 from towline.diagnose.effects import load_effects
-from towline.names import shown
+from towline.pipeline.campaign import find
+from towline.pipeline.campaign.find import run_folders
 from towline.record import InputError, read_motion, read_run, read_table, read_tracks, write_table
 from towline.record.errors import TowlineError, VideoError
 from towline.record.files import TABLE_BYTES, TOML_BYTES, read_array, replacing, sha256_of_file, write_array
 from towline.record.imported import import_tracks
 from towline.record.instruments import read_setup
 from towline.record.lens_file import read_lens
+from towline.record.names import shown
 from towline.record.priors import Priors
 from towline.record.tables import as_meant, input_hash_of, no_formula
 from towline.record.toml import read_toml
@@ -379,7 +379,7 @@ def test_a_markers_name_comes_back_as_it_was(tmp_path: Path) -> None:
 # signals -------------------------------------------------------------------------------------------------------------
 
 SLOW = (
-    "import time\nfrom towline.processes import in_parallel\n"
+    "import time\nfrom towline.pipeline.executor.processes import in_parallel\n"
     "if __name__ == '__main__':\n"
     "    try: list(in_parallel(time.sleep, [(0.0,), (0.0,), (60.0,), (60.0,), (60.0,)], 2))\n"
     "    except KeyboardInterrupt: raise SystemExit(130)\n"
@@ -430,7 +430,7 @@ def test_an_interrupted_campaign_is_whole_and_goes_on(
 def test_a_killed_diagnosis_leaves_no_copy(busy: str) -> None:
     """Not while the copy works, and not when it has its answer, larger than a pipe, and nobody reads it."""
     code = (
-        "import os, time\nfrom towline.diagnose.side_by_side import side_by_side\nhere = os.getpid()\n"
+        "import os, time\nfrom towline.pipeline.executor.copies import side_by_side\nhere = os.getpid()\n"
         "def work(item):\n    if os.getpid() == here: time.sleep(600)\n"
         f"    print(os.getpid(), flush=True)\n    {busy}\n    return bytes(1 << 22)\n"
         "side_by_side(work, range(2))\n"

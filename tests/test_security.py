@@ -25,7 +25,7 @@ from towline.record.results import Measured
 ROOT = Path(__file__).resolve().parent.parent
 ALLOWED = {
     "diagnose/effects/base.py: exec_module": "load_effects: a Python file of the user's own, named outright on the command line",
-    "diagnose/side_by_side.py: pickle": "between this process and its own forked copy, through a pipe; never from a file",
+    "pipeline/executor/copies.py: pickle": "between this process and its own forked copy, through a pipe; never from a file",
 }
 """Where what runs code stands all the same, and why."""
 MODULES = {"pickle", "cPickle", "dill", "marshal", "shelve", "yaml", "joblib", "cloudpickle"}

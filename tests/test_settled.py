@@ -11,11 +11,12 @@ import pytest
 from scipy.optimize import fsolve
 from scipy.signal import lfilter
 
-from towline.analysis import Batch, good_for, steadied
 from towline.identify.bracket import bracket_words, neutral_bracket
 from towline.identify.settled import judge, slowest_swing_s, tail_mean
 from towline.identify.steady import UnsettledError, judged_tow, stands_off, steady_state
 from towline.identify.transient import fit_transient
+from towline.pipeline.analysis import Batch, good_for, steadied
+from towline.pipeline.stages import Moved
 from towline.record import EstimationError, InputError
 from towline.record.results import TowStability
 from towline.record.run import Run, with_line
@@ -23,7 +24,6 @@ from towline.record.schema import RunFile
 from towline.record.toml import check_tables
 from towline.simulate import Hull, Start, Tow, linear_system, simulate_full
 from towline.simulate.model import full_rates
-from towline.stages import Moved
 
 MARINER = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28, y_delta=-2.0, n_delta=2.4)
 FRIGATE = Hull(4.655, 0.3519, -6.804, -1.00, -1.490076, -0.9457, speed_m_s=0.725, y_delta=0.5, n_delta=-0.25425)

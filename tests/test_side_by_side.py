@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from towline.diagnose.side_by_side import _answer, _Unpickler, side_by_side
+from towline.pipeline.executor.copies import _answer, _Unpickler, side_by_side
 from towline.record import EstimationError
 
 TWO = pytest.mark.skipif(

@@ -13,9 +13,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from towline import stages
 from towline.cli import main
-from towline.progress import PlainLines, Rate, throttled
+from towline.pipeline import stages
+from towline.pipeline.progress import PlainLines, Rate, throttled
 from towline.record import VideoError, read_run, read_tracks
 from towline.vision import Frame, read_frames
 from towline.vision.overlay import COLOURS, plain, write_overlay
@@ -217,16 +217,16 @@ def test_the_tracker_is_told_what_the_codec_does(
 
 
 def test_losses_are_summed_up_by_reason() -> None:
-    from towline.cli import _seen
+    from towline.cli.track import markers_in_words
 
     table = hand_made({"bow": {3: "covered", 4: "covered", 9: "brightness"}, "stern": {}}, frames=30)
-    assert _seen(table) == (
+    assert markers_in_words(table) == (
         "bow measured in 90.00 % of 30 frames (sigma 0.025 px); lost: 2 covered, 1 brightness; "
         "stern measured in 100.00 % of 30 frames (sigma 0.025 px)"
     )
-    assert "lost" not in _seen(table.drop(columns="reason"))
+    assert "lost" not in markers_in_words(table.drop(columns="reason"))
     table["reason"] = np.nan
-    assert "lost: 3 no reason given" in _seen(table)
+    assert "lost: 3 no reason given" in markers_in_words(table)
 
 
 def test_an_ambiguous_start_is_said_with_its_remedy(

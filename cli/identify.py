@@ -1,0 +1,133 @@
+"""``towline identify``: derivatives from all runs together."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from .common import (
+    add_fit,
+    add_method,
+    add_runs,
+    console,
+    exit_code,
+    print_notes,
+    read_batch,
+    show_progress,
+)
+
+NAME = "identify"
+HELP = "joint fit of the six linear derivatives over all runs (out/derivatives.json)"
+
+
+def add_arguments(sub: argparse.ArgumentParser) -> None:
+    """The command's arguments."""
+    add_runs(sub)
+    add_method(sub)
+    add_fit(sub)
+    sub.add_argument(
+        "--reference",
+        metavar="ittc|southampton|FILE.csv",
+        help="compare with a reference set of primes, as towline compare",
+    )
+    sub.add_argument("--no-page", action="store_true", help="write no HTML page")
+    sub.add_argument("-o", "--out", type=Path, help="where derivatives.json and derivatives.html go (default: RUN/out)")
+
+
+def call(options: argparse.Namespace) -> int:
+    """Run the command."""
+    from ..identify.reference import compare_to_reference, comparison_lines, reference_set
+    from ..pipeline.analysis import by_line, output_folder
+
+    reference = None if options.reference is None else reference_set(options.reference)
+    batch, free = by_line(read_batch(options))
+    out = options.out or output_folder(options.runs)
+    if not batch.runs:
+        return _identify_free(options, free, out)
+    answer = fit_and_write(options, batch, out)
+    compared = None
+    if reference is not None:
+        from ..report.format import SYMBOLS_TEXT
+
+        compared = compare_to_reference(answer.result, reference)
+        options.outcome.result["comparison"] = compared
+        print("\n".join(comparison_lines(compared, SYMBOLS_TEXT)))
+        print_notes(compared.notes)
+    if not options.no_page:
+        from ..pipeline.analysis import fit_page
+        from ..report.identify_page import write_identify_page
+
+        with show_progress() as show:
+            shown = fit_page(answer, compared, lambda text: show(text, 0, None))
+        page = out / "derivatives.html"
+        write_identify_page(page, shown)
+        options.outcome.wrote(page, word="page:")
+    options.outcome.fail(answer.result.failed)
+    code = exit_code(answer.result.failed)
+    return max(code, _identify_free(options, free, out, answer)) if free.runs else code
+
+
+def fit_and_write(options: argparse.Namespace, batch: Any, out: Path) -> Any:
+    """Fit, write derivatives.json and print its table; returns ``analysis.Identified``."""
+    from ..pipeline.analysis import identified
+    from ..pipeline.stages import read_priors
+    from ..record.results import write_result
+    from ..report import derivatives_table
+
+    priors = None if options.priors is None else read_priors(options.priors)
+    with show_progress() as show:
+        answer = identified(batch, options.form, options.speed, priors, lambda text: show(text, 0, None), options.noise)
+    write_result(out / "derivatives.json", answer.result)
+    console().print(derivatives_table(answer.result))
+    print_notes([*answer.result.not_identifiable, *answer.result.notes])
+    options.outcome.result["derivatives"] = answer.result
+    options.outcome.wrote(out / "derivatives.json")
+    return answer
+
+
+def _identify_free(options: argparse.Namespace, batch: Any, out: Path, towed: Any = None) -> int:
+    """Free runs: on their own as derivatives.json, beside tows as free_run.json."""
+    answer = fit_free_and_write(options, batch, out, towed)
+    if not options.no_page:
+        from ..pipeline.stages import run_page
+        from ..report import write_page
+
+        page = out / ("derivatives.html" if towed is None else "free_run.html")
+        pages = [run_page(m, answer.fitted[m.run.name], None) for m in answer.runs]
+        write_page(page, f"Free runs: {', '.join(answer.fitted)}", pages, answer.result, None, [])
+        options.outcome.wrote(page, word="page:")
+    options.outcome.fail(answer.result.failed)
+    return exit_code(answer.result.failed)
+
+
+def fit_free_and_write(options: argparse.Namespace, batch: Any, out: Path, towed: Any = None) -> Any:
+    """The same of free runs; ``towed``: what the tows of the same hull gave."""
+    from ..pipeline.analysis import identified_free
+    from ..pipeline.stages import read_priors
+    from ..record.errors import TowlineError
+    from ..record.results import write_result
+    from ..report import derivatives_table
+
+    for option, wrong in (("--form", options.form == "linear"), ("--noise", options.noise == "innovations")):
+        if wrong and towed is None:
+            raise TowlineError(f"{option}: free runs are fitted by output error with the full kinematics only")
+    if towed is None and getattr(options, "reference", None) is not None:
+        raise TowlineError(
+            "--reference: a reference holds the six derivatives of a towed hull; these runs are all free"
+        )
+    priors = None if options.priors is None else read_priors(options.priors)
+    with show_progress() as show:
+        show("fitting the free runs", 0, None)
+        answer = identified_free(batch, options.speed, priors, towed)
+    name = "derivatives" if towed is None else "free_run"
+    write_result(out / f"{name}.json", answer.result)
+    if towed is not None:
+        with_tows = answer.result.free is not None and answer.result.free.scale == "tows"
+        how = "with the tows' derivatives and their covariance" if with_tows else "by themselves"
+        print(f"the free runs ({', '.join(answer.fitted)}) were fitted apart, {how}")
+    console().print(derivatives_table(answer.result))
+    print_notes([*answer.result.not_identifiable, *answer.result.notes])
+    options.outcome.result[name] = answer.result
+    options.outcome.wrote(out / f"{name}.json")
+    return answer

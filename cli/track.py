@@ -1,0 +1,108 @@
+"""``towline track``: video to pixel tracks."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from .common import (
+    add_runs,
+    exit_code,
+    print_notes,
+    show_progress,
+)
+from .outcome import Outcome
+
+NAME = "track"
+HELP = "video to pixel tracks (out/tracks.csv), an overlay video (out/overlay.mp4) and the worst frames (out/worst.png)"
+
+
+def add_arguments(sub: argparse.ArgumentParser) -> None:
+    """The command's arguments."""
+    add_runs(sub)
+    sub.add_argument("--no-overlay", action="store_true", help="write neither out/overlay.mp4 nor out/worst.png")
+    sub.add_argument("--sheet", action="store_true", help="write out/worst.png also with --no-overlay")
+    sub.add_argument("--follow", action="store_true", help="say how it goes: frames per second, frames done, losses")
+    sub.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where the fits run (default: cpu)")
+    sub.add_argument("--fresh", action="store_true", help="track again even if the tracks are up to date")
+
+
+def call(options: argparse.Namespace) -> int:
+    """Run the command."""
+    from ..pipeline.progress import loading
+    from ..record.errors import TowlineError
+
+    with loading("pipeline.stages"):
+        import av  # noqa: F401
+
+        from ..pipeline import stages
+        from ..record.run import read_run
+    failed: dict[str, str] = {}
+    overlay, sheet = not options.no_overlay, options.sheet or not options.no_overlay
+    for folder in options.runs:
+        try:
+            run = read_run(folder)
+            filmed = run.file.source.video is not None
+            with show_progress(options.follow) as show:
+                found = stages.tracked(run, show, options.fresh, options.device)
+                drawn = stages.draw(found, overlay, sheet, show) if filmed else []
+        except TowlineError as error:
+            if len(options.runs) == 1:
+                raise
+            failed[str(folder)] = str(error)
+            continue
+        options.outcome.result[run.name] = {"markers": _markers_seen(found.table), "notes": found.notes}
+        print(f"{run.name}: {markers_in_words(found.table)}")
+        print_notes(found.notes)
+        if filmed:
+            wanted = {"tracks.csv": True, "overlay.mp4": overlay, "worst.png": sheet}
+            _say_written(options.outcome, run.out, wanted, found.anew, drawn)
+    options.outcome.fail(failed)
+    return exit_code(failed)
+
+
+def _say_written(outcome: Outcome, out: Path, wanted: dict[str, bool], anew: bool, drawn: Sequence[Path]) -> None:
+    """Which files were written, and which were up to date."""
+    paths = [out / name for name, asked in wanted.items() if asked]
+    made = [path for path in paths if path in drawn or (anew and path.name == "tracks.csv")]
+    outcome.wrote(*made)
+    if kept := [path for path in paths if path not in made]:
+        print("up to date: " + ", ".join(map(str, kept)))
+
+
+def _markers_seen(table: Any) -> list[dict[str, Any]]:
+    return [_marker_seen(str(marker), rows) for marker, rows in table.groupby("marker", sort=False)]
+
+
+def markers_in_words(table: Any) -> str:
+    """How often and how well each marker was measured."""
+    return "; ".join(map(_seen_words, _markers_seen(table)))
+
+
+def _marker_seen(marker: str, rows: Any) -> dict[str, Any]:
+    """How often and how well a marker was measured, and why not."""
+    lost = rows[rows["status"] == "lost"]
+    reasons = lost["reason"] if "reason" in rows else []
+    return {
+        "marker": marker,
+        "frames": len(rows),
+        "measured": int((rows["status"] == "measured").sum()),
+        "sigma_px": rows[["sigma_u_px", "sigma_v_px"]].median().mean(),
+        "lost": dict(
+            Counter(why if isinstance(why, str) and why else "no reason given" for why in reasons).most_common()
+        ),
+    }
+
+
+def _seen_words(seen: dict[str, Any]) -> str:
+    """In words: "lost: 20 covered, 14 brightness"."""
+    text = f"{seen['marker']} measured in {100 * seen['measured'] / seen['frames']:.2f} % of {seen['frames']} frames"
+    if not math.isnan(seen["sigma_px"]):
+        text += f" (sigma {seen['sigma_px']:.3f} px)"
+    if seen["lost"]:
+        text += "; lost: " + ", ".join(f"{count} {reason}" for reason, count in seen["lost"].items())
+    return text

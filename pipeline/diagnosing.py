@@ -1,0 +1,146 @@
+"""The diagnosis of a campaign from its run folders: composes stages and diagnose; the command prints it, the page shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from .. import __version__
+from ..diagnose.apart import measured_apart
+from ..diagnose.effects import LIBRARY, Effect, installed_effects, load_effects
+from ..diagnose.gap import Diagnosed, diagnosed
+from ..diagnose.tow import TowSimulator
+from ..diagnose.tow_data import TowRun, block_step, tow_run
+from ..diagnose.tow_numbers import COMPLIANCE
+from ..record.errors import EstimationError, InputError, TowlineError
+from ..record.files import write_text
+from ..record.names import shown
+from ..record.results import DerivativesFile, read_result
+from ..record.run import RUN_FILE, Run, all_inputs, read_run
+from ..simulate.model import DERIVATIVE_UNITS, Line
+from .executor.copies import side_by_side
+from .stages import Moved, datum_of, moved, static_tracks
+
+Progress = Callable[[str, int, int | None], None]
+
+
+def library_of(files: Sequence[Path]) -> list[Effect]:
+    """The library, what other packages install, and a user's own files; a later effect replaces one of its name."""
+    found: dict[str, Effect] = {}
+    for effect in (*LIBRARY, *installed_effects(), *(e for path in files for e in load_effects(path))):
+        found[effect.label] = effect
+    return list(found.values())
+
+
+def diagnose_folders(
+    folders: Sequence[Path],
+    held_out: Sequence[Path] = (),
+    effects: Sequence[Path] = (),
+    reference: Path | None = None,
+    progress: Progress | None = None,
+    line: Line | None = None,
+) -> Diagnosed:
+    """Diagnose run folders.
+
+    Parameters
+    ----------
+    folders : runs to fit
+    held_out : runs kept aside for the shrink (fitted last); none: each run is kept aside in turn; one run alone is fitted itself
+    effects : Python files with effects of one's own
+    reference : derivatives.json of the simulator that is to be judged; None: the derivatives are fitted to these runs
+    line : what the tow line keeps, instead of what the runs say
+
+    Raises
+    ------
+    TowlineError : no run can be used, or a file is wrong
+    """
+    library = library_of(effects)
+    runs: list[Run] = []
+    motions: list[Moved] = []
+    failed: dict[str, str] = {}
+    held: list[int] = []
+    for folder in (*folders, *held_out):
+        try:
+            run = read_run(folder, line)
+            if run.file.kind == "free":
+                raise InputError(run.folder / RUN_FILE, "kind", f"{run.file.kind!r}: only towed runs can be diagnosed")
+            motions.append(moved(run, progress=progress))
+            if folder in held_out:
+                held.append(len(runs))
+            runs.append(run)
+        except TowlineError as error:
+            failed[shown(str(folder))] = str(error)
+    if not runs:
+        raise TowlineError(next(iter(failed.values()), "no run to diagnose"))
+    step = block_step([float(m.motion["t_s"].iloc[-1] - m.motion["t_s"].iloc[0]) for m in motions])
+    tows: list[TowRun] = []
+    for run, m in zip(runs, motions, strict=True):
+        fit = datum_of(run) if m.tracks is not None else None
+        tows.append(tow_run(run, m.motion, m.common, m.tracks, fit, static_tracks(run, progress), step))
+    inputs = all_inputs(runs)
+    say = None if progress is None else lambda text: progress(text, 0, None)
+    measured = measured_apart(runs, library)
+    known = None if reference is None else _reference(reference)
+    # the bootstrap of an interval: the same runs give the same answer
+    rng = np.random.default_rng(int.from_bytes("".join(sorted(inputs.values())).encode()[:8].ljust(8, b"0"), "big"))
+    try:
+        found = diagnosed(
+            TowSimulator(tows, known, measured), library, __version__, inputs, held or None, rng, say, side_by_side
+        )
+    except np.linalg.LinAlgError as error:
+        raise EstimationError(
+            f"the runs' normal equations cannot be solved ({error}); does each run hold a tow?"
+        ) from error
+    return Diagnosed(found, runs, failed)
+
+
+def _reference(path: Path) -> tuple[np.ndarray, np.ndarray, float]:
+    file = read_result(path, DerivativesFile)
+    absent = [name for name in DERIVATIVE_UNITS if name not in file.derivatives]
+    if absent:
+        raise InputError(path, f"derivatives.{absent[0]}", "missing; a reference holds all six derivatives")
+    six = np.array([file.derivatives[name].value for name in DERIVATIVE_UNITS])
+    sd = np.array([file.derivatives[name].std for name in DERIVATIVE_UNITS])
+    return six, sd, file.speed_m_s
+
+
+def write_model(path: Path, found: Diagnosed) -> None:
+    """The simulator that reproduces the tank: derivatives, what the line keeps and effect, as tables of a scenario."""
+    import tomlkit
+
+    diagnosis = found.diagnosis
+    fitted = diagnosis.best.fitted if diagnosis.best is not None else diagnosis.ranking.base
+    document = tomlkit.document()
+    document.add(
+        tomlkit.comment("Derivatives and unmodelled effects that reproduce these runs; put both into a scenario.toml.")
+    )
+    simulator = diagnosis.inference.simulator
+    assert isinstance(simulator, TowSimulator)
+    hull = tomlkit.table()
+    for name, value in zip(simulator.shared_names, fitted.hypothesis.shared, strict=True):
+        if name != COMPLIANCE:
+            hull[name] = float(value)
+    hull["speed_m_s"] = simulator.speed_m_s
+    document["hull"] = hull
+    line = tomlkit.table()
+    line.add("line", "surge" if any(run.data.tow.line == "surge" for run in simulator.runs) else "constant")
+    document["tow"] = line
+    tables = tomlkit.aot()
+    for effect, numbers in zip(fitted.hypothesis.effects, fitted.hypothesis.numbers, strict=True):
+        table = tomlkit.table()
+        table["name"] = effect.name
+        if effect.lag_s:
+            table.comment(f"lag {effect.lag_s:g} s")
+        own = tomlkit.inline_table()
+        for parameter, number in zip(effect.parameters, numbers, strict=True):
+            own[parameter.name] = float(number)
+        table["numbers"] = own
+        tables.append(table)
+    if len(tables):
+        document["effect"] = tables
+    write_text(path, tomlkit.dumps(document))
+
+
+__all__ = ["Diagnosed", "diagnose_folders", "library_of", "write_model"]

@@ -9,6 +9,7 @@ import re
 from types import ModuleType
 
 ROOMS = (
+    "towline.pipeline.front",
     "towline.record",
     "towline.record.imported",
     "towline.record.exports",

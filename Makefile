@@ -38,6 +38,7 @@ lint: $(VENV)/.test-$(STAMP)
 
 docs: $(VENV)/.test-$(STAMP)
 	$(BIN)/python -m towline.record.reference > docs/formats/reference.md
+	$(BIN)/python -m towline.diagnose.effects.page > docs/effects.md
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	@echo "build/site/index.html"
 

@@ -134,8 +134,13 @@ def diagnosed(
         excluded=ranking.excluded,
         sentences=[],
     )
-    file = file.model_copy(update={"sentences": sentences(file, headline, ranking.rest)})
+    file = file.model_copy(update={"sentences": sentences(file, headline, ranking.rest, _titles(library, ranking))})
     return Diagnosis(file, inference, ranking, best, place, headline)
+
+
+def _titles(library: Sequence[Effect], ranking: Ranking) -> dict[str, str]:
+    found = (*library, *(effect for candidate in ranking.candidates for effect in candidate.effects))
+    return {effect.name: effect.title for effect in found}
 
 
 def _verdict(ranking: Ranking) -> tuple[Verdict, Candidate | None]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ..record.gap_file import GapFile
 from .held_out import Shrink
@@ -13,32 +13,6 @@ OPEN = 0.6
 """Below this probability no gap is a verdict for want of a better one."""
 STANDS_OUT = 5.0
 """Log evidence."""
-
-LIKE = {
-    "crossflow_drag": "quadratic cross-flow drag",
-    "cubic_damping": "cubic damping",
-    "hull_asymmetry": "a hull that pulls to one side",
-    "added_mass_coupling": "added mass that couples sway and yaw",
-    "fluid_memory": "damping with memory",
-    "bank_suction": "suction of the near wall",
-    "cross_current": "a current across the tank",
-    "speed_drift": "a drifting carriage speed",
-    "constant_tension": "a weight or a winch that keeps the line's tension",
-    "tension_variation": "a line tension that changes with the angle",
-    "elastic_line": "a line that stretches",
-    "slack_line": "a line that goes slack",
-    "tow_point_offset": "a tow point off the centre line",
-    "swivel_friction": "friction in the swivel",
-    "lens_distortion": "the lens's true distortion",
-    "deck_height": "the marks' true height",
-    "camera_shift": "a camera that was turned after the datum was picked",
-    "datum_scale": "the datum's true scale",
-    "datum_bias": "the tow post's true place",
-    "marker_roll": "the model's roll under its marks",
-    "frame_rate": "the true frame rate",
-    "sync_delay": "the delay between load cell and video",
-    "rolling_shutter": "a rolling shutter",
-}
 
 
 def is_open(file: GapFile) -> bool:
@@ -53,13 +27,13 @@ ALONE = (
 )
 
 
-def sentences(file: GapFile, held: Shrink | None, rest: Leftover) -> list[str]:
-    """The summary in plain words."""
-    said = _summary(file, held, rest)
+def sentences(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping[str, str] | None = None) -> list[str]:
+    """The summary in plain words; ``titles``: of the effects by name (default: the name)."""
+    said = _summary(file, held, rest, titles or {})
     return said if file.kept_aside else [*said, ALONE]
 
 
-def _summary(file: GapFile, held: Shrink | None, rest: Leftover) -> list[str]:
+def _summary(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping[str, str]) -> list[str]:
     if file.verdict == "no_gap":
         doubted = is_open(file)
         said = [f"The simulator explains these runs to within their noise (probability {file.p_no_gap:.2f})."]
@@ -70,7 +44,7 @@ def _summary(file: GapFile, held: Shrink | None, rest: Leftover) -> list[str]:
         if file.ranking:
             first = file.ranking[0]
             may = "It may miss" if doubted else "The nearest thing to a gap would be"
-            said.append(f"{may} {_like(first.effects)} (probability {first.probability:.2f}).")
+            said.append(f"{may} {_titled(first.effects, titles)} (probability {first.probability:.2f}).")
         if doubted and file.next_measurement is not None:
             said.append(f"Without a tow: measure {file.next_measurement.why}")
         if doubted and file.next_run is not None:
@@ -98,7 +72,9 @@ def _summary(file: GapFile, held: Shrink | None, rest: Leftover) -> list[str]:
         "line": " in the line",
         "camera": " in the camera",
     }
-    said = [f"Your simulator misses {_like(row.effects)}{side.get(stage, '')} (probability {row.probability:.2f})."]
+    said = [
+        f"Your simulator misses {_titled(row.effects, titles)}{side.get(stage, '')} (probability {row.probability:.2f})."
+    ]
     numbers = ", ".join(f"{k.split('.')[1]} {v.value:.3g} +- {v.std:.2g}" for k, v in row.parameters.items())
     said.append(f"Its size: {numbers}.")
     if held is not None and held.before > 1:
@@ -111,7 +87,7 @@ def _summary(file: GapFile, held: Shrink | None, rest: Leftover) -> list[str]:
     apart = file.next_measurement
     twins = [t for t in file.indistinguishable if t[0] in row.effects]
     if twins:
-        others = " or ".join(_like([n]) for n in twins[0][1:])
+        others = " or ".join(_titled([n], titles) for n in twins[0][1:])
         cure = f"; {file.next_run.why.split(':')[0]} would" if file.next_run is not None else ""
         said.append(f"It cannot be told from {others} with these runs{cure}.")
     elif file.next_run is not None:
@@ -126,8 +102,8 @@ def _summary(file: GapFile, held: Shrink | None, rest: Leftover) -> list[str]:
     return said
 
 
-def _like(names: Sequence[str]) -> str:
-    return " and ".join(LIKE.get(name, name) for name in names)
+def _titled(names: Sequence[str], titles: Mapping[str, str]) -> str:
+    return " and ".join(titles.get(name) or name for name in names)
 
 
 def _changed(file: GapFile) -> str:

@@ -17,6 +17,7 @@ import tomlkit
 from towline.cli import main
 from towline.diagnose.effects import LIBRARY, STAGES, Effect, load_effects
 from towline.diagnose.effects.hull import CROSSFLOW
+from towline.diagnose.effects.page import whole_library
 from towline.diagnose.gap import _verdict
 from towline.diagnose.hypothesis import Hypothesis
 from towline.diagnose.next_run import next_run
@@ -32,6 +33,8 @@ from towline.record.gap_file import GapFile, NextMeasurement, Where
 from towline.report.gap_page import _headline
 from towline.simulate.model import Hull, Tow
 from towline.simulate.motion import Start, simulate_full
+
+TITLES = {effect.name: effect.title for effect in whole_library()}
 
 
 @pytest.mark.parametrize("planted", ["none", "crossflow_drag", "deck_height", "unknown kick"])
@@ -310,7 +313,7 @@ def test_no_gap_for_want_of_proof_is_said_so(p_no_gap: float, headline: str, sai
         p_unknown=0.0, set95=[[]], next_run=None, where=Where(stage="", share={}, runs={}, span_s=[], band_hz=[]),
         next_measurement=NextMeasurement(effect="frame_rate", numbers={"frame_rate.rate": 1e-4}, distance=900.0, why="the clock."),
     )  # fmt: skip
-    words = " ".join(sentences(file, None, SimpleNamespace()))
+    words = " ".join(sentences(file, None, SimpleNamespace(), TITLES))
     assert said in words
     assert ("Without a tow: measure the clock." in words) == (headline == "Open")
     assert _headline(file) == headline

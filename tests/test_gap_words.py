@@ -10,6 +10,7 @@ import pytest
 
 from towline.diagnose.apart import Apart
 from towline.diagnose.effects.hull import CURRENT, MEMORY
+from towline.diagnose.effects.page import whole_library
 from towline.diagnose.gap import _derivatives, _measurement, _noise, _numbers, _twins, _verdict
 from towline.diagnose.hypothesis import Hypothesis
 from towline.diagnose.noise import TIMES_S
@@ -17,6 +18,8 @@ from towline.diagnose.scan import Leftover
 from towline.diagnose.words import sentences
 from towline.record.gap_file import GapFile, NextMeasurement, NextRun, RankedEffects, Where
 from towline.record.results import Measured
+
+TITLES = {effect.name: effect.title for effect in whole_library()}
 
 NEXT_RUN = NextRun(
     tow_point_m=1.6, line_length_m=0.9, speed_m_s=1.2, y_release_m=0.2, beta_release_rad=0.0, distance=30.0,
@@ -63,21 +66,21 @@ def file(verdict: Any, ranking: list[RankedEffects], stage: str = "yaw", **more:
 
 def test_no_gap_in_words() -> None:
     sure = "The simulator explains these runs to within their noise (probability 0.85)."
-    assert sentences(file("no_gap", []), None, QUIET) == [sure]
+    assert sentences(file("no_gap", []), None, QUIET, TITLES) == [sure]
     # what is sure asks for no further run
     told = file("no_gap", [row("cross_current", probability=0.07)], next_run=NEXT_RUN, next_measurement=MEASURED)
-    assert sentences(told, None, QUIET) == [
+    assert sentences(told, None, QUIET, TITLES) == [
         sure,
         "The nearest thing to a gap would be a current across the tank (probability 0.07).",
     ]
-    assert sentences(told.model_copy(update={"p_no_gap": 0.45}), None, QUIET) == [
+    assert sentences(told.model_copy(update={"p_no_gap": 0.45}), None, QUIET, TITLES) == [
         "No gap is shown, nor excluded: that nothing is missing has a probability of 0.45 only.",
         "It may miss a current across the tank (probability 0.07).",
         "Without a tow: measure pull the line. Weigh it",
         "To be surer: 1.20 m/s: tells a from b (expected D 30; 20 is enough).",
     ]
-    assert sentences(file("no_gap", [], p_no_gap=0.6), None, QUIET)[0].startswith("The simulator explains")
-    assert len(sentences(file("no_gap", [], p_no_gap=0.59), None, QUIET)) == 1
+    assert sentences(file("no_gap", [], p_no_gap=0.6), None, QUIET, TITLES)[0].startswith("The simulator explains")
+    assert len(sentences(file("no_gap", [], p_no_gap=0.59), None, QUIET, TITLES)) == 1
 
 
 def test_unknown_in_words() -> None:
@@ -109,7 +112,9 @@ def test_unknown_in_words() -> None:
 )
 def test_an_effect_in_words(stage: str, where: str) -> None:
     held: Any = SimpleNamespace(before=1.2)
-    said = sentences(file("effect", [row("cubic_damping", "own_effect"), row("slack_line")], stage), held, QUIET)
+    said = sentences(
+        file("effect", [row("cubic_damping", "own_effect"), row("slack_line")], stage), held, QUIET, TITLES
+    )
     assert said == [
         f"Your simulator misses cubic damping and own_effect{where} (probability 0.93).",
         "Its size: size 0.0123 +- 0.00056.",
@@ -121,16 +126,16 @@ def test_an_effect_in_words(stage: str, where: str) -> None:
 def test_what_would_make_an_effect_surer() -> None:
     effect = file("effect", [row("elastic_line", cure="Weigh it")], set95=[["elastic_line"]])
     flat: Any = SimpleNamespace(before=1.0)
-    assert sentences(effect, flat, QUIET) == sentences(effect, None, QUIET)
-    assert [len(sentences(effect, held, QUIET)) for held in (None, SimpleNamespace(before=1.01))] == [3, 4]  # pyright: ignore[reportArgumentType]
+    assert sentences(effect, flat, QUIET, TITLES) == sentences(effect, None, QUIET, TITLES)
+    assert [len(sentences(effect, held, QUIET, TITLES)) for held in (None, SimpleNamespace(before=1.01))] == [3, 4]  # pyright: ignore[reportArgumentType]
     surer = effect.model_copy(update={"next_run": NEXT_RUN, "next_measurement": MEASURED})
-    assert sentences(surer, None, QUIET)[2:] == [
+    assert sentences(surer, None, QUIET, TITLES)[2:] == [
         "To be surer: 1.20 m/s: tells a from b (expected D 30; 20 is enough).",
         "Weigh it",
     ]
     # a measurement is asked for where it decides between two, and says the cure itself
     asked = surer.model_copy(update={"set95": [["elastic_line"], ["slack_line"]]})
-    assert sentences(asked, None, QUIET)[2:] == [
+    assert sentences(asked, None, QUIET, TITLES)[2:] == [
         "To be surer: 1.20 m/s: tells a from b (expected D 30; 20 is enough).",
         "Without a tow: measure pull the line. Weigh it",
     ]
@@ -143,12 +148,15 @@ def test_what_would_make_an_effect_surer() -> None:
             ]
         }
     )
-    assert sentences(twins, None, QUIET)[2:] == [
+    assert sentences(twins, None, QUIET, TITLES)[2:] == [
         "It cannot be told from a line that goes slack or own with these runs; 1.20 m/s would.",
         "Weigh it",
     ]
     alone = twins.model_copy(update={"next_run": None})
-    assert sentences(alone, None, QUIET)[2] == "It cannot be told from a line that goes slack or own with these runs."
+    assert (
+        sentences(alone, None, QUIET, TITLES)[2]
+        == "It cannot be told from a line that goes slack or own with these runs."
+    )
 
 
 def candidate(evidence: float, *names: str, **more: Any) -> Any:

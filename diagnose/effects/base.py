@@ -125,6 +125,7 @@ class Effect:
     stage : one of STAGES; hull effects are told "sway" or "yaw" by where their force works
     parameters : its numbers
     physics, source, cure : a sentence, where it stands, what to do about it
+    title : what is missing, in words; default: the name
     force : (situation, *numbers) -> (Y N, N N m); a line that keeps its length answers it by its tension
     tension : (situation, *numbers) -> change of T, N, whatever a line that keeps its length asks
     keeps : (*numbers) -> how far the line keeps its tension instead of its length, 0..1
@@ -173,6 +174,7 @@ class Effect:
     cost: float = 0.0
     sizes: tuple[float, ...] = SIZES
     needs: Callable[[Any], str] = field(default=lambda _: "")
+    title: str = ""
 
     @property
     def label(self) -> str:

@@ -142,6 +142,7 @@ LENS = Effect(
     "theory.md 4",
     correct=_lens,
     needs=_no_lens,
+    title="the lens's true distortion",
 )
 DECK = Effect(
     "deck_height",
@@ -153,6 +154,7 @@ DECK = Effect(
     correct=_deck,
     form=EXACT,
     needs=_no_pixels,
+    title="the marks' true height",
 )
 SHIFT = Effect(
     "camera_shift",
@@ -164,6 +166,7 @@ SHIFT = Effect(
     correct=_turned,
     form=EXACT,
     needs=_no_lens,
+    title="a camera that was turned after the datum was picked",
 )
 SCALE = Effect(
     "datum_scale",
@@ -175,6 +178,7 @@ SCALE = Effect(
     correct=_scale,
     form=EXACT,
     needs=_no_pixels,
+    title="the datum's true scale",
 )
 POST = Effect(
     "datum_bias",
@@ -185,6 +189,7 @@ POST = Effect(
     "theory.md 4",
     correct=_post,
     form=EXACT,
+    title="the tow post's true place",
 )
 ROLL = Effect(
     "marker_roll",
@@ -194,6 +199,7 @@ ROLL = Effect(
     "Set the marks lower, or measure the roll.",
     "rigid body",
     observe=_roll,
+    title="the model's roll under its marks",
 )
 ROLLING = tuple(
     replace(
@@ -220,6 +226,7 @@ SHUTTER = Effect(
     "CMOS sensors",
     observe=_shutter,
     needs=_no_pixels,
+    title="a rolling shutter",
 )
 RATE = Effect(
     "frame_rate",
@@ -229,6 +236,7 @@ RATE = Effect(
     "Film a clock; give source.frame_rate_hz.",
     "theory.md 2",
     clock=lambda t_s, rate: rate * t_s,
+    title="the true frame rate",
 )
 DRIFT = Effect(
     "speed_drift",
@@ -243,6 +251,7 @@ DRIFT = Effect(
     "Record the carriage's speed (tow.speed).",
     "theory.md 2",
     speed=_drift,
+    title="a drifting carriage speed",
 )
 DELAY = Effect(
     "sync_delay",
@@ -253,4 +262,5 @@ DELAY = Effect(
     "formats.md",
     tension=_delayed,
     needs=_no_history,
+    title="the delay between load cell and video",
 )

@@ -61,6 +61,7 @@ CROSSFLOW = Effect(
     "Add Y_v|v|, N_v|v|, N_r|r| (or strip theory) to the simulator; keep the tow's angles small for the linear derivatives.",
     "theory.md 2; Faltinsen (1990), ch. 6",
     force=_crossflow,
+    title="quadratic cross-flow drag",
 )
 CUBIC = Effect(
     "cubic_damping",
@@ -74,6 +75,7 @@ CUBIC = Effect(
     "Add Y_vvv, N_vvv, N_rrr to the simulator.",
     "thesis (2.41)",
     force=_cubic,
+    title="cubic damping",
 )
 ASYMMETRY = Effect(
     "hull_asymmetry",
@@ -83,6 +85,7 @@ ASYMMETRY = Effect(
     "Set the rudder amidships, or give Y* and N* to the simulator.",
     "thesis 4.1",
     force=_asymmetry,
+    title="a hull that pulls to one side",
 )
 COUPLING = Effect(
     "added_mass_coupling",
@@ -92,6 +95,7 @@ COUPLING = Effect(
     "Add Y_rdot and N_vdot to the equations of motion.",
     "theory.md 2",
     coupling=lambda y_rdot, n_vdot: (y_rdot, n_vdot),
+    title="added mass that couples sway and yaw",
 )
 CURRENT = Effect(
     "cross_current",
@@ -101,6 +105,7 @@ CURRENT = Effect(
     "Wait between runs until the tank is calm; measure the current.",
     "theory.md 2",
     force=_current,
+    title="a current across the tank",
 )
 BANK = Effect(
     "bank_suction",
@@ -111,6 +116,7 @@ BANK = Effect(
     "Norrbin (1974)",
     force=_bank,
     needs=_no_width,
+    title="suction of the near wall",
 )
 MEMORY = tuple(
     Effect(
@@ -127,6 +133,7 @@ MEMORY = tuple(
         force=_memory,
         lag_s=lag_s,
         variant=f"{lag_s:g} s",
+        title="damping with memory",
     )
     for lag_s in (0.5, 1.0, 2.0, 4.0)
 )

@@ -59,6 +59,7 @@ KEPT = Effect(
     "theory.md 10",
     keeps=lambda share: share,
     needs=_no_length,
+    title="a weight or a winch that keeps the line's tension",
 )
 TENSION = Effect(
     "tension_variation",
@@ -69,6 +70,7 @@ TENSION = Effect(
     "thesis (4.7)",
     tension=_varies,
     needs=_length,
+    title="a line tension that changes with the angle",
 )
 LAW = replace(
     TENSION,
@@ -92,6 +94,7 @@ ELASTIC = Effect(
     "theory.md 4",
     length=lambda tension_n, compliance, _: compliance * tension_n,
     stretch=_stretch,
+    title="a line that stretches",
 )
 OFFSET = Effect(
     "tow_point_offset",
@@ -101,6 +104,7 @@ OFFSET = Effect(
     "Measure the tow point's offset and give tow_point_offset_m.",
     "theory.md 2",
     offset=lambda offset_m: offset_m,
+    title="a tow point off the centre line",
 )
 FRICTION = Effect(
     "swivel_friction",
@@ -110,6 +114,7 @@ FRICTION = Effect(
     "Use a ball bearing swivel, or add the dry friction moment.",
     "Coulomb friction",
     force=_friction,
+    title="friction in the swivel",
 )
 
 
@@ -188,4 +193,5 @@ def slack(windows: Sequence[tuple[float, float] | None], wave: bool = False) -> 
         bound=True,
         sizes=(1.0,),
         form=SLACK_FORM,
+        title="a line that goes slack",
     )

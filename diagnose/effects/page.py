@@ -1,0 +1,70 @@
+"""The page of the library (docs/effects.md), from the effects themselves: ``python -m towline.diagnose.effects.page``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from . import LIBRARY, slack
+from .base import Effect, Parameter
+from .line import springing
+
+HEAD = """\
+# The library of effects
+
+What `towline diagnose` tries beside the simulator as it is, and how large it takes each to be before it has seen the runs. A
+number's size is the standard deviation of its prior where the effect exists at its usual size; 0.3, 0.1 and 0.03 of it are as
+likely (a slack line and a bounce, found in the residual, come in one size). "Above 0": physics lets it have one sign only.
+"Measured to": how well a rule or a clock tells it without a tow (`[[measured]]`,
+[diagnose.md](diagnose.md#measured-without-a-tow)). "Form": the share of what it explains that its own form may leave over before
+something more is said to be missing. An effect far outside these sizes is still found, at the price that it was not expected;
+give it as an effect of your own ([diagnose.md](diagnose.md#an-effect-of-ones-own)) where you know better.
+
+| effect | acts in | numbers | form | what happens | what to do |
+|---|---|---|---|---|---|
+"""
+
+
+def effects_page(effects: Sequence[Effect]) -> str:
+    """The page, Markdown; effects of one name and numbers (variants) together in a row."""
+    groups: dict[tuple[str, ...], list[Effect]] = {}
+    for effect in effects:
+        groups.setdefault((effect.name, *(p.name for p in effect.parameters)), []).append(effect)
+    return HEAD + "".join(f"{_row(alike)}\n" for alike in groups.values())
+
+
+def whole_library() -> list[Effect]:
+    """Of the library, and of what is found in a residual."""
+    return [
+        *LIBRARY,
+        slack([(1.0, 2.0)]),
+        springing(lambda t_s: 0.0 * t_s, "springs, as the residual shows", 1.0, 0.03),
+    ]
+
+
+def _row(alike: Sequence[Effect]) -> str:
+    first = alike[0]
+    numbers = "; ".join(_number(p, len(alike)) for p in first.parameters)
+    if len(alike) > 1:
+        numbers += f" ({', '.join(e.variant for e in alike)})"
+    cells = f"`{first.name}`", first.stage, numbers, f"{100 * first.form:g} %", first.physics, first.cure
+    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+
+
+def _number(parameter: Parameter, variants: int) -> str:
+    about = " about the variant's" if variants > 1 and parameter.name == "period_s" else f" about {parameter.none:g}"
+    return "".join(
+        (
+            f"`{parameter.name}` {parameter.sd:g}",
+            f" {parameter.unit}" if parameter.unit else "",
+            about if parameter.none else "",
+            ", above 0" if parameter.one_sided else "",
+            f", measured to {parameter.apart:g}" if parameter.apart else "",
+        )
+    )
+
+
+if __name__ == "__main__":
+    print(effects_page(whole_library()), end="")
+
+
+__all__ = ["effects_page", "whole_library"]

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from ..record.each import Each, in_turn
 from ..record.errors import EstimationError
 from ..simulate.model import Array, alpha_from_y, line_force
 from .colour.choose import as_fit
 from .colour.innovations import maximise
 from .data import RunData
-from .each import Each, in_turn
 from .fit import NEAR, Fit, Near, fit_runs, modes_along
 from .joint.problem import Problem
 from .joint.solve import minimise

@@ -27,9 +27,9 @@ from ..identify import (
 )
 from ..identify.bracket import SHEARS, bracket_words, neutral_bracket
 from ..identify.cut import cut_of
-from ..identify.each import Each, in_turn
 from ..identify.report import tow_stability
 from ..identify.steady import SteadyState, UnsettledError, stands_off
+from ..record.each import Each, in_turn
 from ..record.errors import EstimationError, InputError, TowlineError
 from ..record.exports import derivatives_covariance
 from ..record.names import shown

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import ndtr
 
-from ..identify.each import Each, in_turn
+from ..record.each import Each, in_turn
 from .dynamics_figures import Answer, bode_figure, orbits_figure, spectrum_figure
 from .format import NONE, SYMBOLS_TEXT, plus_minus, significant, to_decimals
 from .html import FIGURES, Html, bullets, figure, join, number, table, tag, unit

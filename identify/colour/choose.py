@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...record.each import Each, in_turn
 from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..data import RunData
-from ..each import Each, in_turn
 from ..fit import Fit, beside_of, common_errors, fit_runs, modes_along
 from ..joint.problem import OWN, Problem
 from ..joint.thin import thinned

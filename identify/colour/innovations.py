@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...record.each import Each, in_turn
 from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..data import RunData
-from ..each import Each, in_turn
 from ..joint.arrow import Arrow, Inverse, Shares, inverse_of, shares_of
 from ..joint.problem import Answer, Problem
 from ..joint.solve import damped_step

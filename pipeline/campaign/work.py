@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...identify.each import Each, in_turn
 from ...record.campaigns import TRIM, Answer, Number
+from ...record.each import Each, in_turn
 from ...record.errors import TowlineError
 from ...record.files import JSON_BYTES, read_text, sha256_of_texts, write_text
 from ...record.names import shown

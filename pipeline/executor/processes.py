@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import Any
 
-from ...identify.each import Each, Tell
+from ...record.each import Each, Tell
 from ...record.errors import TowlineError
 from .memory import reserve
 

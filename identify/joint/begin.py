@@ -18,7 +18,7 @@ from .problem import OWN, Problem
 from .solve import Optimum, Progress, minimise, normal
 from .thin import thinned
 
-ROUGH_CONVERGED = 1e-4
+ROUGH_CONVERGED = 1e-3
 POOR = {"constant": 30.0, "surge": 3000.0}
 """A start whose chi-square per residual exceeds this is led in by growing records; the linear form, whose tension is constant,
 leaves more of a tow that swings on a line of constant length."""
@@ -142,7 +142,8 @@ def _by_some(
     extra: Extra,
     hold: tuple[int, ...],
 ) -> tuple[Array, int] | None:
-    """The derivatives by some of the runs, then every run's own with these held; None where that does not come near a run."""
+    """The derivatives by some of the runs, then every run's own with these held, then all together; None where that comes near
+    none."""
     order = np.argsort([d.tow.tow_point_m for d in runs], kind="stable")
     chosen = order[np.round(np.linspace(0, len(runs) - 1, MOST_ROUGH)).astype(int)]
     some = [runs[k] for k in chosen]
@@ -160,9 +161,14 @@ def _by_some(
     for place, k in enumerate(chosen):
         at = 6 + len(OWN) * place
         whole[linear.own_at(k) : linear.own_at(k) + len(OWN)] = theta[at : at + len(OWN)]
-    if form == "full" and _per_residual(Problem(few, "full", speed_m_s), whole, weights) > FAR_OFF[runs[0].tow.line]:
+    steps += found.steps
+    if form == "linear":
+        return whole, steps
+    together = Problem(few, "full", speed_m_s, hold, extra, rough=True)
+    if _per_residual(together, whole, weights) > FAR_OFF[runs[0].tow.line]:
         return None
-    return whole, steps + found.steps
+    found = minimise(together, whole, weights, progress, converged=ROUGH_CONVERGED)
+    return found.theta, steps + found.steps
 
 
 def knows_full_only(data: RunData) -> bool:

@@ -31,6 +31,14 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
         metavar="ittc|southampton|FILE.csv",
         help="compare with a reference set of primes, as towline compare",
     )
+    sub.add_argument(
+        "--thorough",
+        nargs="?",
+        type=int,
+        const=1,
+        metavar="SEED",
+        help="check optimum and intervals: other starts, 100 drawn records, profiles (out/thorough.json; a minute for four runs)",
+    )
     sub.add_argument("--no-page", action="store_true", help="write no HTML page")
     sub.add_argument("-o", "--out", type=Path, help="where derivatives.json and derivatives.html go (default: RUN/out)")
 
@@ -54,6 +62,8 @@ def call(options: argparse.Namespace) -> int:
         options.outcome.result["comparison"] = compared
         print("\n".join(comparison_lines(compared, SYMBOLS_TEXT)))
         print_notes(compared.notes)
+    if options.thorough is not None:
+        _check_thoroughly(options, answer, out)
     if not options.no_page:
         from ..pipeline.analysis import fit_page
         from ..report.identify_page import write_identify_page
@@ -66,6 +76,18 @@ def call(options: argparse.Namespace) -> int:
     options.outcome.fail(answer.result.failed)
     code = exit_code(answer.result.failed)
     return max(code, _identify_free(options, free, out, answer)) if free.runs else code
+
+
+def _check_thoroughly(options: argparse.Namespace, answer: Any, out: Path) -> None:
+    from ..pipeline.thorough import thorough
+    from ..record.results import write_result
+
+    with show_progress() as show:
+        checked = thorough(answer, options.thorough, progress=lambda text: show(text, 0, None))
+    write_result(out / "thorough.json", checked)
+    print("\n".join(checked.sentences))
+    options.outcome.result["thorough"] = checked
+    options.outcome.wrote(out / "thorough.json")
 
 
 def fit_and_write(options: argparse.Namespace, batch: Any, out: Path) -> Any:

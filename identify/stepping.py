@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..record.errors import EstimationError
 from ..simulate.model import Array
@@ -13,6 +14,10 @@ from .data import RunData
 
 STEP_SD, AROUND = 10.0, 5
 """Neighbours stand a step apart that is so many of their standard deviations, and keeps for so many samples on both sides."""
+USUAL_SD = 5.0
+"""Nor is it one of the record's own fluctuations: so many of their standard deviations, read robustly (6e-7 a sample)."""
+MAD_TO_SD = 1.4826
+"""Standard deviation over median absolute deviation, of a Gaussian."""
 FOLLOWED = 0.5
 """A stepping record is still one tow's where what is left of it is less than this share of the step, in standard deviations."""
 
@@ -48,7 +53,7 @@ def step_of(data: RunData) -> Step | None:
     right = np.median([z[:, at + 1 + k] - k * slope for k in range(AROUND)], axis=0)
     left = np.median([z[:, at - k] + k * slope for k in range(AROUND)], axis=0)
     size, once = right - left - slope, between[:, at] - slope
-    found = (np.minimum(np.abs(size), np.abs(once)) > STEP_SD).any(axis=0)
+    found = (_standing_out(size) & _standing_out(once)).any(axis=0)
     if not found.any():
         return None
     largest = int(np.argmax(np.where(found, np.abs(size).max(axis=0), 0.0)))
@@ -80,6 +85,12 @@ def refuse_stepping(runs: list[RunData], left: Callable[[], list[Array]]) -> Non
 def why_not_followed(runs: list[RunData], error: EstimationError) -> EstimationError:
     """What a record that no motion follows may be: one that steps; else ``error``."""
     return next((_error(d, step) for d in runs if (step := step_of(d)) is not None), error)
+
+
+def _standing_out(z: Array) -> NDArray[np.bool_]:
+    """What is far larger than stated noise, and than what the record itself shows nearly everywhere: sigmas may be understated."""
+    usual = MAD_TO_SD * np.median(np.abs(z - np.median(z, axis=1, keepdims=True)), axis=1, keepdims=True)
+    return np.abs(z) > np.maximum(STEP_SD, USUAL_SD * usual)
 
 
 def _sd(data: RunData) -> Array:

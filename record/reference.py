@@ -17,6 +17,7 @@ from .priors import Priors
 from .results import CameraFile, DerivativesFile, SteadyFile, TruthFile
 from .scenario import ScenarioFile
 from .schema import RunFile
+from .thorough_file import ThoroughFile
 
 _PAGES: tuple[tuple[str, type[BaseModel], str], ...] = (
     ("run.toml", RunFile, "The description of a run folder."),
@@ -26,6 +27,7 @@ _PAGES: tuple[tuple[str, type[BaseModel], str], ...] = (
     ("out/derivatives.json", DerivativesFile, "Written by `towline identify`."),
     ("out/steady.json", SteadyFile, "Written by `towline steady`."),
     ("out/gap.json", GapFile, "Written by `towline diagnose`."),
+    ("out/thorough.json", ThoroughFile, "Written by `towline identify --thorough`."),
     ("out/check.json", CheckFile, "Written by `towline check`."),
     ("lens.json", LensFile, "Written by `towline lens`."),
     ("plan.toml", PlanRequest, "What `towline plan` is asked."),

@@ -10,6 +10,7 @@ from types import ModuleType
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import lfilter
 
 from towline.identify import RunData, fit_runs
 from towline.identify.stepping import step_of
@@ -300,6 +301,18 @@ def test_a_record_of_many_swings_finds_its_own_valley() -> None:
     fit = fit_runs([long])
     left = float(((fit.residual[0] / SIGMA) ** 2).sum())
     assert abs(left - 2 * len(t_s)) < 5 * np.sqrt(4 * len(t_s))
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5, 0.9])
+def test_noise_that_is_larger_than_stated_is_no_step(memory: float) -> None:
+    """White and coloured, ten times what the sigmas say, many seeds: it is noise, and the fit goes on."""
+    one = tows(9.5, seed=6, t_s=np.arange(0, 39.99, 0.08))[0]
+    rng, wrong = np.random.default_rng(5), 0
+    for _ in range(40):
+        noise = lfilter([np.sqrt(1 - memory**2)], [1.0, -memory], rng.normal(size=(2, len(one.t_s))), axis=1)
+        noise *= 10 * np.array(SIGMA)[:, None]
+        wrong += step_of(replace(one, y_m=one.y_m + noise[0], beta_rad=one.beta_rad + noise[1])) is not None
+    assert wrong == 0
 
 
 def test_records_joined_to_one_are_named() -> None:

@@ -29,7 +29,6 @@ from methods_data import (
 )
 
 from towline.identify import RunData, fit_runs, fit_with_noise
-from towline.identify.criteria import fit_criterion
 from towline.identify.methods import (
     FreeRecord,
     Record,
@@ -53,6 +52,7 @@ from towline.identify.methods import (
     regression_on_rates,
     suggested_decimation,
 )
+from towline.identify.methods.criteria import fit_criterion
 from towline.identify.start import weak_form_start
 from towline.identify.steady import SteadyState, fit_steady
 from towline.record import EstimationError

@@ -10,12 +10,12 @@ import pytest
 from scipy.linalg import expm
 
 from towline.identify import fit_runs
-from towline.identify.criteria import fit_criterion
 from towline.identify.joint.linear import exponential, linear_paths, system_matrices
 from towline.identify.joint.parameters import COUNT, hull_from, run_tow
 from towline.identify.joint.partials import linearise
 from towline.identify.joint.thin import thinned
 from towline.identify.limits.bound import cramer_rao
+from towline.identify.methods.criteria import fit_criterion
 from towline.identify.multistart import multistart
 from towline.identify.response import full_response, linear_response
 from towline.record import EstimationError, Priors

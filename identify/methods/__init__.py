@@ -20,6 +20,7 @@ from .characteristic import (
     roots_from_coefficients,
 )
 from .common import Record, SixEstimate
+from .criteria import CriterionFit, fit_criterion
 from .decay import DecayFit, fit_decay
 from .forced import Swing, forced_response, frequency_dependence, modal_derivatives, swing_from_alpha
 from .free_run import FreeRecord, FreeRunFit, fit_free_run
@@ -56,6 +57,7 @@ __all__ = [
     "AppendixOne",
     "ArxFit",
     "Bode",
+    "CriterionFit",
     "DecayFit",
     "FourStages",
     "FreeRecord",
@@ -91,6 +93,7 @@ __all__ = [
     "discrete_tow",
     "feedback",
     "fit_arx",
+    "fit_criterion",
     "fit_decay",
     "fit_free_run",
     "fit_frequency_response",

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..record.errors import EstimationError
-from ..simulate.model import Array
-from .data import RunData
-from .fit import check_runs
-from .joint.arrow import inverse_of, widened
-from .joint.begin import rough_optimum
-from .joint.problem import Problem
-from .joint.solve import minimise
+from ...record.errors import EstimationError
+from ...simulate.model import Array
+from ..data import RunData
+from ..fit import check_runs
+from ..joint.arrow import inverse_of, widened
+from ..joint.begin import rough_optimum
+from ..joint.problem import Problem
+from ..joint.solve import minimise
 
 CRITERIA = ("trace", "determinant")
 TURNS = 20

@@ -36,6 +36,15 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
     )
     sub.add_argument("--pixels-per-unit", type=float, metavar="N", help="undo a calibration (default: 1)")
     sub.add_argument("--camera", type=int, metavar="N", help="DLTdv: which camera of several")
+    sub.add_argument(
+        "--between",
+        type=float,
+        metavar="HZ",
+        help="points digitised in a few frames: rows between them, marked as predicted",
+    )
+    sub.add_argument(
+        "--largest-gap", type=float, default=1.0, metavar="S", help="with --between: wider gaps stay lost (default: 1)"
+    )
     sub.add_argument("--setup", type=Path, metavar="SETUP.toml", help="instruments: what each channel measures")
 
 
@@ -55,7 +64,7 @@ def _tracks(options: argparse.Namespace) -> int:
         if not (name and mark and own) or name in markers or own in markers.values():
             raise TowlineError(f"--marker {pair}: NAME=ID is expected, each name and each ID once")
         markers[name] = own
-    for name in ("rate", "image_height", "pixels_per_unit"):
+    for name in ("rate", "image_height", "pixels_per_unit", "between", "largest_gap"):
         value = getattr(options, name)
         if value is not None and not 0 < value < float("inf"):
             raise TowlineError(f"--{name.replace('_', '-')} {value:g}: a number above 0 is expected")
@@ -70,13 +79,17 @@ def _tracks(options: argparse.Namespace) -> int:
         camera=options.camera,
     )
     found = import_tracks(options.source, options.program, wanted)
-    write_table(options.out, found.table)
+    table = found.table
+    if options.between is not None:
+        from ..vision.picked import interpolated
+
+        # frames in which nobody digitised the point come anew, predicted or lost
+        table = interpolated(table[table["status"] == "measured"], options.between, options.largest_gap)
+    write_table(options.out, table)
     for note in found.notes:
         print(f"note: {note}")
-    print(
-        f"{found.program}: " + "; ".join(_seen(str(m), rows) for m, rows in found.table.groupby("marker", sort=False))
-    )
-    rows_of = {str(marker): len(rows) for marker, rows in found.table.groupby("marker", sort=False)}
+    print(f"{found.program}: " + "; ".join(_seen(str(m), rows) for m, rows in table.groupby("marker", sort=False)))
+    rows_of = {str(marker): len(rows) for marker, rows in table.groupby("marker", sort=False)}
     options.outcome.result |= {"program": found.program, "rows": rows_of, "notes": found.notes}
     options.outcome.wrote(options.out)
     return 0

@@ -358,6 +358,15 @@ def test_the_command_writes_tracks_with_run_tomls_names(tmp_path: Path, capsys: 
     table = read_tracks(out)
     assert set(table["marker"]) == set(NAMES)
     assert np.nanmax(np.abs(table.loc[table["marker"] == "bow", "u_px"].to_numpy() - truth.u[:, 0])) < 1e-7
+    assert main(["import", source, *common, *points, "--y", "up", "--between", "25", "-o", out]) == 0
+    filled = read_tracks(out)
+    assert set(filled["status"]) == {"measured", "predicted"}
+    assert (filled["status"] == "measured").sum() == (table["status"] == "measured").sum()
+    assert (filled["marker"] == "bow").sum() == 40
+    assert (
+        main(["import", source, *common, *points, "--y", "up", "--between", "25", "--largest-gap", "0", "-o", out]) == 1
+    )
+    assert "--largest-gap 0: a number above 0" in capsys.readouterr().err
     assert main(["import", source, *common, "--y", "up", "--marker", "bow", "-o", out]) == 1
     assert "NAME=ID is expected" in capsys.readouterr().err
     assert main(["import", source, "--from", "instruments", "-o", out]) == 1

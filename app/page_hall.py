@@ -371,17 +371,19 @@ class Hall:
 
     def select(self, label: str) -> None:
         """Put the cursor into a field, its text selected."""
-        name = json.dumps(label)
-        self.javascript(
-            f"[...document.querySelectorAll('input')].find(e => e.getAttribute('aria-label') === {name})?.select()"
-        )
+        self._focus(label, "e.select()")
 
     def _cursor_into(self, label: str) -> None:
         """Put the cursor behind the text of a field that was drawn anew while somebody typed into it."""
-        name = json.dumps(label)
+        self._focus(label, "e.setSelectionRange(e.value.length, e.value.length)")
+
+    def _focus(self, label: str, then: str) -> None:
+        """Put the cursor into a field; not where the person is typing into another by now: this may come late."""
+        found = (
+            f"[...document.querySelectorAll('input')].find(e => e.getAttribute('aria-label') === {json.dumps(label)})"
+        )
         self.javascript(
-            f"{{ const e = [...document.querySelectorAll('input')].find(e => e.getAttribute('aria-label') === {name});"
-            " e?.focus(); e?.setSelectionRange(e.value.length, e.value.length); }"
+            f"if (document.activeElement?.tagName !== 'INPUT') {{ const e = {found}; e?.focus(); e && {then}; }}"
         )
 
     def soon(self, call: Callable[[], Any]) -> None:

@@ -30,6 +30,7 @@ class MarksStep(Step):
         self._seen: Detected | None = None
         self._wanted = (-1, -1)
         self._looking = False
+        self._words, self._kind = "", ""
         self._before = 0
 
     def build(self) -> None:
@@ -40,7 +41,7 @@ class MarksStep(Step):
             snap = ui.checkbox("Snap to the mark", value=desk.snapping, on_change=self._snap)
             made = ui.checkbox("Show what the detector sees", value=self.detector, on_change=self._set_detector)
             snap.props["aria-label"], made.props["aria-label"] = "Snap", "Detector"
-        self._detector = say("", lines=2)
+        self._detector = say(self._words, self._kind, lines=2)
         for number, row in enumerate(desk.doc.rows("marker")):
             self._row(number, row)
         with ui.row().style("margin-top: 12px"):
@@ -184,7 +185,7 @@ class MarksStep(Step):
         name = rows[chosen].get("name") if 0 <= chosen < len(rows) else None
         self._what.text = f"Click {name}" if name else "Click the bow's mark" if not rows else "Click to add a mark"
         if not self.detector:
-            self._detector.text = ""
+            self._tell("")
 
     def moved(self) -> None:
         """Look with the detector, one look at a time."""
@@ -202,26 +203,31 @@ class MarksStep(Step):
 
     async def _look(self) -> None:
         wanted = self._wanted
-        self._detector.text = "Detector: looking"  # what it says of another frame is not left standing
-        self._detector.classes(replace="say soft")
+        self._tell("Detector: looking", "soft")  # what it says of another frame is not left standing
         try:
             seen = await self.hall.work(self.desk.detect, wanted[1])
         except TowlineError as error:
-            self._detector.text = str(error)
+            self._tell(str(error), "warn")
             return
         finally:
             self._looking = False
         if self.hall.step is not self or seen is None:
+            self._wanted = (-1, -1)  # looked at again when the step is shown again
             return
         if wanted != (self.desk.doc.version, self.desk.index):
             self.moved()
             return
         self._seen = seen
-        self._detector.text = f"Detector: {seen.words}"
-        self._detector.classes(replace="say good" if seen.marks_px else "say warn")
+        self._tell(f"Detector: {seen.words}", "good" if seen.marks_px else "warn")
         if self.hall.viewer is not None:
             self.hall.viewer.run_method("over", json.dumps(self.moving()))
         await self._look_ahead(wanted[1])
+
+    def _tell(self, words: str, kind: str = "") -> None:
+        """What the detector says; it stays when the rows are drawn anew."""
+        self._words, self._kind = words, kind
+        self._detector.text = words
+        self._detector.classes(replace=f"say {kind}")
 
     async def _look_ahead(self, index: int) -> None:
         """The frame that the next step of the same length asks for."""

@@ -154,8 +154,12 @@ def test_from_a_video_to_derivatives(
             moved = page.evaluate("window.moved")
             track(person)
             results(person)
-        except sync_api.Error:
+        except sync_api.Error as error:
             person.shot("failed")
+            shown_then = page.evaluate("document.body.innerText")
+            errors = (tmp_path / "errors.txt").read_text()
+            moved = page.evaluate("window.moved")
+            error.add_note(f"the page then:\n{shown_then}\nsaid: {said}, moved: {moved}, server: {errors}")
             raise
         browser.close()
     assert said == []
@@ -165,6 +169,53 @@ def test_from_a_video_to_derivatives(
     for name, times in person.times.items():
         print(f"{name:34} {sorted(times)[len(times) // 2]:7.0f} ms median {max(times):7.0f} ms worst of {len(times)}")
     judge(tank, samples)
+
+
+LATE = """() => {
+  const given = Object.getOwnPropertyDescriptor(WebSocket.prototype, 'onmessage');
+  const sleep = wait_ms => new Promise(done => setTimeout(done, wait_ms));
+  Object.defineProperty(WebSocket.prototype, 'onmessage', { ...given, set(handle) {
+    let before = Promise.resolve();
+    given.set.call(this, event => {
+      const late = String(event.data).includes('getAttribute');
+      if (late) before = before.then(() => sleep(700));
+      before = before.then(() => handle(event));
+      if (late) before = before.then(() => sleep(100)).then(() => { window.late = (window.late ?? 0) + 1; });
+    });
+  }});
+}"""
+"""Holds back what puts the cursor into a field and all behind it, as a slow machine does; window.late counts what came late."""
+
+
+@pytest.mark.slow
+def test_a_cursor_that_comes_late_leaves_the_field_that_is_typed_into(
+    browsers: ModuleType, served: Served, tmp_path: Path
+) -> None:
+    with sync_api.sync_playwright() as playwright:
+        browser = browsers.started(playwright)
+        page = browser.new_page(viewport={"width": 1366, "height": 768})
+        page.add_init_script(f"({LATE})()")
+        person = Person(page, tmp_path / "shots")
+        page.goto(served.address)
+        begin_a_run(person)
+        page.keyboard.press("Escape")
+        page.keyboard.press("4")
+        page.wait_for_function(shown(0))
+        page.mouse.click(*person.screen(430.8, 188.8))
+        depth = page.get_by_label("depth of bow", exact=True)
+        depth.click()
+        page.keyboard.type("0.1")
+        assert page.evaluate("window.late") is None, "the cursor was not late: nothing is shown by this test"
+        page.wait_for_function("window.late === 1")
+        page.keyboard.type("2")
+        page.keyboard.press("Tab")
+        assert depth.input_value() == "0.12"
+        assert page.get_by_label("ahead of bow", exact=True).input_value() == ""
+        page.mouse.click(*person.screen(415.8, 398.2))  # nobody types: the cursor comes
+        page.wait_for_function("document.activeElement.getAttribute('aria-label') === 'ahead of stern'")
+        page.keyboard.type("-1.2")
+        assert page.get_by_label("ahead of stern", exact=True).input_value() == "-1.2"
+        browser.close()
 
 
 def begin_a_run(person: Person) -> None:

@@ -21,6 +21,7 @@ import sys
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -129,7 +130,9 @@ def test_pictures_are_small() -> None:
 def test_every_page_is_in_the_navigation() -> None:
     listed = re.findall(r"[\w/.-]+\.md", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
     there = [p.relative_to(ROOT / "docs").as_posix() for p in PAGES if ROOT / "docs" in p.parents]
-    assert (set(there) | {"api.md", "readme.md", "sample_videos/README.md"}) - {APP} == set(listed)
+    made = {name for name in listed if re.fullmatch(r"api\.md|api/\w+\.md", name)}
+    assert made == set(site_module("api").pages())
+    assert (set(there) | made | {"readme.md", "sample_videos/README.md"}) - {APP} == set(listed)
     assert len(listed) == len(set(listed))
 
 
@@ -349,13 +352,39 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def site_module(name: str) -> ModuleType:
+    """One of docs/site, which is no package."""
+    spec = importlib.util.spec_from_file_location(f"docs_{name}", ROOT / "docs" / "site" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_docstring_of_the_house_is_numpydoc_for_the_site() -> None:
+    text = "Fit.\n\nParameters\n----------\nruns : one or more\n\nWhere it fails, more.\n\nRaises\n------\nTypeError : no run\n"
+    told = site_module("sections").numpydoc(text)
+    assert "runs\n    one or more\n" in told
+    assert "TypeError\n    no run\n" in told
+    assert told.index("Where it fails, more.") < told.index("Parameters")
+
+
 def test_the_site_is_whole(site: Path) -> None:
     for page in PAGES:
         if ROOT / "docs" in page.parents:
             name = page.relative_to(ROOT / "docs").with_suffix(".html").as_posix().replace("README", "index")
             assert (site / name).is_file(), name
-    api = (site / "api.html").read_text(encoding="utf-8")
-    assert 'id="towline.identify.fit_runs"' in api
+    for page in site_module("api").pages():
+        assert (site / page).with_suffix(".html").is_file(), page
+    door = (site / "api.html").read_text(encoding="utf-8")
+    for name in ("track", "identify", "diagnose"):
+        assert f'id="towline.{name}"' in door
+    room = (site / "api" / "identify.html").read_text(encoding="utf-8")
+    fit_runs = room[room.index('id="towline.identify.fit_runs"') :]
+    shown = re.sub(r"<[^>]+>", "", fit_runs[: fit_runs.index("fit_steady")])
+    for part in ("runs: list[RunData]", "one or more; runs of one hull share", "EstimationError"):
+        assert part in shown, part
     assert (site / "search" / "search_index.json").is_file()
     assert (site / "benchmarks" / "identify.txt").is_file()
 
@@ -376,11 +405,7 @@ def test_the_site_asks_nothing_of_the_outside(site: Path) -> None:
 
 
 def test_markers_and_tight_lists_reach_the_site_as_markdown() -> None:
-    spec = importlib.util.spec_from_file_location("docs_hooks", ROOT / "docs" / "site" / "hooks.py")
-    assert spec is not None
-    assert spec.loader is not None
-    hooks = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(hooks)
+    hooks = site_module("hooks")
     text = "Then\n- one\n  more\n- two\n\n```sh no-run (why)\nThen\n- not a list\n```\n"
     assert hooks.for_python_markdown(text) == "Then\n\n- one\n  more\n- two\n\n```sh\nThen\n- not a list\n```\n"
     assert hooks.with_inner_links("[a](../benchmarks/x.txt) [b](b.md#c)", "d.md") == "[a](benchmarks/x.txt) [b](b.md#c)"

@@ -17,7 +17,8 @@ ITEM = re.compile(r"^\s*(?:[-*]|\d+\.)\s")
 
 
 def on_config(config: Any) -> Any:
-    """The web page's own page comes into the navigation as soon as it is there."""
+    """The web page's own page comes into the navigation as soon as it is there; mkdocstrings reads the rooms alone."""
+    _api(ROOT).sources(ROOT)
     if (Path(config["docs_dir"]) / APP).is_file() and APP not in str(config["nav"]):
         use = next(part["Use"] for part in config["nav"] if "Use" in part)
         use.insert(1, {"The app": APP})
@@ -25,7 +26,7 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Take in what the pages link to outside docs/ (benchmarks, examples, sample recordings), and write the API's page."""
+    """Take in what the pages link to outside docs/ (benchmarks, examples, sample recordings), and write the API's pages."""
     from mkdocs.structure.files import File
 
     root = Path(config["docs_dir"]).parent
@@ -39,7 +40,8 @@ def on_files(files: Any, config: Any) -> Any:
                 files.append(file)
                 if file.is_documentation_page():
                     pages.append(file)
-    files.append(File.generated(config, "api.md", content=_api(root).api_page()))
+    for name, content in _api(root).pages().items():
+        files.append(File.generated(config, name, content=content))
     return files
 
 

@@ -264,6 +264,18 @@ def test_blocks_run(page: Path, worked: Path, tmp_path: Path, monkeypatch: pytes
                 assert code == 0, f"{block.place}: {line} ended with {code}: {said[-1500:]}"
         elif block.language == "console":
             console(block)
+    if page.parent.name == "gallery":
+        drawn = Path(f"{page.stem}.webp")
+        assert size_px(drawn) == size_px(ROOT / "docs" / "pictures" / f"gallery_{drawn}")
+
+
+def size_px(picture: Path) -> tuple[int, ...]:
+    import cv2
+
+    read = cv2.imread(str(picture))
+    assert read is not None, picture
+    assert read.std() > 5, f"{picture}: nothing is drawn"
+    return read.shape
 
 
 def joined(text: str) -> list[str]:

@@ -1,4 +1,6 @@
-"""The tutorial's pictures, taken from the pages that its own commands write: ``python docs/site/pictures.py``."""
+"""The pictures of the docs: ``python docs/site/pictures.py`` takes the tutorial's from the pages that its own commands write,
+``python docs/site/pictures.py gallery`` runs the gallery's code.
+"""
 
 from __future__ import annotations
 
@@ -40,18 +42,34 @@ GRID_WIDTH_PX = 640
 
 
 def main() -> None:
-    """Make all of them anew."""
+    """Make the tutorial's anew."""
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        shutil.copytree(
-            ROOT / "sample_videos", folder / "sample_videos", ignore=shutil.ignore_patterns("out", "truth", "*.md")
-        )
+        folder = samples(Path(name), "out", "truth", "*.md")
         path = f"export PATH='{Path(sys.executable).parent}':$PATH; "
         for command in COMMANDS:
             subprocess.run(["bash", "-c", path + command], cwd=folder, check=True)
         for picture, page, begins in TAKEN:
             write(PICTURES / picture, taken((folder / page).read_text(encoding="utf-8"), begins))
         write(PICTURES / "grid.webp", (folder / X1446 / "grid.png").read_bytes())
+
+
+def gallery() -> None:
+    """Make the gallery's anew: each page's own code draws its picture."""
+    for page in sorted((ROOT / "docs" / "gallery").glob("*.md")):
+        blocks = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+        if not blocks:
+            continue
+        with tempfile.TemporaryDirectory() as name:
+            folder = samples(Path(name), "out")
+            subprocess.run([sys.executable, "-c", "\n".join(blocks)], cwd=folder, check=True)
+            drawn = f"{page.stem}.webp"
+            shutil.copyfile(folder / drawn, PICTURES / f"gallery_{drawn}")
+
+
+def samples(folder: Path, *without: str) -> Path:
+    """A folder with the sample recordings."""
+    shutil.copytree(ROOT / "sample_videos", folder / "sample_videos", ignore=shutil.ignore_patterns(*without))
+    return folder
 
 
 def taken(page: str, begins: str) -> bytes:
@@ -79,4 +97,4 @@ def write(path: Path, data: bytes) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    gallery() if sys.argv[1:] == ["gallery"] else main()

@@ -1,4 +1,5 @@
 # make demo        the main job on the sample videos        make test   lint and tests        make docs   build/site/index.html
+# make wheel       dist/ with wheel and sdist
 # make wheel-test  the tests against an installed wheel (TESTS='-k lens' passes options on)
 # KORNIA=0         leaves torch and kornia out              PYTHON=...  another interpreter (3.11 or newer)
 # WORKERS=auto     processes of the tests, one a core
@@ -67,7 +68,8 @@ $(VENV)/.test-$(STAMP): $(BIN)/python $(SOURCES)
 	@touch $@
 
 wheel: $(VENV)/.demo-$(STAMP)
-	$(BIN)/python -m pip wheel --quiet --no-deps -w dist .
+	$(BIN)/python -m pip install --quiet build
+	$(BIN)/python -m build --outdir dist .
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .pipeline.front import check_camera, compute_motion, diagnose, identify, render, simulate, steady, track
     from .record.run import read_run
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = [
     "__version__",
     "check_camera",

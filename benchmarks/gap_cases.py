@@ -142,8 +142,8 @@ def _tow(
         return one + np.interp(t, fine, random[0]), two + np.interp(t, fine, random[1])
 
     start = float(alpha_from_y(y * (1 + 0.02 * rng.normal()), beta, tow))
-    if planted == "elastic_line" and line_keeps == "surge":  # a spring, and the model bounces on it
-        spring = replace(tow, stiffness_n_m=1 / size)
+    if planted in ("elastic_line", "sagging line") and line_keeps == "surge":  # a spring, and the model bounces on it
+        spring = replace(tow, stiffness_n_m=1 / size) if planted == "elastic_line" else _hanging(tow, size)
         motion = simulate_full(hull, spring, Start(beta_rad=beta, alpha_rad=start), motion_t, extra=force)
         alpha, pose = motion["alpha_rad"].to_numpy(), motion[["x_cg_m", "y_cg_m", "beta_rad"]].to_numpy()
     else:
@@ -189,6 +189,9 @@ def _settings(planted: str, size: float, tow: Tow, hull: Hull) -> tuple[Historie
     if planted == "elastic_line":
         longer = size * tow.tension_n if tow.line == "constant" else 0.0
         return Histories(), replace(tow, line_length_m=tow.line_length_m + longer), hull
+    if planted == "sagging line" and tow.line == "constant":
+        assert tow.tension_n is not None
+        return Histories(), replace(tow, line_length_m=chord_m(tow.line_length_m, tow.tension_n, size)), hull
     if planted == "slack_line":
         full = tow.tension_n
 
@@ -260,6 +263,21 @@ def _force(planted: str, size: float, tow: Tow, hull: Hull, index: int):
         "unknown washboard": washboard,
         "unknown kick": kick,
     }.get(planted, none)
+
+
+def chord_m(length_m: float, tension_n: float, weight_n_m: float) -> float:
+    """From end to end of a chain of this length that hangs level under a horizontal pull: a catenary, in closed form."""
+    a = tension_n / weight_n_m
+    return 2 * a * float(np.arcsinh(length_m / (2 * a)))
+
+
+def _hanging(tow: Tow, weight_n_m: float) -> Tow:
+    """The spring that a hanging chain is about the straight tow's pull."""
+    pull = tow.tension_n
+    assert pull is not None
+    early, late = (chord_m(tow.line_length_m, pull * (1 + d), weight_n_m) for d in (-0.01, 0.01))
+    stiffness = 0.02 * pull / (late - early)
+    return replace(tow, line_length_m=(early + late) / 2 - pull / stiffness, stiffness_n_m=stiffness)
 
 
 def _geometry(

@@ -38,6 +38,18 @@ def add_line(sub: argparse.ArgumentParser) -> None:
     )
 
 
+def add_effects(sub: argparse.ArgumentParser) -> None:
+    """--effects, of every command that an effect of one's own may change."""
+    sub.add_argument(
+        "--effects",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="FILE.py",
+        help="effects of one's own; this RUNS the file as a program: name none that you would not run yourself",
+    )
+
+
 def add_fit(sub: argparse.ArgumentParser) -> None:
     """What a fit can be told."""
     add_line(sub)
@@ -64,8 +76,8 @@ def console() -> Any:
     """For tables: as wide as the terminal, or ``PIPE_WIDTH``."""
     from rich.console import Console
 
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
+    plain = Console(highlight=False)
+    return plain if plain.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
 
 
 def show_progress(follow: bool = False) -> AbstractContextManager[Callable[[str, int, int | None], None]]:

@@ -12,7 +12,7 @@ HELP = "where simulator and tank differ, which unmodelled effect causes it, how 
 
 def add_arguments(sub: argparse.ArgumentParser) -> None:
     """The command's arguments."""
-    from .common import add_line
+    from .common import add_effects, add_line
 
     add_line(sub)
     sub.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders of one model")
@@ -25,14 +25,7 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
         metavar="derivatives.json",
         help="judge a simulator with these derivatives as they are",
     )
-    sub.add_argument(
-        "--effects",
-        nargs="+",
-        type=Path,
-        default=[],
-        metavar="FILE.py",
-        help="effects of one's own; this RUNS the file as a program: name none that you would not run yourself",
-    )
+    add_effects(sub)
     sub.add_argument("--write-model", type=Path, metavar="FILE.toml", help="derivatives and effect for a scenario.toml")
     sub.add_argument("--no-page", action="store_true", help="write no HTML page")
     sub.add_argument("-o", "--out", type=Path, help="where gap.json and gap.html go (default: RUN/out)")

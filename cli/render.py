@@ -7,6 +7,7 @@ from pathlib import Path
 
 from .common import (
     EXIT_OK,
+    add_effects,
     add_line,
     show_progress,
 )
@@ -19,18 +20,21 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
     """The command's arguments."""
     sub.add_argument("scenario", type=Path, metavar="SCENARIO.toml")
     sub.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="the run folder to write")
+    add_effects(sub)
     add_line(sub)
 
 
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
-    from ..simulate import read_scenario
-    from ..simulate.render import render_scenario
+    from ..pipeline.simulating import rendered
 
-    file = read_scenario(options.scenario, options.line)
     with show_progress() as show:
-        render_scenario(
-            file, options.scenario.parent, options.out, lambda done, total: show(f"{file.name}: rendering", done, total)
+        file = rendered(
+            options.scenario,
+            options.out,
+            options.effects,
+            options.line,
+            lambda name, done, total: show(f"{name}: rendering", done, total),
         )
     options.outcome.result["name"] = file.name
     options.outcome.wrote(options.out)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from .common import (
     EXIT_OK,
+    add_effects,
     add_line,
 )
 
@@ -22,22 +21,17 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "-o", "--out", type=Path, help="the motion table, .csv or .parquet (default: motion.csv beside it)"
     )
+    add_effects(sub)
     add_line(sub)
 
 
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
+    from ..pipeline.simulating import simulated
     from ..record.tables import write_table
-    from ..simulate import read_scenario, scenario_stability, simulate_scenario
+    from ..simulate import scenario_stability
 
-    file = read_scenario(options.scenario, options.line)
-    changed: Callable[..., Any] | None = None
-    if file.effect:
-        from ..diagnose.simulated import effects_of, with_effects
-
-        effects = effects_of(file, options.scenario)
-        changed = lambda hull, tow: with_effects(hull, tow, effects, file)  # noqa: E731
-    motion = simulate_scenario(file, options.scenario.parent, changed)
+    file, motion = simulated(options.scenario, options.effects, options.line)
     target = options.out or options.scenario.parent / "motion.csv"
     write_table(target, motion)
     verdict = scenario_stability(file)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +13,17 @@ from ..record.scenario import ScenarioFile
 from ..simulate.model import Array, ExtraForce, Hull, Taut, Tow, accelerated, full_state, line_angle_rate, line_force
 from .effects import LIBRARY, Effect, Situation
 
+TINY_N = 2.0**-100
+"""Imaginary step of the tension: a derivative by it has no difference's error, a power of two no rounding."""
 
-def effects_of(file: ScenarioFile, path: Path) -> list[tuple[Effect, Array]]:
+
+def effects_of(file: ScenarioFile, path: Path, library: Sequence[Effect] = LIBRARY) -> list[tuple[Effect, Array]]:
     """Effects of a scenario's [[effect]] tables with their numbers.
+
+    Parameters
+    ----------
+    path : of the scenario, for errors
+    library : effects that it may name
 
     Raises
     ------
@@ -23,10 +32,13 @@ def effects_of(file: ScenarioFile, path: Path) -> list[tuple[Effect, Array]]:
     found = []
     for index, table in enumerate(file.effect):
         where = f"effect[{index}]"
-        named = [e for e in LIBRARY if e.name == table.name]
+        named = [e for e in library if e.name == table.name]
         if not named:
+            known = ", ".join(sorted({e.name for e in library}))
             raise InputError(
-                path, f"{where}.name", f"{table.name!r}; expected one of {', '.join(sorted({e.name for e in LIBRARY}))}"
+                path,
+                f"{where}.name",
+                f"{table.name!r}; expected one of {known}, or one of your own with --effects FILE.py",
             )
         # variants of one name differ in their numbers
         effect = next((e for e in named if set(table.numbers) <= {p.name for p in e.parameters}), named[0])
@@ -50,7 +62,8 @@ def with_effects(
 ) -> tuple[Hull, Tow, ExtraForce | None]:
     """Hull, tow and added force of a simulation with effects.
 
-    What a line that keeps its length stretches by (``Effect.length``) makes it a spring. What changes its tension acts beyond what
+    A line that keeps its length, and is the longer the harder it pulls (``Effect.length``), becomes a spring with its stiffness and
+    length at the straight tow's pull. What changes its tension acts beyond what
     keeps its length, as in the diagnosis: the constraint answers a force, so that a force and a moment are put in whose answer is
     just that. The carriage's speed is taken as constant there.
     """
@@ -59,10 +72,14 @@ def with_effects(
         if effect.coupling is not None:
             y_rdot, n_vdot = effect.coupling(*n)
             hull = replace(hull, y_rdot=hull.y_rdot + float(y_rdot), n_vdot=hull.n_vdot + float(n_vdot))
-        if effect.length is not None and tow.line == "surge" and float(effect.length(1.0, *n)) > 0:
-            tow = replace(tow, stiffness_n_m=1 / float(effect.length(1.0, *n)))
-        elif effect.length is not None:
-            tow = replace(tow, line_length_m=tow.line_length_m + float(effect.length(pull, *n)))
+        if effect.length is not None:
+            stated = tow.line_length_m
+            longer = float(effect.length(pull, stated, *n))
+            gives = complex(effect.length(pull + 1j * TINY_N, stated, *n)).imag / TINY_N  # m/N, exact
+            if tow.line == "surge" and gives > 0:
+                tow = replace(tow, line_length_m=stated + (longer - gives * pull), stiffness_n_m=1 / gives)
+            else:
+                tow = replace(tow, line_length_m=stated + longer)
         if effect.offset is not None:
             tow = replace(tow, tow_point_offset_m=tow.tow_point_offset_m + float(effect.offset(*n)))
     pushing = [(e, n) for e, n in effects if e.force or e.tension or e.keeps]

@@ -110,11 +110,8 @@ class TowSimulator(TowModel):
         """Effects that these runs can show, and why the others cannot be judged."""
         usable, excluded = [], {}
         for effect in library:
-            if (
-                any(run.marks is None for run in self.runs)
-                and effect.correct is not None
-                and effect.name != "datum_bias"
-            ):
+            pixels = effect.correct is not None and effect.shift is None
+            if pixels and any(run.marks is None for run in self.runs):
                 excluded[effect.name] = "a motion holds no pixels"
                 continue
             why = next((w for run in self.runs if (w := effect.needs(run.run))), "")

@@ -66,10 +66,8 @@ class TowModel:
         key = (tow.name, effect.correct, numbers.tobytes())
         if key not in self._corrections:
             if tow.marks is None:
-                # a motion can only be shifted: the post is all that is stated of its geometry
-                change = np.zeros_like(tow.values)
-                if effect.name == "datum_bias":
-                    change[:, 0] = -numbers[1]
+                shift = (0.0, 0.0, 0.0, 0.0) if effect.shift is None else effect.shift(*numbers)
+                change = np.zeros_like(tow.values) + np.array(shift)
             else:
                 change = corrected(tow, *effect.correct(tow.marks.run, tow.marks.fit, *numbers))
             self._corrections[key] = change

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -22,8 +22,9 @@ from ..simulate.model import (
     full_y_cg,
     line_angle_rate,
     line_force,
+    side_by_side,
 )
-from .effects import Effect, Situation
+from .effects import Effect, Seen, Situation
 from .tow_data import TowRun
 from .tow_numbers import COMPLIANCE, SIX, rudder_history, rudder_is_over
 
@@ -184,21 +185,23 @@ def _smooth(run: TowRun) -> CubicSpline | None:
     return CubicSpline(centre, mean / run.data.tow.speed_m_s)
 
 
-def tow_of(fields: Fields, numbers: Numbers) -> Any:
+def tow_of(fields: Fields, numbers: Numbers) -> Tow:
     """The tow of every run and column; its fields are arrays that broadcast to (runs, columns)."""
     column = {name: numbers.own[:, k] for k, name in enumerate(OWN)}
     line, offset = column["line"].copy(), np.tile(fields.offset_m, (1, numbers.width))
     for a in numbers.active:
         if a.effect.length is not None:
-            line[:, a.columns] += a.effect.length(column["tension"][:, a.columns], *a.numbers)
+            line[:, a.columns] += a.effect.length(
+                column["tension"][:, a.columns], column["line"][:, a.columns], *a.numbers
+            )
         if a.effect.offset is not None:
             offset[:, a.columns] += a.effect.offset(*a.numbers)
-    made: Any = Tow
-    return made(
-        column["speed"],
-        line,
-        column["tow_point"],
-        column["tension"],
+    return side_by_side(
+        Tow,
+        speed_m_s=column["speed"],
+        line_length_m=line,
+        tow_point_m=column["tow_point"],
+        tension_n=column["tension"],
         tow_point_offset_m=offset,
         post_m=(fields.post_x_m, 0.0),
         rudder_rad=fields.rudder_rad,
@@ -217,8 +220,8 @@ class _Moment:
     core : alpha, beta, v, r, within the angles at which a tow is a tow
     """
 
-    hull: Any
-    tow: Any
+    hull: Hull
+    tow: Tow
     core: tuple[Array, ...]
 
 
@@ -231,7 +234,7 @@ class TowRates:
     tow : of ``tow_of``
     """
 
-    def __init__(self, fields: Fields, numbers: Numbers, tow: Any) -> None:
+    def __init__(self, fields: Fields, numbers: Numbers, tow: Tow) -> None:
         self._fields, self._lags, self._tow = fields, list(numbers.lags_s), tow
         self._reference = _hull_of(fields, numbers)
         self._hull = self._reference.at_speed(tow.speed_m_s)
@@ -393,33 +396,41 @@ class TowRates:
         return replace(base, v_lag=state[k], r_lag=state[k + 1])
 
 
-def _hull_of(fields: Fields, numbers: Numbers) -> Any:
+def _hull_of(fields: Fields, numbers: Numbers) -> Hull:
+    """The hull of every column, with the cross added masses that effects give it."""
     coupled = [a for a in numbers.active if a.effect.coupling is not None]
-    y_rdot: Any = np.zeros((1, numbers.width)) if coupled else 0.0
-    n_vdot: Any = np.zeros((1, numbers.width)) if coupled else 0.0
+    crossed = np.zeros((2, 1, numbers.width))
     for a in coupled:
         assert a.effect.coupling is not None
-        one, two = a.effect.coupling(*a.numbers)
-        y_rdot[0, a.columns] += one
-        n_vdot[0, a.columns] += two
-    made: Any = Hull
+        for row, kg_m in zip(crossed, a.effect.coupling(*a.numbers), strict=True):
+            row[0, a.columns] += kg_m
+    y_rdot, n_vdot = crossed if coupled else (0.0, 0.0)  # absent: equations without them
     shared = {n: row[None] for n, row in zip(fields.names, numbers.shared, strict=True) if n != COMPLIANCE}
-    return made(**shared, speed_m_s=fields.speed_m_s, y_rdot=y_rdot, n_vdot=n_vdot, mass_kg=fields.mass_kg)
+    return side_by_side(
+        Hull, **shared, speed_m_s=fields.speed_m_s, y_rdot=y_rdot, n_vdot=n_vdot, mass_kg=fields.mass_kg
+    )
 
 
-def columns_of(whole: Any, columns: slice) -> Any:
-    """A dataclass of arrays that broadcast to (..., columns), restricted to some."""
+Asked = TypeVar("Asked", Situation, Seen)
+"""What an effect is given."""
+
+
+def columns_of(whole: Asked, columns: slice) -> Asked:
+    """What an effect is given, in its own columns: every array of it that has columns, and tuples of such arrays."""
     changes = {}
-    for name, value in whole.__dict__.items():
-        if isinstance(value, np.ndarray):
-            if value.ndim > 1 and value.shape[-1] > 1 and name != "shutter":
-                changes[name] = value[..., columns]
-        elif isinstance(value, tuple) and all(isinstance(v, np.ndarray) and v.shape[-1] > 1 for v in value):
-            changes[name] = tuple(v[..., columns] for v in value)
-    part = object.__new__(type(whole))
-    part.__dict__.update(whole.__dict__)
-    part.__dict__.update(changes)
-    return part
+    for name in whole.columns:
+        value = getattr(whole, name)
+        if isinstance(value, tuple):
+            changes[name] = tuple(_in_columns(part, columns) for part in value)
+        else:
+            changes[name] = _in_columns(value, columns)
+    return replace(whole, **changes)
+
+
+def _in_columns(value: Any, columns: slice) -> Any:
+    """Restricted to some columns, where it has more than one: the others are the same in all."""
+    several = isinstance(value, np.ndarray) and value.ndim > 1 and value.shape[-1] > 1
+    return value[..., columns] if several else value
 
 
 __all__ = ["OWN", "Active", "Fields", "Numbers", "TowRates", "columns_of", "tow_of"]

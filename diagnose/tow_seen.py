@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from ..simulate.model import Array, full_x_cg, full_x_cg_rate, full_y_cg, full_y_cg_rate, line_angle_rate
+from ..simulate.model import Array, Tow, full_x_cg, full_x_cg_rate, full_y_cg, full_y_cg_rate, line_angle_rate
 from .effects import Seen
 from .shooting import STATE_STEP
 from .tow_data import TowRun
@@ -96,7 +95,7 @@ class TowSeen:
 
     def _series(self, numbers: Numbers, path: Array) -> Array:
         """(nodes, 4, runs, columns) at every node."""
-        tow: Any = tow_of(self._fields, numbers)
+        tow = tow_of(self._fields, numbers)
         t_s = self._node_s[:, None, None]
         seen = self._see(t_s, path, tow)
         gives = COMPLIANCE in self._fields.names
@@ -125,13 +124,16 @@ class TowSeen:
         cosine, sine = np.cos(beta), np.sin(beta)
         return np.hypot(x + x_t * cosine - y_t * sine - post, y + x_t * sine + y_t * cosine) - length
 
-    def _see(self, t_s: Array, path: Array, tow: Any) -> Seen:
+    def _see(self, t_s: Array, path: Array, tow: Tow) -> Seen:
         alpha, beta, v, r = path[:4]
         x, y = full_x_cg(alpha, beta, tow), full_y_cg(t_s, alpha, beta, tow)
         post_rate = tow.post_motion(t_s)[1]
         turn = line_angle_rate(tow, beta, v, r, np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None), post_rate)
         rates = (full_x_cg_rate(alpha, beta, turn, r, tow), full_y_cg_rate(alpha, beta, turn, r, tow) + post_rate, r)
-        return Seen(t_s, (x, y, beta), rates, np.sin(alpha + beta), alpha, tow.tension_n, self._shutter)
+        side = np.sin(alpha + beta)
+        return Seen(
+            t_s, (x, y, beta), rates, side, alpha, tow.tension_n, self._shutter, line_length_m=tow.line_length_m
+        )
 
 
 def _stretched(more: Array, columns: slice, seen: Seen, longer: Array) -> None:

@@ -243,12 +243,13 @@ def diagnose(
     return found.diagnosis.file
 
 
-def simulate(scenario: Folder, *, line: Line | None = None) -> pd.DataFrame:
+def simulate(scenario: Folder, *, effects: Sequence[Folder] = (), line: Line | None = None) -> pd.DataFrame:
     """A tow or a free run by the equations of motion.
 
     Parameters
     ----------
-    scenario : a scenario.toml
+    scenario : a scenario.toml; the effects of its ``[[effect]]`` tables are in the motion
+    effects : Python files with effects of one's own that it may name (their code is run)
     line : what the tow line keeps, instead of ``tow.line``
 
     Returns
@@ -267,19 +268,19 @@ def simulate(scenario: Folder, *, line: Line | None = None) -> pd.DataFrame:
     >>> float(motion.t_s.iloc[0])
     0.0
     """
-    from ..simulate import read_scenario, simulate_scenario
+    from .simulating import simulated
 
-    path = Path(scenario)
-    return simulate_scenario(read_scenario(path, line), path.parent)
+    return simulated(Path(scenario), [Path(one) for one in effects], line)[1]
 
 
-def render(scenario: Folder, out: Folder, *, line: Line | None = None) -> Run:
+def render(scenario: Folder, out: Folder, *, effects: Sequence[Folder] = (), line: Line | None = None) -> Run:
     """Simulate a scenario and film it: a run folder with video, run.toml and the truth in ``truth/``.
 
     Parameters
     ----------
     scenario : a scenario.toml with ``[film]`` and at least two marks
     out : run folder to write
+    effects : Python files with effects of one's own that it may name (their code is run)
     line : what the tow line keeps, instead of ``tow.line``
 
     Returns
@@ -298,11 +299,9 @@ def render(scenario: Folder, out: Folder, *, line: Line | None = None) -> Run:
     >>> run.source_path.name
     'video.mp4'
     """
-    from ..simulate import read_scenario
-    from ..simulate.render import render_scenario
+    from .simulating import rendered
 
-    path = Path(scenario)
-    render_scenario(read_scenario(path, line), path.parent, Path(out))
+    rendered(Path(scenario), Path(out), [Path(one) for one in effects], line)
     return read_run(out)
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +95,7 @@ class Hull:
         """Y_v N_r - N_v Y_R > 0, that is X_r > X_v; a verdict, never a precondition of a tow."""
         return self.y_v * self.n_r - self.n_v * self.y_r_minus_mu > 0
 
-    def at_speed(self, speed_m_s: float) -> Hull:
+    def at_speed(self, speed_m_s: float | Array) -> Hull:
         """The same hull (same primes) at another speed; a hull at rest has no damping."""
         ratio = speed_m_s / self.speed_m_s
         damping = {name: getattr(self, name) * ratio for name in ("y_v", "y_r_minus_mu", "n_v", "n_r")}
@@ -164,6 +164,21 @@ class Tow:
             return self.tension_n
         assert self.resistance_n is not None
         return self.resistance_n / np.cos(alpha)
+
+
+Kind = TypeVar("Kind", "Hull", "Tow")
+
+
+def side_by_side(kind: type[Kind], **numbers: Any) -> Kind:
+    """A ``Hull`` or a ``Tow`` of many runs at once: its numbers may be arrays that broadcast, which every equation here takes.
+
+    Examples
+    --------
+    >>> tows = side_by_side(Tow, speed_m_s=1.28, line_length_m=np.array([0.9, 1.2]), tow_point_m=1.5, tension_n=4.0)
+    >>> line_force(tows, 4.0, np.array([0.1, 0.2]), 1.0)[0]
+    array([-0.4, -0.8])
+    """
+    return kind(**numbers)
 
 
 ExtraForce = Callable[..., tuple]

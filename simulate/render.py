@@ -22,6 +22,7 @@ from ..record.results import TruthFile, write_result
 from ..record.run import RUN_FILE
 from ..record.scenario import FilmTable, ScenarioFile
 from ..record.tables import write_table
+from .model import ExtraForce, Hull, Tow
 from .picture_frames import PICK_SEED, film_frames
 from .scenario import hull_of, read_scenario, simulate_scenario
 from .scene import camera_of, film_of, true_tracks
@@ -42,6 +43,7 @@ def render_scenario(
     scenario_folder: Path,
     run_folder: Path,
     progress: Callable[[int, int], None] | None = None,
+    changed: Callable[[Hull, Tow], tuple[Hull, Tow, ExtraForce | None]] | None = None,
 ) -> None:
     """Simulate a scenario, film it, and write the run folder: video, run.toml, truth/. Whole or not at all.
 
@@ -50,6 +52,7 @@ def render_scenario(
     Parameters
     ----------
     file : with [film] and at least two marks
+    changed : as ``simulate_scenario`` takes it
     scenario_folder : where the histories named in [tow] lie
     run_folder : new, empty, or holding a run.toml or scenario.toml
     progress : called with (frames done, frames in all)
@@ -73,7 +76,7 @@ def render_scenario(
     camera = camera_of(file)
     picks, histories = _picks(file, camera, where), _histories(file, where)
     with _replacing_folder(run_folder) as folder:
-        motion = simulate_scenario(file, scenario_folder)
+        motion = simulate_scenario(file, scenario_folder, changed)
         video = "video.mp4" if film.codec == "h264" else "video.mkv"
         _write_video(folder / video, film, file.time.rate_hz, film_frames(file, motion), len(motion), progress)
         for name in histories:

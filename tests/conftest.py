@@ -301,3 +301,21 @@ def self_contained() -> Callable[[str], list[bytes]]:
         return drawn
 
     return pictures_of
+
+
+@pytest.fixture
+def straight_tow() -> Callable[[dict], dict]:
+    """A scenario of 20 s, on the centre line, by hull and effects as ``towline diagnose --write-model`` saves them."""
+
+    def scenario(saved: dict) -> dict:
+        return {
+            "name": "again",
+            "time": {"duration_s": 20.0, "rate_hz": 10.0},
+            "hull": saved["hull"],
+            "effect": saved["effect"],
+            "tow": {"speed_m_s": 1.28, "line_length_m": 0.91, "tow_point_m": 1.6, "tension_n": 3.96},
+            "start": {"y_cg_m": 0.0},
+            "model": {"length_pp_m": 2.66, "mass_kg": 78.0},
+        }
+
+    return scenario

@@ -222,6 +222,7 @@ def test_a_users_own_effect_is_one_short_file(tmp_path: Path) -> None:
 
 def test_the_command_its_page_and_the_fixed_simulator(
     write_runs: Callable[[list, Path], list[Path]],
+    straight_tow: Callable[[dict], dict],
     cases: ModuleType,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -243,15 +244,7 @@ def test_the_command_its_page_and_the_fixed_simulator(
     saved = tomlkit.parse(model.read_text()).unwrap()
     if saved["effect"][0]["name"] == "wind":
         return  # a user's own effect is the user's simulator's to add
-    scenario = {
-        "name": "again",
-        "time": {"duration_s": 20.0, "rate_hz": 10.0},
-        "hull": saved["hull"],
-        "effect": saved["effect"],
-        "tow": {"speed_m_s": 1.28, "line_length_m": 0.91, "tow_point_m": 1.6, "tension_n": 3.96},
-        "start": {"y_cg_m": 0.0},
-        "model": {"length_pp_m": 2.66, "mass_kg": 78.0},
-    }
+    scenario = straight_tow(saved)
     path = tmp_path / "scenario.toml"
     path.write_text(tomlkit.dumps(scenario))
     assert main(["simulate", str(path)]) == 0

@@ -15,7 +15,7 @@ SAGGING = Effect(
     (Parameter("weight_n_m", "N/m", 0.05, one_sided=True),),
     "A heavy line hangs through, and is the shorter the less it pulls.",
     "Use a lighter line, or give its weight.",
-    length=lambda tension_n, weight: -(weight**2) * 0.91**3 / (24 * tension_n**2),
+    length=lambda tension_n, length_m, weight: -(weight**2) * length_m**3 / (24 * tension_n**2),
     title="a line that sags",
 )
 """The chord of a parabola of length L under w N/m: L - w^2 L^3/(24 T^2)."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -88,6 +88,11 @@ class Situation:
     history: Callable[[Any], Any]
     beyond_n: Any = 0.0
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Fields that may have columns."""
+        return tuple(f.name for f in fields(self) if f.name != "history")
+
 
 @dataclass(frozen=True)
 class Seen:
@@ -103,6 +108,7 @@ class Seen:
     tension_n : (runs, columns), of a straight tow
     shutter : (samples, runs, 4, 3): change of x, y, beta and marker distance by 1 s of readout over the picture's height, per rate
     beyond_n : (samples, runs, columns), what a line that keeps its length has beyond tension_n
+    line_length_m : (runs, columns)
     """
 
     t_s: Array
@@ -110,9 +116,15 @@ class Seen:
     rate: tuple[Array, Array, Array]
     side: Array
     alpha_rad: Array
-    tension_n: Array
+    tension_n: Any
     shutter: Array
     beyond_n: Any = 0.0
+    line_length_m: Any = 0.0
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Fields that may have columns; ``shutter`` is the camera's, the same in all."""
+        return tuple(f.name for f in fields(self) if f.name != "shutter")
 
 
 @dataclass(frozen=True)
@@ -131,12 +143,14 @@ class Effect:
     keeps : (*numbers) -> how far the line keeps its tension instead of its length, 0..1
     coupling : (*numbers) -> (Y_rdot, N_vdot), kg m
     speed : (situation, *numbers) -> change of U, m/s, by the time alone
-    length : (tension N, *numbers) -> how much longer the line is than stated, m
+    length : (tension N, line length m, *numbers) -> how much longer the line is than stated, m, at that tension
     offset : (*numbers) -> tow point's offset to starboard beyond what is stated, m
     stretch : (seen, *numbers) -> how much the line lengthens as the model swings, m
     clock : (t_s, *numbers) -> change of time, s
     observe : (seen, *numbers) -> change of measured x, y, beta, marker distance
     correct : (run, datum fit, *numbers) -> (run, mapping) as they would be without the fault
+    shift : (*numbers) -> change of measured y, beta, line radius and marker distance when the fault is taken out of a run that came
+        as motion, without pixels; None: such a run cannot show it
     remembers : what ``observe`` gives at one time depends on the motion before it
     when : (run's name, (n,) s) -> (n,) share of that fault at work; None: always and in all runs
     lag_s : time constant of ``v_lag``, ``r_lag``
@@ -165,6 +179,7 @@ class Effect:
     clock: Callable[..., Any] | None = None
     observe: Callable[..., tuple[Any, Any, Any, Any]] | None = None
     correct: Callable[..., tuple[Any, Any]] | None = None
+    shift: Callable[..., tuple[Any, Any, Any, Any]] | None = None
     remembers: bool = False
     when: Callable[[str, Array], Array] | None = None
     lag_s: float = 0.0

@@ -188,6 +188,7 @@ POST = Effect(
     "Measure the post against the datum.",
     "theory.md 4",
     correct=_post,
+    shift=lambda _ahead_m, aside_m: (-aside_m, 0.0, 0.0, 0.0),
     form=EXACT,
     title="the tow post's true place",
 )

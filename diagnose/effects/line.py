@@ -92,7 +92,7 @@ ELASTIC = Effect(
     "The line is a spring: it is longer the harder it pulls, and the model surges on it.",
     "Use a stiffer line (thin steel), or measure its length under load.",
     "theory.md 4",
-    length=lambda tension_n, compliance, _: compliance * tension_n,
+    length=lambda tension_n, _length_m, compliance, _follows: compliance * tension_n,
     stretch=_stretch,
     title="a line that stretches",
 )
@@ -146,7 +146,7 @@ def springing(bounce: Callable[[Any], Any], variant: str, cost: float, form: flo
     return replace(
         ELASTIC,
         parameters=(*ELASTIC.parameters, Parameter("bounce", "", 1.0), STIFFNESS),
-        length=lambda tension_n, compliance, *_: compliance * tension_n,
+        length=lambda tension_n, _length_m, compliance, *_: compliance * tension_n,
         tension=tension,
         stretch=stretch,
         variant=variant,

@@ -1,0 +1,72 @@
+"""Scenarios to motions and films, with the effects that they name, a user's own among them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..record.scenario import ScenarioFile
+from ..simulate import read_scenario, simulate_scenario
+from ..simulate.model import ExtraForce, Hull, Tow
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from ..record.schema import Line
+
+Changed = Callable[[Hull, Tow], tuple[Hull, Tow, ExtraForce | None]]
+
+
+def simulated(
+    scenario: Path, effects: Sequence[Path] = (), line: Line | None = None
+) -> tuple[ScenarioFile, pd.DataFrame]:
+    """A scenario and its motion.
+
+    Parameters
+    ----------
+    scenario : a scenario.toml; its ``[[effect]]`` tables are in the motion
+    effects : Python files with effects of one's own that it may name
+    line : what the tow line keeps, instead of ``tow.line``
+
+    Raises
+    ------
+    InputError : names file, key, value and what was expected
+    """
+    file = read_scenario(scenario, line)
+    return file, simulate_scenario(file, scenario.parent, changed_by(file, scenario, effects))
+
+
+def rendered(
+    scenario: Path,
+    out: Path,
+    effects: Sequence[Path] = (),
+    line: Line | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> ScenarioFile:
+    """Simulate and film a scenario into the run folder ``out``.
+
+    Parameters
+    ----------
+    progress : called with the scenario's name, frames drawn, frames in all
+    """
+    from ..simulate.render import render_scenario
+
+    file = read_scenario(scenario, line)
+    told = None if progress is None else lambda done, total: progress(file.name, done, total)
+    render_scenario(file, scenario.parent, out, told, changed_by(file, scenario, effects))
+    return file
+
+
+def changed_by(file: ScenarioFile, path: Path, effects: Sequence[Path] = ()) -> Changed | None:
+    """What a scenario's ``[[effect]]`` tables do to hull and tow; None without any."""
+    if not file.effect:
+        return None
+    from ..diagnose.simulated import effects_of, with_effects
+    from .diagnosing import library_of
+
+    found = effects_of(file, path, library_of(effects))
+    return lambda hull, tow: with_effects(hull, tow, found, file)
+
+
+__all__ = ["changed_by", "rendered", "simulated"]

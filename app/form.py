@@ -14,6 +14,7 @@ from pydantic_core import PydanticUndefined
 from ..record.reference import _model_in, _type_name
 from ..record.schema import RunFile
 from ..record.template import checked_value
+from ..record.toml import described
 from .toml_text import Where
 
 UNITS = {
@@ -118,7 +119,7 @@ def _field(where: Where, field: Any) -> FormField:
     return FormField(
         where,
         unit_of(str(where[-1])),
-        field.description or "",
+        described(field),
         kind,
         field.default is PydanticUndefined and field.default_factory is None,
         default,

@@ -9,13 +9,13 @@ from typing import Any
 from nicegui import ui
 
 from ..record.errors import TowlineError
+from ..record.looks import looks
 from .form import parsed, row_fields, shown
 from .page_hall import Step
 from .page_parts import Typed, button, choose, colour_of, keys_line, say
 from .sight import Detected
 
 FIELDS = {str(field.where[-1]): field for field in row_fields("marker")}
-LOOKS = ("led", "disc", "template", "aruco:0", "apriltag:0")
 
 
 class MarksStep(Step):
@@ -76,7 +76,8 @@ class MarksStep(Step):
                 .classes("prow")
                 .style("grid-template-columns: 1.2fr 1.2fr 1fr auto auto; border-top: 0")
             ):
-                choose(f"look of {name}", LOOKS, str(row.get("look", "led")), lambda v: self._put(number, "look", v))
+                offered = tuple(look.example or look.name for look in looks())
+                choose(f"look of {name}", offered, str(row.get("look", "led")), lambda v: self._put(number, "look", v))
                 colours = FIELDS["colour"].choices
                 choose(
                     f"colour of {name}",

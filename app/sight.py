@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from ..geometry import DatumFit, fit_datum
 from ..record.errors import TowlineError
+from ..record.looks import in_words, is_spot, spot_names
 from ..record.run import Run
 from ..record.schema import CameraTable, DatumPoint, check_datum
 from ..record.template import PLACEHOLDER
@@ -143,7 +144,7 @@ def detected(frame: Frame, seen: Sight, run: Run | None) -> Detected:
     ----------
     run : checked; None where run.toml is not complete: then only the bright spots are shown
     """
-    marks = () if run is None else tuple(m for m in run.file.marker if m.look in ("led", "disc"))
+    marks = () if run is None else tuple(m for m in run.file.marker if is_spot(m.look))
     if run is None or seen.fit is None or len(marks) < 2:
         spots = find_candidates(frame.luma)
         why = (
@@ -151,7 +152,7 @@ def detected(frame: Frame, seen: Sight, run: Run | None) -> Detected:
             if run is None
             else "there is no camera yet"
             if seen.fit is None
-            else "no two leds or discs"
+            else f"no two {in_words([f'{name}s' for name in spot_names()])}"
         )
         return Detected(spots.centre_px, {}, f"{len(spots)} bright spots; which is which is not tried: {why}")
     near: list[NDArray[Any] | None] = [None if m.seen_at_px is None else np.array(m.seen_at_px) for m in marks]

@@ -18,6 +18,7 @@ from .results import CameraFile, DerivativesFile, SteadyFile, TruthFile
 from .scenario import ScenarioFile
 from .schema import RunFile
 from .thorough_file import ThoroughFile
+from .toml import described
 
 _PAGES: tuple[tuple[str, type[BaseModel], str], ...] = (
     ("run.toml", RunFile, "The description of a run folder."),
@@ -64,7 +65,7 @@ def _tables(model: type[BaseModel], prefix: str, seen: list[type[BaseModel]]) ->
         found = _model_in(field.annotation)
         if found is not None:
             inner.append((f"{prefix}.{key}" if prefix else key, found))
-        lines.append(f"| `{key}` | {_type_name(field.annotation)} | {_default(field)} | {_escape(field.description)} |")
+        lines.append(f"| `{key}` | {_type_name(field.annotation)} | {_default(field)} | {_escape(described(field))} |")
     for path, found in inner:
         if found not in seen:
             seen.append(found)
@@ -105,8 +106,8 @@ def _type_name(annotation: Any) -> str:
     return names.get(annotation, getattr(annotation, "__name__", str(annotation)))
 
 
-def _escape(text: str | None) -> str:
-    return (text or "").replace("|", "\\|")
+def _escape(text: str) -> str:
+    return text.replace("|", "\\|")
 
 
 def _default(field: Any) -> str:

@@ -13,13 +13,13 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from .looks import in_words, listed, look_of, named
 from .priors import Priors
-from .toml import Table
+from .toml import Table, Words
 
 Line = Literal["surge", "constant"]
 Kind = Literal["tow", "forced", "free"]
 Colour = Literal["red", "green", "blue", "white", "yellow", "bright", "dark"]
-LOOK = re.compile(r"^(led|disc|template|aruco:\d+|apriltag:\d+)$")
 DATUM_LOOK = re.compile(r"^(mark|(aruco|apriltag):\d+:[0-3]|checker:\d+x\d+:\d+,\d+)$")
 
 SAME_PLACE_M = 1e-3
@@ -147,27 +147,32 @@ class DatumPoint(Table):
         return self
 
 
+def _seen_at() -> str:
+    needing = in_words(named(lambda look: "seen_at_px" in look.needs), " and ")
+    return f"where it is in the first analysed frame: needed for {needing}, helps the others"
+
+
 class Marker(Table):
     """A mark to be found in every frame."""
 
     name: Name = Field(description="its name in tracks.csv")
     body_m: tuple[Length, Length] = Field(description='ahead of LCG, to starboard (on = "post": from post_m)')
     depth_m: Depth = Field(description="below the datum plane (negative: above)")
-    look: str = Field(default="led", description="led | disc | template | aruco:N | apriltag:N")
+    look: Annotated[str, Words(listed)] = Field(default="led", description=listed())
     colour: Colour = Field(default="bright", description="red | green | blue | white | yellow | bright | dark")
-    seen_at_px: Pixel | None = Field(
-        default=None, description="where it is in the first analysed frame: needed for template, helps the others"
-    )
+    seen_at_px: Annotated[Pixel | None, Words(_seen_at)] = Field(default=None, description=_seen_at())
     on: Literal["model", "post"] = Field(
         default="model", description="what it is fixed to; post: camera fixed to the tank"
     )
 
     @model_validator(mode="after")
     def _look_known(self) -> Marker:
-        if not LOOK.match(self.look):
-            raise ValueError(f"look = {self.look!r}; expected led, disc, template, aruco:N or apriltag:N")
-        if self.look == "template" and self.seen_at_px is None:
-            raise ValueError('look = "template" needs seen_at_px, the place of the patch in the first analysed frame')
+        look = look_of(self.look)
+        if look is None:
+            raise ValueError(f"look = {self.look!r}; expected {in_words(named())}")
+        for key, held in look.needs.items():
+            if getattr(self, key) is None:
+                raise ValueError(f'look = "{self.look}" needs {key}, {held}')
         return self
 
 

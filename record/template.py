@@ -12,6 +12,7 @@ from pydantic_core import PydanticUndefined
 
 from .reference import _model_in, _type_name
 from .schema import RunFile
+from .toml import described
 
 COMMENT_AT = 36
 """Column at which the words beside a value begin."""
@@ -136,7 +137,7 @@ def _lines(
 
 
 def _line(name: str, field: FieldInfo, row: Mapping[str, Any], prefix: str, assumed: Collection[str]) -> str:
-    words = (ASSUMED if prefix + name in assumed else "") + (field.description or "")
+    words = (ASSUMED if prefix + name in assumed else "") + described(field)
     if name in row:
         return f"{f'{name} = {_toml(row[name])}':{COMMENT_AT}}  # {words}"
     return f"{f'# {name} = {_example(field)}':{COMMENT_AT}}  # {words}"
@@ -148,9 +149,9 @@ def _left_out(name: str, field: FieldInfo, model: type[BaseModel], known: Mappin
     for key, inner in model.model_fields.items():
         if _model_in(inner.annotation) is None:
             shown = _toml(known[key]) if key in known else _example(inner)
-            lines.append(f"{f'# {key} = {shown}':{COMMENT_AT}}  # {inner.description}")
+            lines.append(f"{f'# {key} = {shown}':{COMMENT_AT}}  # {described(inner)}")
         else:
-            lines.append(f"# [{name}.{key}]  # {inner.description}")
+            lines.append(f"# [{name}.{key}]  # {described(inner)}")
     return "\n".join(lines) + "\n"
 
 

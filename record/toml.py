@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import difflib
 import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic.fields import FieldInfo
 
 from .errors import InputError
 from .files import TOML_BYTES, read_text
@@ -22,6 +25,18 @@ class Table(BaseModel):
     """Base of every TOML table: immutable; an unknown key is an error; numbers are finite; no silent conversions."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True, defer_build=True)
+
+
+@dataclass(frozen=True)
+class Words:
+    """Beside a field's type: its description, where that grows with what is registered."""
+
+    said: Callable[[], str]
+
+
+def described(field: FieldInfo) -> str:
+    """What the schema says of a key."""
+    return next((beside.said() for beside in field.metadata if isinstance(beside, Words)), field.description or "")
 
 
 def read_toml(path: str | Path, model: type[ModelT]) -> ModelT:

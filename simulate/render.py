@@ -18,6 +18,7 @@ from .. import __version__
 from ..geometry.camera import Camera
 from ..record.errors import InputError, VideoError
 from ..record.files import sha256_of_file, sha256_of_texts, write_text
+from ..record.looks import in_words, is_spot, spot_names
 from ..record.results import TruthFile, write_result
 from ..record.run import RUN_FILE
 from ..record.scenario import FilmTable, ScenarioFile
@@ -71,8 +72,9 @@ def render_scenario(
             where, "film.camera.image_size_px", f"{list(film.camera.image_size_px)}: H.264 needs even numbers"
         )
     for i, marker in enumerate(file.marker):
-        if marker.look not in ("led", "disc"):
-            raise InputError(where, f"marker[{i + 1}].look", f"{marker.look!r} cannot be drawn; expected led or disc")
+        if not is_spot(marker.look):
+            spots = in_words(spot_names())
+            raise InputError(where, f"marker[{i + 1}].look", f"{marker.look!r} cannot be drawn; expected {spots}")
     camera = camera_of(file)
     picks, histories = _picks(file, camera, where), _histories(file, where)
     with _replacing_folder(run_folder) as folder:

@@ -7,8 +7,7 @@ import pandas as pd
 
 from ..record.run import Run
 from .recording import Frame
-
-COLUMNS = ["frame", "t_s", "marker", "u_px", "v_px", "sigma_u_px", "sigma_v_px", "status", "reason"]
+from .rows import COLUMNS, DAMAGED
 
 
 class DatumMarks:
@@ -24,9 +23,7 @@ class DatumMarks:
         from .template import TemplateFollower
 
         if frame.damaged:
-            self.rows += [
-                (frame.index, frame.t_s, name, *[np.nan] * 4, "lost", "damaged frame") for name in self.points
-            ]
+            self.rows += [(frame.index, frame.t_s, name, *[np.nan] * 4, "lost", DAMAGED) for name in self.points]
             return
         if self.followers is None:
             white = float(frame.white_dn)

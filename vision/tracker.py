@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Protocol
 
 import pandas as pd
 
 from ..geometry.mapping import Mapping
-from ..record.errors import InputError, TrackingError
-from ..record.run import RUN_FILE, Run
+from ..record.errors import TrackingError
+from ..record.run import Run
 from .backend import NUMPY, Backend
 from .datum_marks import DatumMarks
+from .looks import followers
 from .recording import Frame
 from .scatter import with_scatter
-from .spots import SpotFollower
 
 
 @dataclass(frozen=True)
@@ -38,21 +37,6 @@ class Tracking:
     reasons: dict[str, dict[str, int]]
     ambiguous: bool
     datum: pd.DataFrame | None = None
-
-
-class Follower(Protocol):
-    """What follows some markers of a run through its frames."""
-
-    losses: int
-    ambiguous: bool
-
-    def step(self, frame: Frame) -> None:
-        """Take one frame."""
-        ...
-
-    def finish(self) -> pd.DataFrame:
-        """Rows of tracks.csv with a reason, frame by frame; TrackingError where the marks were never found."""
-        ...
 
 
 def track(
@@ -78,41 +62,22 @@ def track(
     ------
     TrackingError : the marks were never found
     """
-    followers = _followers(run, mapping, backend)
+    following = followers(run, mapping, backend)
     fixed = DatumMarks(run)
     count = 0
     for frame in frames:
         if fixed.points:
             fixed.step(frame)
-        for follower in followers:
+        for follower in following:
             follower.step(frame)
         count += 1
         if progress is not None:
-            progress(count, sum(f.losses for f in followers))
+            progress(count, sum(f.losses for f in following))
     if not count:
         raise TrackingError(f"{run.source_path}: no frame lies within source.span_s")
-    table = _merged([f.finish() for f in followers], [m.name for m in run.file.marker])
+    table = _merged([f.finish() for f in following], [m.name for m in run.file.marker])
     table = with_scatter(table, run.file.marker, mapping, lossy, linked)
-    return _tracking(table, run, count, any(f.ambiguous for f in followers), fixed.finish())
-
-
-def _followers(run: Run, mapping: Mapping, backend: Backend) -> list[Follower]:
-    """One for all lights and discs, one for all fiducials, one for each template."""
-    from .patch_follower import FiducialMarks, TemplateMark
-
-    spots = tuple(m for m in run.file.marker if m.look in ("led", "disc"))
-    tags = tuple(m for m in run.file.marker if ":" in m.look)
-    patches = [m for m in run.file.marker if m.look == "template"]
-    if len(spots) == 1:
-        raise InputError(
-            run.folder / RUN_FILE,
-            f"marker {spots[0].name!r}.look",
-            f"{spots[0].look!r} alone: which spot it is shows only beside a second led or disc",
-        )
-    found: list[Follower] = [SpotFollower(run, spots, mapping, backend)] if spots else []
-    if tags:
-        found.append(FiducialMarks(run, tags))
-    return [*found, *(TemplateMark(run, marker) for marker in patches)]
+    return _tracking(table, run, count, any(f.ambiguous for f in following), fixed.finish())
 
 
 def _merged(tables: list[pd.DataFrame], names: list[str]) -> pd.DataFrame:

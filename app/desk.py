@@ -14,13 +14,14 @@ from typing import Any
 from ..geometry.motion import lens_covariance
 from ..record.errors import InputError, TowlineError
 from ..record.run import RUN_FILE, Run, leads_out, read_run, stay_inside
+from ..record.sources import is_recording, recordings_in
 from ..report.topview import TopView
 from ..vision.recording import Frame
 from .byhand import FILE, ByHand, begun
 from .document import Document
 from .frames import EXACT, Frames
 from .motion_view import Shown, read_shown
-from .places import Place, inside, page_file, place, videos_in
+from .places import Place, inside, page_file, place
 from .sight import Detected, Sight, detected, sight, view_of
 from .snap import Snapped, as_clicked, snapped
 from .worker import Worker
@@ -138,9 +139,9 @@ class Desk:
             key, _, rest = line.lstrip("# ").partition("=")
             if line.lstrip().startswith("#") and key.strip() == "video" and rest.count('"') >= 2:
                 name = rest.split('"')[1]
-                if (self.doc.outside or not leads_out(name)) and (self.doc.folder / name).is_file():
+                if (self.doc.outside or not leads_out(name)) and is_recording(self.doc.folder / name):
                     return name
-        there = videos_in(self.doc.folder)
+        there = recordings_in(self.doc.folder)
         return there[0] if len(there) == 1 else ""
 
     def _wanted(self) -> tuple[str, float | None, float, bool]:

@@ -29,6 +29,8 @@ QUALITY = 90
 EXACT = 6
 """Exact frames kept."""
 WAIT_S = 20.0
+CLOCK_S = 1e-6
+"""A frame that is read again has its time to within this."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +61,9 @@ class Kept(Frame):
             return self.pictures[0]
 
     @classmethod
-    def of(cls, index: int, known: Known, raw: Any) -> Kept:
-        """From the decoder's picture."""
-        return cls(index, known.t_s, luma(raw), raw, known.damaged, white_dn(raw))
+    def of(cls, frame: Frame, known: Known) -> Kept:
+        """A frame as the decoder gave it, with what is known of it."""
+        return cls(frame.index, known.t_s, frame.luma, frame.raw, known.damaged, frame.white_dn)
 
 
 class Frames:
@@ -120,10 +122,10 @@ class Frames:
                     with self._file_lock:
                         self._file.seek(place)
                         self._file.write(data)
-                known = Known(frame.t_s, frame.raw.pts, frame.damaged, place, length)
+                known = Known(frame.t_s, frame.stamp, frame.damaged, place, length)
                 with self._changed:
                     if not self._order:
-                        self._exact[frame.index] = Kept.of(frame.index, known, frame.raw)
+                        self._exact[frame.index] = Kept.of(frame, known)
                     self._known[frame.index] = known
                     self._order.append(frame.index)
                     self._changed.notify_all()
@@ -260,27 +262,27 @@ class Frames:
             if index in self._exact:
                 self._exact.move_to_end(index)
                 return self._exact[index]
-            raw = self._decoded(index, known)
-            frame = self._exact[index] = Kept.of(index, known, raw)
+            frame = self._exact[index] = Kept.of(self._decoded(index, known), known)
             while len(self._exact) > EXACT:
                 self._exact.popitem(last=False)
             return frame
 
-    def _decoded(self, index: int, known: Known) -> Any:
+    def _decoded(self, index: int, known: Known) -> Frame:
         if known.stamp is not None:
             if self._again is None:
                 self._again = _Again(self.path)
             raw = self._again.picture(known.stamp)
             if raw is not None:
-                return raw
+                return Frame(index, known.t_s, luma(raw), raw, known.damaged, white_dn(raw))
         # no timestamps to seek by, or they do not lead there: from the start
-        for frame in self._from_start():
+        stamped_s = known.t_s - self.exposure_s / 2
+        for frame in self._read((stamped_s - CLOCK_S, stamped_s + CLOCK_S)):
             if frame.index == index:
-                return frame.raw
+                return frame
         raise VideoError(f"{self.path}: frame {index} could not be decoded again")
 
-    def _from_start(self) -> Iterator[Frame]:
-        frames = read_frames(self.path, None, self.rate_hz, self.exposure_s)
+    def _read(self, span_s: tuple[float, float]) -> Iterator[Frame]:
+        frames = read_frames(self.path, span_s, self.rate_hz, self.exposure_s)
         try:
             yield from frames
         finally:

@@ -9,7 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from ..record.errors import TowlineError
-from ..record.looks import looks
+from ..record.looks import LOOKS
 from .form import parsed, row_fields, shown
 from .page_hall import Step
 from .page_parts import Typed, button, choose, colour_of, keys_line, say
@@ -76,7 +76,7 @@ class MarksStep(Step):
                 .classes("prow")
                 .style("grid-template-columns: 1.2fr 1.2fr 1fr auto auto; border-top: 0")
             ):
-                offered = tuple(look.example or look.name for look in looks())
+                offered = tuple(look.example or look.name for look in LOOKS.all())
                 choose(f"look of {name}", offered, str(row.get("look", "led")), lambda v: self._put(number, "look", v))
                 colours = FIELDS["colour"].choices
                 choose(

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from ..record.errors import InputError
 from ..record.run import RUN_FILE
+from ..record.sources import VIDEOS, recordings_in
 
-VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mts", ".mpg", ".webm", ".wmv")
 MOST_FOLDERS = 4000
 """Folders looked into for runs."""
 MOST_RUNS = 200
@@ -43,19 +43,10 @@ def place(folder: str | Path) -> Place:
     if not path.is_dir():
         raise InputError(path, "", "no such folder")
     path = path.resolve()
-    found = Place(path, (path / RUN_FILE).is_file(), tuple(videos_in(path)))
+    found = Place(path, (path / RUN_FILE).is_file(), tuple(recordings_in(path)))
     if not found.has_run and not found.videos:
         raise InputError(path, "", f"neither a {RUN_FILE} nor a video ({', '.join(VIDEOS)}) is in it")
     return found
-
-
-def videos_in(folder: Path) -> list[str]:
-    """Names of the videos in a folder."""
-    try:
-        names = sorted(entry.name for entry in os.scandir(folder) if entry.is_file())
-    except OSError:
-        return []
-    return [name for name in names if Path(name).suffix.lower() in VIDEOS and not name.startswith(".")]
 
 
 def places_below(folder: Path) -> list[Place]:
@@ -105,4 +96,4 @@ def page_file(page: Path, name: str) -> Path:
     return inside(page.parent.parent, f"{page.parent.name}/{name}")
 
 
-__all__ = ["VIDEOS", "Place", "inside", "page_file", "place", "places_below", "videos_in"]
+__all__ = ["VIDEOS", "Place", "inside", "page_file", "place", "places_below"]

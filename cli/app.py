@@ -27,17 +27,17 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
 
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
-    from ..app.places import videos_in
     from ..app.server import serve
     from ..record.errors import InputError
     from ..record.run import RUN_FILE
+    from ..record.sources import recordings_in
 
     folder: Path = options.run or Path()
     if folder.name == RUN_FILE:
         folder = folder.parent
     if not folder.is_dir():
         raise InputError(folder, "", "no such folder")
-    is_run = (folder / RUN_FILE).is_file() or (options.run is not None and len(videos_in(folder)) == 1)
+    is_run = (folder / RUN_FILE).is_file() or (options.run is not None and len(recordings_in(folder)) == 1)
     if not 0 <= options.port <= 65535:
         raise InputError("--port", "", f"{options.port}: 0 to 65535 is expected")
 

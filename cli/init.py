@@ -13,7 +13,6 @@ from .ask import Asker, numbers, say, terminal
 NAME = "init"
 HELP = "ask a few questions and write a commented run.toml (every question has a flag; --yes asks nothing)"
 
-VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mts", ".mpg", ".webm", ".wmv")
 TABLES = (".csv", ".parquet")
 SIZE_PX = "1280 720"
 NOT_MEASURED = "none"
@@ -176,20 +175,25 @@ def _or_none(parse: Callable[[str], Any]) -> Callable[[str], Any]:
 
 def _source(options: argparse.Namespace, folder: Path, asker: Asker) -> tuple[str, str]:
     """Which of video, tracks, motion, and its path from the folder."""
+    from ..record.sources import is_recording, recordings_in
+
     given = next(((w, f) for w in ("video", "tracks", "motion") if (f := getattr(options, w)) is not None), None)
     if given is not None:
         what, file = given
-        return what, asker.answer(f"source.{what}", f"--{what}", file, "", None, lambda text: _inside(folder, text))
-    there = sorted(path.name for path in folder.iterdir() if path.is_file()) if folder.is_dir() else []
-    found = [name for name in there if Path(name).suffix.lower() in VIDEOS and not name.startswith(".")]
-    found += [name for name in there if Path(name).stem in ("tracks", "motion") and Path(name).suffix in TABLES]
+        there = is_recording if what == "video" else Path.is_file
+        return what, asker.answer(
+            f"source.{what}", f"--{what}", file, "", None, lambda text: _inside(folder, text, there)
+        )
+    files = sorted(path.name for path in folder.iterdir() if path.is_file()) if folder.is_dir() else []
+    found = recordings_in(folder)
+    found += [name for name in files if Path(name).stem in ("tracks", "motion") and Path(name).suffix in TABLES]
     file = asker.answer(
         "source",
         "--video, --tracks or --motion FILE",
         None,
         "the video, or a table of tracks or motion",
         found[0] if found else None,
-        lambda text: _inside(folder, text),
+        lambda text: _inside(folder, text, is_recording),
         guess=len(found) > 1,
     )
     return _what((folder / file).resolve()), file
@@ -204,11 +208,11 @@ def _what(path: Path) -> str:
     return "motion" if "y_cg_m" in read_table(path, ()).columns else "tracks"
 
 
-def _inside(folder: Path, text: str) -> str:
+def _inside(folder: Path, text: str, there: Callable[[Path], bool] = Path.is_file) -> str:
     """The path from the folder to a file that lies in it, or, as a second choice, at ``text`` from here."""
-    if (folder / text).is_file():
+    if there(folder / text):
         return Path(text).as_posix()
-    if Path(text).is_file():
+    if there(Path(text)):
         return Path(os.path.relpath(text, folder)).as_posix()
     raise ValueError(f"a file is expected; there is none of this name in {folder}")
 

@@ -9,10 +9,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from .installed import load_installed
-
-GROUP = "towline.looks"
-"""Entry point by which installed packages bring looks."""
+from .registry import Registry
 
 
 @dataclass(frozen=True)
@@ -27,6 +24,7 @@ class Look:
     needs : keys of [[marker]] that it cannot be without, each with what it holds ("the place of the patch in the first frame")
     spot : a spot: the app's detector sees it in a single frame, and ``towline render`` draws it
     example : a value that the app offers; "": the name
+    stamp : of the code that follows it, put in when that is registered: tracks are made anew when it changes; "": towline's own
     """
 
     name: str
@@ -35,29 +33,24 @@ class Look:
     needs: Mapping[str, str] = field(default_factory=dict)
     spot: bool = False
     example: str = ""
+    stamp: str = ""
 
     def takes(self, value: str) -> bool:
         """Whether run.toml's ``value`` is this look."""
         return re.fullmatch(self.pattern or re.escape(self.name), value) is not None
 
 
-_LOOKS: dict[str, Look] = {}
+LOOKS: Registry[Look] = Registry("towline.looks")
 
 
 def register_look(look: Look) -> None:
-    """Take a look into the table, behind those that are there; it replaces one of its name."""
-    _LOOKS[look.name] = look
-
-
-def looks() -> tuple[Look, ...]:
-    """All looks, those of installed packages included, in the order of their registration."""
-    load_installed(GROUP)
-    return tuple(_LOOKS.values())
+    """Take a look into the table, behind those that are there; one of its name is replaced."""
+    LOOKS.add(look.name, look)
 
 
 def look_of(value: str) -> Look | None:
     """The first look that takes run.toml's ``value``; None: there is none."""
-    return next((look for look in looks() if look.takes(value)), None)
+    return next((look for look in LOOKS.all() if look.takes(value)), None)
 
 
 def is_spot(value: str) -> bool:
@@ -68,12 +61,12 @@ def is_spot(value: str) -> bool:
 
 def listed() -> str:
     """The looks as the reference page has them: "led | disc | aruco:N", with what they are where the names do not say it."""
-    return " | ".join(f"{look.name} ({look.words})" if look.words else look.name for look in _LOOKS.values())
+    return " | ".join(f"{look.name} ({look.words})" if look.words else look.name for look in LOOKS.here())
 
 
 def named(wanted: Callable[[Look], bool] = lambda _: True) -> list[str]:
     """Names of the looks that are ``wanted``."""
-    return [look.name for look in _LOOKS.values() if wanted(look)]
+    return [look.name for look in LOOKS.here() if wanted(look)]
 
 
 def spot_names() -> list[str]:
@@ -95,4 +88,4 @@ for _look in (
 ):
     register_look(_look)
 
-__all__ = ["GROUP", "Look", "in_words", "is_spot", "listed", "look_of", "looks", "named", "register_look", "spot_names"]
+__all__ = ["LOOKS", "Look", "in_words", "is_spot", "listed", "look_of", "named", "register_look", "spot_names"]

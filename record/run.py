@@ -8,11 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .errors import InputError
-from .files import ABSENT, refusal, sha256_of_file, sha256_of_texts
+from .files import ABSENT, refusal, sha256_of_texts
+from .looks import look_of
 from .schema import Line, ModelTable, RunFile, TowTable, WaterTable
+from .sources import file_hash, recording_hash, recording_refusal
 from .toml import read_toml
 
 RUN_FILE = "run.toml"
+RECORDINGS = ("source.video", "noise.static")
+"""Keys that may name a recording of any kind; the others name plain files."""
 
 
 @dataclass(frozen=True)
@@ -74,14 +78,17 @@ class Run:
         return value
 
     def input_hashes(self) -> dict[str, str]:
-        """SHA-256 of run.toml and of every file that it names, by their paths in the folder."""
-        names = [RUN_FILE, *(name for _, name in _paths(self.file))]
-        return {name: sha256_of_file(self.path(name)) for name in names if self.path(name).is_file()}
+        """SHA-256 of run.toml and of every file or recording that it names, by their paths in the folder."""
+        named = [("", RUN_FILE), *_paths(self.file)]
+        found = {name: (recording_hash if key in RECORDINGS else file_hash)(self.path(name)) for key, name in named}
+        return {name: digest for name, digest in found.items() if digest is not None}
 
     def input_hash(self, *stage: str) -> str:
-        """One hash over all inputs and the ``stage`` words (version, options) that an output depends on."""
+        """One hash over all inputs, the ``stage`` words (version, options) that an output depends on, and registered looks' code."""
         hashes = self.input_hashes()
-        return sha256_of_texts(*stage, *(f"{name}={digest}" for name, digest in sorted(hashes.items())))
+        found = {look.name: look.stamp for marker in self.file.marker if (look := look_of(marker.look)) and look.stamp}
+        own = (f"look {name}={stamp}" for name, stamp in sorted(found.items()))
+        return sha256_of_texts(*stage, *own, *(f"{name}={digest}" for name, digest in sorted(hashes.items())))
 
 
 def all_inputs(runs: Iterable[Run]) -> dict[str, str]:
@@ -122,7 +129,7 @@ def read_run(folder: str | Path, line: Line | None = None) -> Run:
     run = with_line(Run(folder, read_toml(path, RunFile)), line)
     for key, name in _paths(run.file):
         stay_inside(path, key, name, run.file.outside)
-        wrong = refusal(folder / name)
+        wrong = (recording_refusal if key in RECORDINGS else refusal)(folder / name)
         if wrong is not None:
             written = name if name.isprintable() else repr(name)
             raise InputError(path, key, f"{wrong}: {written}" if wrong == ABSENT else f"{written} {wrong}")

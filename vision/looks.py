@@ -5,15 +5,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
 import pandas as pd
 
 from ..geometry.mapping import Mapping
 from ..record.errors import InputError
-from ..record.looks import Look, in_words, look_of, register_look, spot_names
+from ..record.looks import LOOKS, Look, in_words, look_of, named, register_look, spot_names
+from ..record.registry import Registry, code_stamp
 from ..record.run import RUN_FILE, Run
 from ..record.schema import Marker
 from .backend import Backend
@@ -56,14 +57,16 @@ Begin = Callable[[Run, tuple[Marker, ...], Mapping, Backend], Follower]
 BeginT = TypeVar("BeginT", bound=Begin)
 
 
-@dataclass(frozen=True)
-class _Tracker:
-    looks: tuple[str, ...]
+@dataclass(frozen=True, eq=False)
+class Tracker:
+    """What follows the marks of some looks; ``each``: one for each of them."""
+
     begin: Begin
     each: bool
 
 
-_TRACKERS: list[_Tracker] = []
+TRACKERS: Registry[Tracker] = Registry()
+"""By the name of the look; several looks may have one."""
 
 
 def register_tracker(*looks: Look | str, each: bool = False) -> Callable[[BeginT], BeginT]:
@@ -80,23 +83,19 @@ def register_tracker(*looks: Look | str, each: bool = False) -> Callable[[BeginT
     Callable
         a decorator that hands back what it is put over: a ``Begin``
 
-    Examples
-    --------
-    >>> from towline.record.looks import Look
-    >>> from towline.vision.looks import Rows, register_tracker
-    >>> @register_tracker(Look("cross", words="printed, dark on white", needs={"seen_at_px": "where it is first"}))
-    ... class Crosses(Rows):
-    ...     def step(self, frame):
-    ...         for marker in self.markers:
-    ...             self.lost(frame.index, frame.t_s, marker, "no cross")
+    Raises
+    ------
+    ValueError : there is no look of such a name
     """
-    for look in looks:
-        if isinstance(look, Look):
-            register_look(look)
-    names = tuple(look.name if isinstance(look, Look) else look for look in looks)
 
     def registered(begin: BeginT) -> BeginT:
-        _TRACKERS.append(_Tracker(names, begin, each))
+        tracker, stamp = Tracker(begin, each), code_stamp(begin)
+        for given in looks:
+            look = given if isinstance(given, Look) else LOOKS.get(given)
+            if look is None:
+                raise ValueError(f"no look is called {given!r}; expected {in_words(named())}, or a Look")
+            register_look(replace(look, stamp=stamp))
+            TRACKERS.add(look.name, tracker)
         return begin
 
     return registered
@@ -109,28 +108,22 @@ def followers(run: Run, mapping: Mapping, backend: Backend) -> list[Follower]:
     ------
     InputError : nothing follows one of the looks, or not in this number
     """
-    marks: dict[int, list[Marker]] = {}
-    for marker in run.file.marker:
-        marks.setdefault(_tracker_of(run, marker), []).append(marker)
+    of_each = {marker.name: _tracker_of(run, marker) for marker in run.file.marker}
     found: list[Follower] = []
-    for number, own in sorted(marks.items()):
-        tracker = _TRACKERS[number]
-        groups: Sequence[Sequence[Marker]] = [[marker] for marker in own] if tracker.each else [own]
-        found += [tracker.begin(run, tuple(group), mapping, backend) for group in groups]
+    for tracker in dict.fromkeys(TRACKERS.here()):
+        own = [marker for marker in run.file.marker if of_each[marker.name] is tracker]
+        groups = [[marker] for marker in own] if tracker.each else [own]
+        found += [tracker.begin(run, tuple(group), mapping, backend) for group in groups if group]
     return found
 
 
-def _tracker_of(run: Run, marker: Marker) -> int:
-    """Number of the tracker that was registered last for a marker's look."""
+def _tracker_of(run: Run, marker: Marker) -> Tracker:
     look = look_of(marker.look)
-    for number in reversed(range(len(_TRACKERS))):
-        if look is not None and look.name in _TRACKERS[number].looks:
-            return number
-    raise InputError(
-        run.folder / RUN_FILE,
-        f"marker {marker.name!r}.look",
-        f"{marker.look!r}: no tracker is registered for this look",
-    )
+    tracker = None if look is None else TRACKERS.get(look.name)
+    if tracker is None:
+        where = f"marker {marker.name!r}.look"
+        raise InputError(run.folder / RUN_FILE, where, f"{marker.look!r}: no tracker is registered for this look")
+    return tracker
 
 
 # those that are there ------------------------------------------------------------------------------------------------
@@ -165,4 +158,4 @@ def _template(run: Run, markers: tuple[Marker, ...], *_: object) -> Follower:
     return TemplateMark(run, markers)
 
 
-__all__ = ["Begin", "Follower", "Look", "Rows", "followers", "register_tracker"]
+__all__ = ["TRACKERS", "Begin", "Follower", "Look", "Rows", "Tracker", "followers", "register_tracker"]

@@ -1,4 +1,4 @@
-"""A recording frame by frame: luma, true presentation time, and one clear line when it cannot be read."""
+"""A video file frame by frame: luma, true presentation time, and one clear line when it cannot be read."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from ...record.errors import VideoError
 from ...record.files import refusal
-from .ahead import Ahead
 from .clock import Clock
 from .ledger import Picture
 from .luma import WHITE_FULL_DN, luma, quarters, turned, white_dn
@@ -24,9 +23,6 @@ from .matroska import MatroskaSums
 from .mp4 import contradiction
 from .pictures import Doubt, Stream
 
-FRAMES_AHEAD = 40
-BYTES_AHEAD = 64 << 20
-"""Decoded frames waiting to be used: so many, and no more than this."""
 LISTS_OF_FILES = frozenset(
     {
         "concat",
@@ -48,14 +44,14 @@ LISTS_OF_FILES = frozenset(
 
 @dataclass(frozen=True)
 class ClipInfo:
-    """What the container says.
+    """What the recording says of itself.
 
     Attributes
     ----------
     width_px, height_px : of the upright picture
     rate_hz : mean frame rate
-    duration_s : stated length; None where the container does not say
-    codec : name
+    duration_s : stated length; None where it does not say
+    codec : by ffmpeg's name: it says whether pixels were lost (``pipeline.stages.losses``); "rawvideo": none were
     """
 
     width_px: int
@@ -74,7 +70,7 @@ class Frame:
     index : from 0 in the recording, whatever the span; one that could not be decoded is missing, and the next keeps its own number
     t_s : presentation time from the recording's start (of the exposure's middle, where the exposure is given)
     luma : (h, w) uint8, upright, read-only; a view of ``raw`` where that can be, valid as long as the frame is held
-    raw : the decoder's frame
+    raw : the decoder's frame, an ``av.VideoFrame``
     damaged : the picture, or one it may predict from, could not be decoded as it was written
     white_dn : luma of white: 235 where the recording has limited range, 255 for full range; values stay as decoded
     """
@@ -90,8 +86,13 @@ class Frame:
         """The picture in colour, upright, (h, w, 3) uint8."""
         return turned(self.raw.to_ndarray(format="bgr24"), self.raw)
 
+    @property
+    def stamp(self) -> int | None:
+        """Timestamp by which the picture is found again in its container; None: by reading from the start."""
+        return getattr(self.raw, "pts", None)
 
-def clip_info(path: str | Path) -> ClipInfo:
+
+def video_info(path: str | Path) -> ClipInfo:
     """Read the container's header, and the first picture for the way it is turned.
 
     Raises
@@ -106,51 +107,17 @@ def clip_info(path: str | Path) -> ClipInfo:
         return info
 
 
-def read_frames(
+def video_frames(
     path: str | Path,
     span_s: tuple[float, float] | None = None,
     frame_rate_hz: float | None = None,
     exposure_s: float = 0.0,
     decode_threads: int | None = None,
 ) -> Iterator[Frame]:
-    """Decode the frames in ``span_s`` one by one, ahead of their use in a background thread.
+    """Decode the frames in ``span_s`` one by one, as ``source.read_frames`` has it, when they are asked for.
 
-    A picture that cannot be decoded is left out; the ones around it keep their own number and time. One that was decoded but
-    cannot be trusted is ``damaged``. Closing the iterator ends the thread.
-
-    Parameters
-    ----------
-    span_s : first and last time wanted, s, in the recording's own time: as stamped, before ``exposure_s`` moves it; None = all
-    frame_rate_hz : replaces the container's timestamps by index/rate
-    exposure_s : exposure time; half of it is added to the stamped time, which is taken as the exposure's start
-    decode_threads : decoder threads; None = as many as help. Where several would hide damage (HEVC; H.264 with B frames once an
-        error has shown) one works
-
-    Raises
-    ------
-    VideoError : it cannot be read, holds no frame, ends before its stated end (or the span's), or its times are not plausible:
-        they do not rise, jump, or leave the stated length
+    Read in haste; at the first sign of damage begin again with care, and go on where haste had come to.
     """
-    ahead = Ahead(
-        lambda: _decoded(path, span_s, frame_rate_hz, exposure_s, decode_threads),
-        FRAMES_AHEAD,
-        BYTES_AHEAD,
-        lambda frame: frame.luma.nbytes * 3 // 2,
-    )
-    try:
-        yield from ahead
-    finally:
-        ahead.close()
-
-
-def _decoded(
-    path: str | Path,
-    span_s: tuple[float, float] | None,
-    frame_rate_hz: float | None,
-    exposure_s: float,
-    decode_threads: int | None,
-) -> Iterator[Frame]:
-    """Read in haste; at the first sign of damage begin again with care, and go on where haste had come to."""
     given = 0
     try:
         for frame in _decoded_once(path, span_s, frame_rate_hz, exposure_s, decode_threads, haste=True):

@@ -212,7 +212,7 @@ class Desk:
 
     def snap(self, index: int, click_px: tuple[float, float], zoom: float = 1.0, to_mark: bool = True) -> Snapped:
         """Where a click into a frame landed: the mark next to it, or itself. Changes nothing, so it may run in a thread."""
-        from ..pipeline.stages import LOSSLESS
+        from ..vision.recording.codecs import LOSSLESS
 
         if not to_mark or self.frames is None:
             return as_clicked(click_px, zoom)

@@ -36,15 +36,15 @@ class Found:
 
 def track(folders: Sequence[Path], tell: Progress, fresh: bool = False) -> Found:
     """Track the marks and work the motion out: ``towline motion``."""
-    from ..pipeline.stages import CAMERA, MARKS, MOTION, TRACKS, moved, tracked
+    from ..pipeline.stages import CAMERA, MARKS, MOTION, TRACKS, compute_run_motion, track_run
     from ..record.run import read_run
 
     (folder,) = folders
     run = read_run(folder)
     notes: tuple[str, ...] = ()
     if run.file.source.motion is None:
-        notes = tracked(run, tell, fresh).notes
-    made = moved(run, "exact", tell)
+        notes = track_run(run, tell, fresh).notes
+    made = compute_run_motion(run, "exact", tell)
     table, said = made.motion, list(notes)
     good = int((table["status"] != "lost").sum())
     said.insert(
@@ -87,17 +87,17 @@ def check(folders: Sequence[Path], tell: Progress, effects: bool = True) -> Foun
 
 def identify(folders: Sequence[Path], tell: Progress, form: str = "full") -> Found:
     """The six derivatives: ``towline identify``."""
-    from ..pipeline.analysis import fit_page, identified, moved_batch, output_folder
+    from ..pipeline.analysis import compute_motions, fit_page, identify_batch, output_folder
     from ..record.results import write_result
     from ..report.format import SYMBOLS_TEXT, plus_minus
     from ..report.identify_page import write_identify_page
     from ..simulate.model import DERIVATIVE_UNITS
 
-    batch = moved_batch(folders, "exact", tell)
+    batch = compute_motions(folders, "exact", tell)
     _some(batch.runs, batch.failed)
     out = output_folder(folders)
     say: Callable[[str], None] = lambda text: tell(text, 0, None)  # noqa: E731
-    answer = identified(batch, form, None, None, say)
+    answer = identify_batch(batch, form, None, None, say)
     write_result(out / "derivatives.json", answer.result)
     write_identify_page(out / "derivatives.html", fit_page(answer, None, say))
     rows = []
@@ -118,19 +118,19 @@ def identify(folders: Sequence[Path], tell: Progress, form: str = "full") -> Fou
 
 def steady(folders: Sequence[Path], tell: Progress) -> Found:
     """The neutral point: ``towline steady``, with the page of ``towline run``."""
-    from ..pipeline.analysis import moved_batch, output_folder, steadied
-    from ..pipeline.stages import run_page
+    from ..pipeline.analysis import compute_motions, fit_steady_batch, output_folder
+    from ..pipeline.stages import make_run_page
     from ..record.results import write_result
     from ..report import write_page
     from ..report.format import plus_minus
 
-    batch = moved_batch(folders, "exact", tell)
+    batch = compute_motions(folders, "exact", tell)
     _some(batch.runs, batch.failed)
-    result = steadied(batch)
+    result = fit_steady_batch(batch)
     out = output_folder(folders)
     write_result(out / "steady.json", result)
     tell("drawing", 0, None)
-    pages = [run_page(m, None, result.failed.get(m.run.name)) for m in batch.runs]
+    pages = [make_run_page(m, None, result.failed.get(m.run.name)) for m in batch.runs]
     write_page(out / "steady.html", f"{len(pages)} steady tows", pages, None, result, list(result.notes))
     low, high = result.x_v_interval_m
     rows = (("X_v, ahead of LCG", plus_minus(result.x_v_m.value, result.x_v_m.std), "m"),)

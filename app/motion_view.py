@@ -48,7 +48,9 @@ def read_shown(run: Run | None, folder: Path) -> Shown:
     ----------
     run : as saved; None where run.toml cannot be read
     """
-    from ..pipeline.stages import MOTION, TRACKS, code_hash
+    from ..pipeline.stages.motion import MOTION
+    from ..pipeline.stages.tracks import TRACKS
+    from ..pipeline.stages.versions import stamp_of
 
     source = None if run is None else run.file.source
     out = folder / "out"
@@ -64,7 +66,7 @@ def read_shown(run: Run | None, folder: Path) -> Shown:
     current = False
     if run is not None and motion is not None:
         made_from = input_hash_of(motion_path)
-        current = bool(source and source.motion) or made_from == run.input_hash("motion", code_hash(), "exact")
+        current = bool(source and source.motion) or made_from == stamp_of(run, "motion", "exact")
         words = words or ("" if current else "made before the last change of run.toml or of the recording: track again")
     return Shown(motion, tracks, current, words)
 

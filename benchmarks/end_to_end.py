@@ -25,7 +25,7 @@ import tomlkit
 from end_to_end_cases import PRIORS, campaign, filmed
 
 from towline.blind.scores import interval
-from towline.pipeline.analysis import identified, moved_batch
+from towline.pipeline.analysis import compute_motions, identify_batch
 from towline.pipeline.executor.processes import THREADS, in_parallel
 from towline.record.errors import TowlineError
 from towline.record.files import write_text
@@ -41,9 +41,9 @@ COVERED = 1.96
 def analysed(folders: list[Path]) -> dict[str, Any]:
     """Derivatives with their errors, and how long it took."""
     began = time.perf_counter()
-    batch = moved_batch(folders)
+    batch = compute_motions(folders)
     tracked_s = time.perf_counter() - began
-    answer = identified(batch)
+    answer = identify_batch(batch)
     lost = [float((m.motion["status"] != "measured").mean()) if "status" in m.motion else 0.0 for m in batch.runs]
     return {
         "derivatives": {n: [d.value, d.std] for n, d in answer.result.derivatives.items()},

@@ -14,10 +14,11 @@ import numpy as np
 
 from towline.diagnose import motion_error
 from towline.geometry import motion_from_tracks, run_datum
-from towline.pipeline.analysis import Batch, identified, steadied
-from towline.pipeline.stages import Moved, losses, truth_motion
+from towline.pipeline.analysis import Batch, fit_steady_batch, identify_batch
+from towline.pipeline.stages import RunMotion, read_true_motion
 from towline.record import read_run, read_tracks
 from towline.vision import clip_info, read_frames, track
+from towline.vision.recording.codecs import losses
 
 SAMPLES = Path(__file__).resolve().parent.parent / "sample_videos"
 GROUPS = {
@@ -37,7 +38,7 @@ def main() -> None:
         batch = Batch(runs, {})
         if group == "mariner":
             began = time.perf_counter()
-            result = identified(batch).result
+            result = identify_batch(batch).result
             seconds = time.perf_counter() - began
             print(f"\njoint fit of four runs, full equations: {seconds:.1f} s")
             for name, d in result.derivatives.items():
@@ -49,7 +50,7 @@ def main() -> None:
                 )
             print()
         else:
-            steady = steadied(batch)
+            steady = fit_steady_batch(batch)
             low, high = steady.x_v_interval_m
             print(
                 f"\nX_v {steady.x_v_m.value:.4f} +- {steady.x_v_m.std:.4f} m, 95 % {low:.4f} .. {high:.4f}, "
@@ -57,7 +58,7 @@ def main() -> None:
             )
 
 
-def _row(folder: Path) -> Moved:
+def _row(folder: Path) -> RunMotion:
     run = read_run(folder)
     info = clip_info(run.source_path)
     datum = run_datum(run, (info.width_px, info.height_px))
@@ -74,14 +75,14 @@ def _row(folder: Path) -> Moved:
     gap = both[["u_px", "v_px"]].to_numpy() - both[["u_px_true", "v_px_true"]].to_numpy()
     score = gap / both[["sigma_u_px", "sigma_v_px"]].to_numpy()
     made = motion_from_tracks(run, found.table, datum)
-    reference = truth_motion(run)
+    reference = read_true_motion(run)
     assert reference is not None
     error = motion_error(made.motion, reference)
     print(
         f"{run.name:22} {np.sqrt((gap**2).mean()):7.3f} {score.std():6.2f} {1e3 * error.y_cg_m:8.2f} {error.beta_deg:8.4f} "
         f"{error.alpha_deg:8.4f} {follow:8.0f} {decode:8.0f} {follow / decode:6.2f}"
     )
-    return Moved(run, made.motion, made.common, made.camera, found.table, made.lag)
+    return RunMotion(run, made.motion, made.common, made.camera, found.table, made.lag)
 
 
 if __name__ == "__main__":

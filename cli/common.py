@@ -95,11 +95,11 @@ def print_notes(notes: Sequence[str]) -> None:
 
 def read_batch(options: argparse.Namespace, fresh: bool = False):
     """Motion of all runs; raises where none can be used."""
-    from ..pipeline.analysis import moved_batch
+    from ..pipeline.analysis import compute_motions
     from ..record.errors import TowlineError
 
     with show_progress() as show:
-        batch = moved_batch(options.runs, options.method, show, fresh, getattr(options, "line", None))
+        batch = compute_motions(options.runs, options.method, show, fresh, getattr(options, "line", None))
     if not batch.runs:
         if len(batch.failed) == 1:
             raise TowlineError(next(iter(batch.failed.values())))

@@ -30,8 +30,8 @@ def call(options: argparse.Namespace) -> int:
     from ..record.run import RUN_FILE, read_run
 
     with loading("pipeline.stages"):
-        from ..pipeline.stages import LOSSLESS
         from ..vision.datum_write import find_run_datum, write_datum
+        from ..vision.recording.codecs import LOSSLESS
 
     run = read_run(options.run)
     found = find_run_datum(run, options.frames, LOSSLESS)

@@ -92,14 +92,16 @@ def _check_thoroughly(options: argparse.Namespace, answer: Any, out: Path) -> No
 
 def fit_and_write(options: argparse.Namespace, batch: Any, out: Path) -> Any:
     """Fit, write derivatives.json and print its table; returns ``analysis.Identified``."""
-    from ..pipeline.analysis import identified
-    from ..pipeline.stages import read_priors
+    from ..pipeline.analysis import identify_batch
+    from ..record.priors import read_priors
     from ..record.results import write_result
     from ..report import derivatives_table
 
     priors = None if options.priors is None else read_priors(options.priors)
     with show_progress() as show:
-        answer = identified(batch, options.form, options.speed, priors, lambda text: show(text, 0, None), options.noise)
+        answer = identify_batch(
+            batch, options.form, options.speed, priors, lambda text: show(text, 0, None), options.noise
+        )
     write_result(out / "derivatives.json", answer.result)
     console().print(derivatives_table(answer.result))
     print_notes([*answer.result.not_identifiable, *answer.result.notes])
@@ -112,11 +114,11 @@ def _identify_free(options: argparse.Namespace, batch: Any, out: Path, towed: An
     """Free runs: on their own as derivatives.json, beside tows as free_run.json."""
     answer = fit_free_and_write(options, batch, out, towed)
     if not options.no_page:
-        from ..pipeline.stages import run_page
+        from ..pipeline.stages import make_run_page
         from ..report import write_page
 
         page = out / ("derivatives.html" if towed is None else "free_run.html")
-        pages = [run_page(m, answer.fitted[m.run.name], None) for m in answer.runs]
+        pages = [make_run_page(m, answer.fitted[m.run.name], None) for m in answer.runs]
         write_page(page, f"Free runs: {', '.join(answer.fitted)}", pages, answer.result, None, [])
         options.outcome.wrote(page, word="page:")
     options.outcome.fail(answer.result.failed)
@@ -125,9 +127,9 @@ def _identify_free(options: argparse.Namespace, batch: Any, out: Path, towed: An
 
 def fit_free_and_write(options: argparse.Namespace, batch: Any, out: Path, towed: Any = None) -> Any:
     """The same of free runs; ``towed``: what the tows of the same hull gave."""
-    from ..pipeline.analysis import identified_free
-    from ..pipeline.stages import read_priors
+    from ..pipeline.analysis import identify_free_batch
     from ..record.errors import TowlineError
+    from ..record.priors import read_priors
     from ..record.results import write_result
     from ..report import derivatives_table
 
@@ -141,7 +143,7 @@ def fit_free_and_write(options: argparse.Namespace, batch: Any, out: Path, towed
     priors = None if options.priors is None else read_priors(options.priors)
     with show_progress() as show:
         show("fitting the free runs", 0, None)
-        answer = identified_free(batch, options.speed, priors, towed)
+        answer = identify_free_batch(batch, options.speed, priors, towed)
     name = "derivatives" if towed is None else "free_run"
     write_result(out / f"{name}.json", answer.result)
     if towed is not None:

@@ -26,10 +26,10 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
 
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
-    from ..pipeline.simulating import rendered
+    from ..pipeline.simulating import render_file
 
     with show_progress() as show:
-        file = rendered(
+        file = render_file(
             options.scenario,
             options.out,
             options.effects,

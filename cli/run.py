@@ -38,7 +38,7 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
     from ..pipeline.analysis import Batch, good_for, has_rudder, has_tension, output_folder
-    from ..pipeline.stages import run_page
+    from ..pipeline.stages import make_run_page
     from ..record.errors import TowlineError
     from ..report import write_page
 
@@ -92,7 +92,7 @@ def call(options: argparse.Namespace) -> int:
     options.outcome.result |= {"problems": problems, "remarks": remarks}
     for note in notes:
         print(f"towline: {note}", file=sys.stderr)
-    pages = [run_page(m, fitted.get(m.run.name), failed.get(m.run.name)) for m in batch.runs]
+    pages = [make_run_page(m, fitted.get(m.run.name), failed.get(m.run.name)) for m in batch.runs]
     page = out / "report.html"
     title = pages[0].name if len(pages) == 1 else f"{out.parent.name}: {len(pages)} runs"
     found = [answer.result for answer in (identified, free) if answer is not None]
@@ -106,11 +106,11 @@ def call(options: argparse.Namespace) -> int:
 def _truth_lines(runs: Sequence[Any]) -> dict[str, Any]:
     """Say how far the motion lies from the truth, of those runs that carry it."""
     from ..diagnose import motion_error
-    from ..pipeline.stages import truth_motion
+    from ..pipeline.stages import read_true_motion
 
     errors: dict[str, Any] = {}
     for m in runs:
-        truth = truth_motion(m.run)
+        truth = read_true_motion(m.run)
         if truth is None:
             continue
         error = errors[m.run.name] = motion_error(m.motion, truth)

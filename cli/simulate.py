@@ -27,11 +27,11 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
 
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
-    from ..pipeline.simulating import simulated
+    from ..pipeline.simulating import simulate_file
     from ..record.tables import write_table
     from ..simulate import scenario_stability
 
-    file, motion = simulated(options.scenario, options.effects, options.line)
+    file, motion = simulate_file(options.scenario, options.effects, options.line)
     target = options.out or options.scenario.parent / "motion.csv"
     write_table(target, motion)
     verdict = scenario_stability(file)

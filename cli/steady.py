@@ -40,11 +40,11 @@ def call(options: argparse.Namespace) -> int:
 
 def steady_and_write(options: argparse.Namespace, batch: Any, out: Path) -> Any:
     """X_v: write steady.json and print its table; returns it."""
-    from ..pipeline.analysis import steadied
+    from ..pipeline.analysis import fit_steady_batch
     from ..record.results import write_result
     from ..report import steady_table
 
-    result = steadied(batch)
+    result = fit_steady_batch(batch)
     write_result(out / "steady.json", result)
     console().print(steady_table(result))
     print_notes(result.notes)

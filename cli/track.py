@@ -48,8 +48,8 @@ def call(options: argparse.Namespace) -> int:
             run = read_run(folder)
             filmed = run.file.source.video is not None
             with show_progress(options.follow) as show:
-                found = stages.tracked(run, show, options.fresh, options.device)
-                drawn = stages.draw(found, overlay, sheet, show) if filmed else []
+                found = stages.track_run(run, show, options.fresh, options.device)
+                drawn = stages.draw_tracks(found, overlay, sheet, show) if filmed else []
         except TowlineError as error:
             if len(options.runs) == 1:
                 raise

@@ -183,7 +183,7 @@ def measured_rows(run: Run, motion: pd.DataFrame) -> Array:
     )
     if span is not None:
         measured &= motion["t_s"].between(span[0], span[1]).to_numpy()
-    measured &= before_cut(run, motion)  # named by analysis.identified
+    measured &= before_cut(run, motion)  # named by analysis.identify_batch
     if measured.sum() < 20:
         raise InputError(run.source_path, "", f"{int(measured.sum())} measured samples; at least 20 are needed")
     return measured

@@ -37,7 +37,8 @@ from ..record.priors import Priors
 from ..record.results import DerivativesFile, SteadyFile, TowStability
 from ..record.run import RUN_FILE, Run, all_inputs, read_run
 from ..simulate.model import DERIVATIVE_UNITS, Hull, Line, alpha_from_y
-from .stages import Moved, Progress, moved, static_motion, truth_of
+from .progress import Progress
+from .stages import RunMotion, compute_run_motion, compute_static_motion, read_truth
 
 if TYPE_CHECKING:
     from ..identify.reference import Comparison
@@ -54,11 +55,11 @@ class Batch:
     failed : folder or run name -> why
     """
 
-    runs: list[Moved]
+    runs: list[RunMotion]
     failed: dict[str, str]
 
 
-def moved_batch(
+def compute_motions(
     folders: Sequence[str | Path],
     method: str = "exact",
     progress: Progress | None = None,
@@ -66,7 +67,7 @@ def moved_batch(
     line: Line | None = None,
 ) -> Batch:
     """Motion of every run; a bad run is put aside with its reason and the others go on. ``line``: as for ``read_run``."""
-    runs: list[Moved] = []
+    runs: list[RunMotion] = []
     failed: dict[str, str] = {}
     for folder in folders:
         name = shown(str(folder))
@@ -77,7 +78,7 @@ def moved_batch(
                 raise InputError(
                     run.folder / RUN_FILE, "name", f"{name!r} is another run's name as well; names must differ"
                 )
-            runs.append(moved(run, method, progress, fresh))
+            runs.append(compute_run_motion(run, method, progress, fresh))
         except TowlineError as error:
             failed[name if name not in failed else shown(str(folder))] = str(error)
     return Batch(runs, failed)
@@ -120,10 +121,10 @@ class Identified:
     fitted: dict[str, pd.DataFrame]
     fit: Fit
     data: list[RunData]
-    runs: list[Moved]
+    runs: list[RunMotion]
 
 
-def identified(
+def identify_batch(
     batch: Batch,
     form: str = "full",
     speed_m_s: float | None = None,
@@ -145,10 +146,10 @@ def identified(
     """
     failed = dict(batch.failed)
     data: list[RunData] = []
-    used: list[Moved] = []
+    used: list[RunMotion] = []
     for m in batch.runs:
         try:
-            data.append(run_data(m.run, m.motion, m.common, priors, static_motion(m.run), m.lag))
+            data.append(run_data(m.run, m.motion, m.common, priors, compute_static_motion(m.run), m.lag))
             used.append(m)
         except TowlineError as error:
             failed[m.run.name] = str(error)
@@ -177,7 +178,7 @@ def identified(
     return Identified(result, fitted, fit, data, used)
 
 
-def _one_hull(used: Sequence[Moved]) -> list[str]:
+def _one_hull(used: Sequence[RunMotion]) -> list[str]:
     """What must be said of the runs' trims; EstimationError where the runs are not of one hull in one water."""
     hulls = {hull_of(m.run) for m in used}
     if len(hulls) > 1:
@@ -200,10 +201,10 @@ class FreeIdentified:
 
     result: DerivativesFile
     fitted: dict[str, pd.DataFrame]
-    runs: list[Moved]
+    runs: list[RunMotion]
 
 
-def identified_free(
+def identify_free_batch(
     batch: Batch, speed_m_s: float | None = None, priors: Priors | None = None, towed: Identified | None = None
 ) -> FreeIdentified:
     """Joint fit of free runs: the rudder and the ratios, or, with the tows of the same hull, everything in newtons.
@@ -282,7 +283,7 @@ def fit_page(
     )
 
 
-def _fitted(fit: Fit, data: RunData, m: Moved, index: int) -> pd.DataFrame:
+def _fitted(fit: Fit, data: RunData, m: RunMotion, index: int) -> pd.DataFrame:
     y, beta = fit.response[index].T
     tow = data.tow
     post, _ = tow.post_motion(data.t_s)
@@ -296,11 +297,11 @@ def _fitted(fit: Fit, data: RunData, m: Moved, index: int) -> pd.DataFrame:
     )
 
 
-def _true_six(runs: Sequence[Moved], speed_m_s: float) -> dict[str, float] | None:
+def _true_six(runs: Sequence[RunMotion], speed_m_s: float) -> dict[str, float] | None:
     """The rendered runs' derivatives at the fit's speed, where all runs carry the same."""
     found = []
     for m in runs:
-        truth = truth_of(m.run)
+        truth = read_truth(m.run)
         if truth is None or not set(DERIVATIVE_UNITS) <= set(truth.derivatives):
             return None
         six = [truth.derivatives[name] for name in DERIVATIVE_UNITS]
@@ -310,9 +311,9 @@ def _true_six(runs: Sequence[Moved], speed_m_s: float) -> dict[str, float] | Non
     return dict(zip(DERIVATIVE_UNITS, (float(x) for x in found[0]), strict=True))
 
 
-def _true_hull(runs: Sequence[Moved]) -> Hull | None:
+def _true_hull(runs: Sequence[RunMotion]) -> Hull | None:
     """The hull that rendered runs were made from, where all carry the same."""
-    truths = [truth_of(m.run) for m in runs]
+    truths = [read_truth(m.run) for m in runs]
     first = truths[0]
     if first is None or any(
         t is None or (t.derivatives, t.speed_m_s) != (first.derivatives, first.speed_m_s) for t in truths
@@ -324,7 +325,7 @@ def _true_hull(runs: Sequence[Moved]) -> Hull | None:
         return None
 
 
-def steadied(batch: Batch) -> SteadyFile:
+def fit_steady_batch(batch: Batch) -> SteadyFile:
     """Neutral point of the batch's steady tows; those that still swing, drift or shear off are failed runs.
 
     Raises
@@ -333,7 +334,7 @@ def steadied(batch: Batch) -> SteadyFile:
     """
     failed = dict(batch.failed)
     tows: list[SteadyState] = []
-    used: list[Moved] = []
+    used: list[RunMotion] = []
     seen: dict[str, TowStability] = {}
     for m in batch.runs:
         try:
@@ -354,19 +355,19 @@ def steadied(batch: Batch) -> SteadyFile:
         )
     remarks = same_trim({t.name: t.trim_rad for t in tows})
     fit = fit_steady(tows, used[0].run.model.x_delta_m)
-    truths = {t.x_v_m for m in used if (t := truth_of(m.run)) is not None}
+    truths = {t.x_v_m for m in used if (t := read_truth(m.run)) is not None}
     true_x_v = truths.pop() if len(truths) == 1 else None
     result = steady_file(fit, tows, __version__, all_inputs([m.run for m in used]), failed, true_x_v, seen)
     return result.model_copy(update={"notes": [*result.notes, *_cut_short(batch.runs), *remarks]})
 
 
-def _cut_short(runs: Sequence[Moved]) -> list[str]:
+def _cut_short(runs: Sequence[RunMotion]) -> list[str]:
     """Which of the runs end early, and why: the model touched the wall, or was lost for good."""
     cuts = {m.run.name: cut_of(m.run, m.motion) for m in runs}
     return [f"run {name!r}: {cut.words}" for name, cut in cuts.items() if cut is not None]
 
 
-def good_for(m: Moved) -> tuple[str, ...]:
+def good_for(m: RunMotion) -> tuple[str, ...]:
     """What a run is analysed for, by its motion and by whether T is known: "derivatives", "steady", both or none.
 
     A tow without a known tension gives its steady state, or, swinging on a line that keeps its length, derivatives: its mass weighs
@@ -392,13 +393,13 @@ def good_for(m: Moved) -> tuple[str, ...]:
     return ("steady",) if tow.whole or not known else ("derivatives", "steady")
 
 
-def has_rudder(m: Moved) -> bool:
+def has_rudder(m: RunMotion) -> bool:
     """A free run whose rudder is known: stated over, or by its history."""
     tow = m.run.file.tow
     return m.run.file.kind == "free" and tow is not None and (tow.rudder is not None or tow.rudder_rad != 0.0)
 
 
-def has_tension(m: Moved) -> bool:
+def has_tension(m: RunMotion) -> bool:
     """T is known: stated, logged, or in the motion."""
     tow = m.run.file.tow
     if tow is None:

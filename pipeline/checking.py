@@ -28,7 +28,7 @@ from ..record.errors import EstimationError, GeometryError, InputError, TowlineE
 from ..record.run import RUN_FILE, Run, all_inputs, read_run
 from ..simulate.model import DERIVATIVE_UNITS, Line
 from .progress import Progress as StageProgress
-from .stages import datum_of, tracked
+from .stages import fit_run_datum, track_run
 
 UNLIKELY = 1e-4
 """A joint fit less probable than this, after its noise is scaled, holds something that is not right."""
@@ -54,7 +54,7 @@ def filmed_runs(
                 raise InputError(
                     run.folder / RUN_FILE, "source.motion", "a motion holds no pixels; there is no camera to check"
                 )
-            tables.append(tracked(run, progress).table)
+            tables.append(track_run(run, progress).table)
             runs.append(run)
         except TowlineError as error:
             if len(folders) == 1:
@@ -93,7 +93,7 @@ def checked(
     """
     say = progress or (lambda _: None)
     say("checking the camera")
-    datum = datum_of(runs[0])
+    datum = fit_run_datum(runs[0])
     poses = [
         poses_from_tracks(run, without_lags(table), datum.mapping) for run, table in zip(runs, tracks, strict=True)
     ]

@@ -21,7 +21,7 @@ from ..record.results import DerivativesFile, read_result
 from ..record.run import RUN_FILE, Run, all_inputs, read_run
 from ..simulate.model import DERIVATIVE_UNITS, Line
 from .executor.copies import side_by_side
-from .stages import Moved, datum_of, moved, static_tracks
+from .stages import RunMotion, compute_run_motion, fit_run_datum, track_static
 
 Progress = Callable[[str, int, int | None], None]
 
@@ -58,7 +58,7 @@ def diagnose_folders(
     """
     library = library_of(effects)
     runs: list[Run] = []
-    motions: list[Moved] = []
+    motions: list[RunMotion] = []
     failed: dict[str, str] = {}
     held: list[int] = []
     for folder in (*folders, *held_out):
@@ -66,7 +66,7 @@ def diagnose_folders(
             run = read_run(folder, line)
             if run.file.kind == "free":
                 raise InputError(run.folder / RUN_FILE, "kind", f"{run.file.kind!r}: only towed runs can be diagnosed")
-            motions.append(moved(run, progress=progress))
+            motions.append(compute_run_motion(run, progress=progress))
             if folder in held_out:
                 held.append(len(runs))
             runs.append(run)
@@ -77,8 +77,8 @@ def diagnose_folders(
     step = block_step([float(m.motion["t_s"].iloc[-1] - m.motion["t_s"].iloc[0]) for m in motions])
     tows: list[TowRun] = []
     for run, m in zip(runs, motions, strict=True):
-        fit = datum_of(run) if m.tracks is not None else None
-        tows.append(tow_run(run, m.motion, m.common, m.tracks, fit, static_tracks(run, progress), step))
+        fit = fit_run_datum(run) if m.tracks is not None else None
+        tows.append(tow_run(run, m.motion, m.common, m.tracks, fit, track_static(run, progress), step))
     inputs = all_inputs(runs)
     say = None if progress is None else lambda text: progress(text, 0, None)
     measured = measured_apart(runs, library)

@@ -224,9 +224,9 @@ def export_mat(
     TowlineError : no run could be used
     InputError : ``derivatives`` is named and cannot be read
     """
-    from .analysis import moved_batch, output_folder
+    from .analysis import compute_motions, output_folder
 
-    batch = moved_batch(folders, progress=progress)
+    batch = compute_motions(folders, progress=progress)
     if not batch.runs:
         raise TowlineError("; ".join(batch.failed.values()) or "no run was given")
     source = Path(derivatives) if derivatives is not None else output_folder(folders) / DERIVATIVES

@@ -53,9 +53,9 @@ def track(run: Folder | Run, *, device: Literal["cpu", "cuda"] = "cpu", fresh: b
     >>> bool((tracks.status == "measured").mean() > 0.9)
     True
     """
-    from .stages import tracked
+    from .stages import track_run
 
-    return tracked(_run(run), fresh=fresh, device=device).table
+    return track_run(_run(run), fresh=fresh, device=device).table
 
 
 def compute_motion(
@@ -94,9 +94,9 @@ def compute_motion(
     >>> bool(motion.sigma_y_cg_m.median() < 1e-3)
     True
     """
-    from .stages import moved
+    from .stages import compute_run_motion
 
-    return moved(_run(run, line), method, fresh=fresh).motion
+    return compute_run_motion(_run(run, line), method, fresh=fresh).motion
 
 
 def check_camera(*runs: Folder, refine: Sequence[str] = (), effects: bool = True) -> list[CheckFile]:
@@ -168,9 +168,9 @@ def identify(
     >>> found.derivatives["y_v"].unit
     'N s/m'
     """
-    from .analysis import identified, moved_batch
+    from .analysis import compute_motions, identify_batch
 
-    return identified(moved_batch(runs, line=line), form, speed_m_s, priors, noise=noise).result
+    return identify_batch(compute_motions(runs, line=line), form, speed_m_s, priors, noise=noise).result
 
 
 def steady(*runs: Folder, line: Line | None = None) -> SteadyFile:
@@ -197,9 +197,9 @@ def steady(*runs: Folder, line: Line | None = None) -> SteadyFile:
     >>> bool(towline.steady(*holes).x_v_m.std < 0.05)
     True
     """
-    from .analysis import moved_batch, steadied
+    from .analysis import compute_motions, fit_steady_batch
 
-    return steadied(moved_batch(runs, line=line))
+    return fit_steady_batch(compute_motions(runs, line=line))
 
 
 def diagnose(
@@ -268,9 +268,9 @@ def simulate(scenario: Folder, *, effects: Sequence[Folder] = (), line: Line | N
     >>> float(motion.t_s.iloc[0])
     0.0
     """
-    from .simulating import simulated
+    from .simulating import simulate_file
 
-    return simulated(Path(scenario), [Path(one) for one in effects], line)[1]
+    return simulate_file(Path(scenario), [Path(one) for one in effects], line)[1]
 
 
 def render(scenario: Folder, out: Folder, *, effects: Sequence[Folder] = (), line: Line | None = None) -> Run:
@@ -299,9 +299,9 @@ def render(scenario: Folder, out: Folder, *, effects: Sequence[Folder] = (), lin
     >>> run.source_path.name
     'video.mp4'
     """
-    from .simulating import rendered
+    from .simulating import render_file
 
-    rendered(Path(scenario), Path(out), [Path(one) for one in effects], line)
+    render_file(Path(scenario), Path(out), [Path(one) for one in effects], line)
     return read_run(out)
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 Changed = Callable[[Hull, Tow], tuple[Hull, Tow, ExtraForce | None]]
 
 
-def simulated(
+def simulate_file(
     scenario: Path, effects: Sequence[Path] = (), line: Line | None = None
 ) -> tuple[ScenarioFile, pd.DataFrame]:
     """A scenario and its motion.
@@ -37,7 +37,7 @@ def simulated(
     return file, simulate_scenario(file, scenario.parent, changed_by(file, scenario, effects))
 
 
-def rendered(
+def render_file(
     scenario: Path,
     out: Path,
     effects: Sequence[Path] = (),
@@ -69,4 +69,4 @@ def changed_by(file: ScenarioFile, path: Path, effects: Sequence[Path] = ()) -> 
     return lambda hull, tow: with_effects(hull, tow, found, file)
 
 
-__all__ = ["changed_by", "rendered", "simulated"]
+__all__ = ["changed_by", "render_file", "simulate_file"]

@@ -30,7 +30,7 @@ def thorough(
 
     Parameters
     ----------
-    answer : of ``analysis.identified``
+    answer : of ``analysis.identify_batch``
     seed : of what is drawn
     starts, draws : how many
     """

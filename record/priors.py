@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
 
-from .toml import Table
+from .toml import Table, read_toml
 
 _Sd = Annotated[float, Field(ge=0)]
 _Value = float
@@ -82,3 +83,13 @@ class Priors(Table):
     derivatives: DerivativePriors = Field(
         default_factory=lambda: DerivativePriors(), description="priors on the derivatives themselves"
     )
+
+
+def read_priors(path: str | Path) -> Priors:
+    """A priors.toml.
+
+    Raises
+    ------
+    InputError : names file, key, value and what was expected
+    """
+    return read_toml(path, Priors)

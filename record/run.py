@@ -84,7 +84,7 @@ class Run:
         return {name: digest for name, digest in found.items() if digest is not None}
 
     def input_hash(self, *stage: str) -> str:
-        """One hash over all inputs, the ``stage`` words (version, options) that an output depends on, and registered looks' code."""
+        """One hash over all inputs, the ``stage`` words (version, options) of an output, and the code of registered looks."""
         hashes = self.input_hashes()
         found = {look.name: look.stamp for marker in self.file.marker if (look := look_of(marker.look)) and look.stamp}
         own = (f"look {name}={stamp}" for name, stamp in sorted(found.items()))

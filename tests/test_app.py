@@ -471,7 +471,7 @@ def test_clicks_go_on_by_n_and_are_taken_back() -> None:
 
 def test_clicks_become_tracks_and_tracks_motion(desk: Desk, run_folder: Path, samples: Path) -> None:
     """Places of the truth clicked on every 10th frame with 0.5 px of scatter: the motion is off by what it says it is."""
-    from towline.pipeline.stages import moved
+    from towline.pipeline.stages import compute_run_motion
 
     truth = samples / "mariner" / "x1446" / "truth"
     places = read_tracks(truth / "tracks.csv")
@@ -495,7 +495,7 @@ def test_clicks_become_tracks_and_tracks_motion(desk: Desk, run_folder: Path, sa
     assert not desk.dirty
     again = begun(run_folder, ["bow", "stern"])
     assert (len(again.clicks), again.every, again.frame) == (240, 10, 1200)
-    made = moved(read_run(run_folder))
+    made = compute_run_motion(read_run(run_folder))
     table = read_tracks(run_folder / FILE)
     assert set(table["status"]) == {"measured"}
     assert (table[["sigma_u_px", "sigma_v_px"]] == 0.5).all(axis=None)

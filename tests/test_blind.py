@@ -496,12 +496,12 @@ def test_folders_tell_nothing_and_read_back(tmp_path: Path) -> None:
 
 
 def test_a_filmed_case_is_tracked_to_its_pixels(tmp_path: Path) -> None:
-    from towline.pipeline.stages import tracked
+    from towline.pipeline.stages import track_run
 
     case = case_of("case-x", "null", [], [5, 1], False, video=True)
     case = replace(case, duration_s=1.6, static_s=0.4, runs=case.runs[:1])
     (folder,) = write_case(tmp_path, case)
-    table = tracked(read_run(folder)).table
+    table = track_run(read_run(folder)).table
     clean = filmed(case, swum(case), 0).clean
     for m, name in enumerate(case.marks):
         mark = table[table["marker"] == name]

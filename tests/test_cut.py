@@ -12,8 +12,8 @@ from towline.identify import run_data
 from towline.identify.added_mass import added_masses
 from towline.identify.cut import before_cut, cut_of
 from towline.identify.steady import steady_state
-from towline.pipeline.analysis import Batch, identified
-from towline.pipeline.stages import Moved
+from towline.pipeline.analysis import Batch, identify_batch
+from towline.pipeline.stages import RunMotion
 from towline.record import InputError
 from towline.record.results import Derivative
 from towline.record.run import Run
@@ -103,7 +103,7 @@ def test_what_comes_before_the_touch_identifies_and_the_result_says_so() -> None
     motion.loc[250:, "y_cg_m"] = 0.9
     data = run_data(run_of(), motion, None)
     assert data.t_s[-1] == pytest.approx(24.9)
-    result = identified(Batch([Moved(run_of(), motion, None, None, None)], {}), noise="output").result
+    result = identify_batch(Batch([RunMotion(run_of(), motion, None, None, None)], {}), noise="output").result
     assert any("run 'r': the model touches the starboard wall at 25.00 s" in note for note in result.notes)
     with pytest.raises(InputError, match="measured samples; at least 20"):
         run_data(run_of(), motion_of(t, np.where(t > 1.1, 0.95, 0.0)), None)

@@ -86,7 +86,7 @@ def test_the_test_of_imports_sees_every_kind(tmp_path: Path) -> None:
 import towline.report
 from ..record import errors
 if TYPE_CHECKING:
-    from ...pipeline.stages import moved
+    from ...pipeline.stages import compute_run_motion
 def f():
     from ... import cli
     from towline import app

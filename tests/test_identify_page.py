@@ -17,8 +17,8 @@ from towline.cli import main
 from towline.identify import derivatives_file, fit_runs, fit_with_noise
 from towline.identify.consistency import consistency, judged
 from towline.identify.reference import compare_to_reference, reference_set
-from towline.pipeline.analysis import Batch, Identified, fit_page, identified
-from towline.pipeline.stages import Moved
+from towline.pipeline.analysis import Batch, Identified, fit_page, identify_batch
+from towline.pipeline.stages import RunMotion
 from towline.record import DerivativesFile, Priors, Run, RunFile, read_result
 from towline.record.schema import ModelTable, WaterTable
 from towline.record.toml import check_tables
@@ -29,7 +29,9 @@ from towline.report.series import cross_correlation
 HOSTILE = "<script>alert('x')</script> & co"
 
 
-def moved(campaigns: ModuleType, point: float, rng: np.random.Generator, folder: Path, name: str, keep: float) -> Moved:
+def moved(
+    campaigns: ModuleType, point: float, rng: np.random.Generator, folder: Path, name: str, keep: float
+) -> RunMotion:
     """A run that came as motion; the first ``1 - keep`` of it cut off."""
     t = campaigns.times(16.0)
     made = campaigns.noisy(campaigns.still_run(point, t, "modal"), rng)
@@ -53,7 +55,7 @@ def moved(campaigns: ModuleType, point: float, rng: np.random.Generator, folder:
     }
     file = check_tables(content, RunFile, folder / "run.toml")
     table = table[table["t_s"] >= (1 - keep) * t[-1]].reset_index(drop=True)
-    return Moved(Run(folder, file), table, None, None, None)
+    return RunMotion(Run(folder, file), table, None, None, None)
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +69,7 @@ def found(campaigns: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Id
         moved(campaigns, x, rng, folder, name, 0.6 if k == 2 else 1.0)
         for k, (x, name) in enumerate(zip(points, names, strict=True))
     ]
-    return identified(Batch(runs, {"bad one": "no <motion>"}), "linear", noise="output")
+    return identify_batch(Batch(runs, {"bad one": "no <motion>"}), "linear", noise="output")
 
 
 @pytest.fixture(scope="module")
@@ -245,7 +247,7 @@ def test_of_many_runs_only_the_strangest_are_drawn(
     drift = runs[1].motion.copy()
     drift["y_cg_m"] += 3e-3 * np.sin(drift["t_s"] / 2)
     runs[1] = replace(runs[1], motion=drift)
-    made = identified(Batch(runs, {}), "linear", noise="output")
+    made = identify_batch(Batch(runs, {}), "linear", noise="output")
     monkeypatch.setattr("towline.report.identify_page.ALL_DRAWN", 2)
     text = identify_page(fit_page(made))
     pictures = self_contained(text)

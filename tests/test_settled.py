@@ -15,8 +15,8 @@ from towline.identify.bracket import bracket_words, neutral_bracket
 from towline.identify.settled import judge, slowest_swing_s, tail_mean
 from towline.identify.steady import UnsettledError, judged_tow, stands_off, steady_state
 from towline.identify.transient import fit_transient
-from towline.pipeline.analysis import Batch, good_for, steadied
-from towline.pipeline.stages import Moved
+from towline.pipeline.analysis import Batch, fit_steady_batch, good_for
+from towline.pipeline.stages import RunMotion
 from towline.record import EstimationError, InputError
 from towline.record.results import TowStability
 from towline.record.run import Run, with_line
@@ -77,9 +77,9 @@ def motion_of(t_s: np.ndarray, angles: np.ndarray) -> pd.DataFrame:
     return pd.DataFrame({"t_s": t_s, "y_cg_m": 0.1, "alpha_rad": alpha, "beta_rad": beta, "status": "measured"})
 
 
-def moved(run: Run, motion: pd.DataFrame) -> Moved:
+def moved(run: Run, motion: pd.DataFrame) -> RunMotion:
     """As ``stages.moved`` gives it."""
-    return Moved(run, motion, None, None, None)
+    return RunMotion(run, motion, None, None, None)
 
 
 @pytest.mark.parametrize("rate", [0.03, 0.004, -0.006])
@@ -258,7 +258,7 @@ def test_a_batch_keeps_its_steady_tows_and_says_why_the_others_are_out() -> None
             angles = angles + 0.02 * np.cos(1.1 * t)[:, None] * [1.0, -0.2]
         angles = angles + rng.normal(0, 3e-4, angles.shape)
         runs.append(moved(run_of(tow, 1.13, f"x{point}"), motion_of(t[: len(angles)], angles)))
-    result = steadied(Batch(runs, {}))
+    result = fit_steady_batch(Batch(runs, {}))
     assert list(result.tows) == ["x0.44", "x0.56"]
     assert result.x_v_m.value == pytest.approx(0.219, abs=4 * result.x_v_m.std)
     assert set(result.failed) == {"x0.5", "x0.14"}
@@ -272,7 +272,7 @@ def test_a_batch_keeps_its_steady_tows_and_says_why_the_others_are_out() -> None
     assert (result.x_v_bracket.above_m, result.x_v_bracket.below_m, result.x_v_bracket.agrees) == (0.14, 0.44, True)
     assert "X_v lies between 0.14 m" in result.notes[-1]
     with pytest.raises(EstimationError, match=r"1 steady tows; .* X_v lies between 0\.14 m"):
-        steadied(Batch([runs[0], runs[3]], {}))
+        fit_steady_batch(Batch([runs[0], runs[3]], {}))
 
 
 def test_run_goes_by_the_motion_and_not_by_the_stated_rudder() -> None:

@@ -152,8 +152,8 @@ def test_without_an_overlay_there_is_a_sheet_only_where_asked(samples: Path, tmp
 
 def test_tracks_read_back_are_those_that_were_found(copy: Path) -> None:
     run = read_run(copy)
-    found = stages.tracked(run, fresh=True)
-    again = stages.tracked(run)
+    found = stages.track_run(run, fresh=True)
+    again = stages.track_run(run)
     assert found.anew
     assert not again.anew
     pd.testing.assert_frame_equal(
@@ -172,9 +172,9 @@ def test_a_run_toml_edited_while_it_is_tracked_does_not_vouch_for_the_tracks(
         return found
 
     monkeypatch.setattr("towline.vision.track", slow)
-    stages.tracked(read_run(copy), fresh=True)
+    stages.track_run(read_run(copy), fresh=True)
     monkeypatch.undo()
-    assert stages.tracked(read_run(copy)).anew
+    assert stages.track_run(read_run(copy)).anew
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_the_tracker_is_told_what_the_codec_does(
 
     monkeypatch.setattr("towline.vision.track", spy)
     monkeypatch.setattr("towline.vision.clip_info", lambda path: replace(clip_info(path), codec=codec))
-    table = stages.tracked(read_run(copy), fresh=True).table
+    table = stages.track_run(read_run(copy), fresh=True).table
     assert told == [(lossy, linked)]
     assert ("sigma_lag_px" in table) == linked
     if linked:

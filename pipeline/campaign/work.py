@@ -26,7 +26,6 @@ RECORD = "campaign.json"
 FIT = ".fit.json"
 """Beside them while the page is not drawn: the fit."""
 WANTS = ", "
-ROOMS = ("record", "geometry", "vision", "simulate", "identify")
 
 
 @dataclass(frozen=True)
@@ -35,8 +34,8 @@ class Options:
 
     Attributes
     ----------
-    method : camera method of ``stages.moved``
-    form, speed_m_s, noise : of ``analysis.identified``
+    method : camera method of ``stages.compute_run_motion``
+    form, speed_m_s, noise : of ``analysis.identify_batch``
     fresh : redo what is up to date
     line : what every tow line keeps, instead of what the runs say
     """
@@ -111,11 +110,11 @@ def _moved(job: str, folder: Path, options: Options) -> Answer:
     from ...record.run import read_run
     from ...record.tables import input_hash_of
     from ..analysis import good_for, has_rudder, hull_of
-    from ..stages import MOTION, moved
+    from ..stages import MOTION, compute_run_motion
 
     run = read_run(folder, options.line)
     before = input_hash_of(run.out / MOTION) if (run.out / MOTION).is_file() else ""
-    m = moved(run, options.method, fresh=options.fresh)
+    m = compute_run_motion(run, options.method, fresh=options.fresh)
     wants = WANTS.join(good_for(m))
     wants = "free_run" if has_rudder(m) and run.file.model is not None else wants
     hull = hull_of(run) if run.file.model is not None and run.file.water is not None else ()
@@ -165,14 +164,14 @@ def _fitted(
 ) -> Answer:
     from ...record.results import write_result
     from ...report.identify_page import write_identify_page
-    from ..analysis import fit_page, identified, moved_batch
+    from ..analysis import compute_motions, fit_page, identify_batch
 
-    batch = moved_batch(folders, options.method, line=options.line)
+    batch = compute_motions(folders, options.method, line=options.line)
 
     def kept(fit: Callable[[], Fit]) -> Fit:
         return _kept_fit(out / FIT, stamp, options.fresh, fit)
 
-    answer = identified(batch, options.form, options.speed_m_s, None, tell, options.noise, each, kept)
+    answer = identify_batch(batch, options.form, options.speed_m_s, None, tell, options.noise, each, kept)
     write_result(out / "derivatives.json", answer.result)
     tell("drawing the page")
     write_identify_page(out / "derivatives.html", fit_page(answer, None, tell, each), each)
@@ -186,13 +185,13 @@ def _fitted(
 def _freed(job: str, folders: Sequence[str], out: Path, options: Options, stamp: str) -> Answer:
     from ...record.results import write_result
     from ...report import write_page
-    from ..analysis import identified_free, moved_batch
-    from ..stages import run_page
+    from ..analysis import compute_motions, identify_free_batch
+    from ..stages import make_run_page
 
-    answer = identified_free(moved_batch(folders, options.method), options.speed_m_s)
+    answer = identify_free_batch(compute_motions(folders, options.method), options.speed_m_s)
     result = answer.result
     write_result(out / "derivatives.json", result)
-    pages = [run_page(m, answer.fitted[m.run.name], None) for m in answer.runs]
+    pages = [make_run_page(m, answer.fitted[m.run.name], None) for m in answer.runs]
     write_page(out / "derivatives.html", f"Free runs: {', '.join(answer.fitted)}", pages, result, None, [])
     numbers: list[Number] = [(name, d.value, d.std, d.unit) for name, d in result.derivatives.items()]
     numbers += [(f"{name}_prime", d.prime, d.prime_std, "") for name, d in result.derivatives.items()]
@@ -202,9 +201,9 @@ def _freed(job: str, folders: Sequence[str], out: Path, options: Options, stamp:
 
 def _settled(job: str, folders: Sequence[str], out: Path, options: Options, stamp: str) -> Answer:
     from ...record.results import write_result
-    from ..analysis import moved_batch, steadied
+    from ..analysis import compute_motions, fit_steady_batch
 
-    result = steadied(moved_batch(folders, options.method, line=options.line))
+    result = fit_steady_batch(compute_motions(folders, options.method, line=options.line))
     write_result(out / "steady.json", result)
     numbers: list[Number] = [("x_v", result.x_v_m.value, result.x_v_m.std, "m")]
     if result.y_v is not None:
@@ -214,11 +213,11 @@ def _settled(job: str, folders: Sequence[str], out: Path, options: Options, stam
 
 def _stamp(kind: str, folders: Sequence[str], options: Options) -> str:
     from ...record.run import read_run
-    from ..stages import code_hash
+    from ..stages.versions import made_by, stamp_of
 
-    runs = [read_run(folder).input_hash("fit", options.method) for folder in folders]
+    runs = [stamp_of(read_run(folder), "fit", options.method) for folder in folders]
     words = (kind, options.form, str(options.speed_m_s), options.noise, str(options.line))
-    return sha256_of_texts(code_hash(*ROOMS), *words, *runs)
+    return sha256_of_texts(made_by("fit"), *words, *runs)
 
 
 def _kept(path: Path, stamp: str) -> Answer | None:

@@ -51,7 +51,7 @@ class ClipInfo:
     width_px, height_px : of the upright picture
     rate_hz : mean frame rate
     duration_s : stated length; None where it does not say
-    codec : by ffmpeg's name: it says whether pixels were lost (``pipeline.stages.losses``); "rawvideo": none were
+    codec : by ffmpeg's name: it says whether pixels were lost (``codecs.losses``); "rawvideo": none were
     """
 
     width_px: int

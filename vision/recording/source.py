@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,7 +185,7 @@ def timed_frames(
             yield frame_of(read(), index, t_s + exposure_s / 2)
 
 
-def frame_of(picture: NDArray[np.generic], index: int, t_s: float) -> Frame:
+def frame_of(picture: NDArray[Any], index: int, t_s: float) -> Frame:
     """A frame of a picture in memory: (h, w) uint8 or uint16 grey, or (h, w, 3) uint8 BGR."""
     import av
 

@@ -1,7 +1,7 @@
 """Of what a kept result was made: its stage's version, the tool's, and all inputs.
 
 Who changes what a stage gives raises its version by one, so that results of before are made anew; a change of a comment, a name or
-a page is none. ``tests/test_stages.py`` holds each stage's results on a sample: it fails where they changed and the version did not.
+a page is none. ``tests/test_stages.py`` holds the results on a sample: it fails where they changed and the version did not.
 """
 
 from __future__ import annotations

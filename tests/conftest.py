@@ -7,7 +7,7 @@ import importlib.util
 import re
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from types import ModuleType
@@ -105,6 +105,18 @@ def doors_browser(root: Path, browsers: ModuleType, doors_wire: ModuleType) -> M
 def cases(root: Path) -> ModuleType:
     """Filmed campaigns with a planted effect."""
     return _cases(root, "gap_cases")
+
+
+@pytest.fixture
+def registries() -> Iterator[None]:
+    """Looks and sources that the test registers are forgotten behind it."""
+    from towline.record.looks import LOOKS
+    from towline.record.sources import KINDS
+    from towline.vision.looks import TRACKERS
+    from towline.vision.recording.source import OPENED_BY
+
+    with LOOKS.kept(), TRACKERS.kept(), KINDS.kept(), OPENED_BY.kept():
+        yield
 
 
 MOTION_RUN = """\

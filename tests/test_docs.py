@@ -243,7 +243,9 @@ RUNNABLE = [
 
 
 @pytest.mark.parametrize("page", RUNNABLE, ids=lambda p: p.relative_to(ROOT).as_posix())
-def test_blocks_run(page: Path, worked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_blocks_run(
+    page: Path, worked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, registries: None
+) -> None:
     """In the order of the page, in a folder of its own, with one namespace for its Python."""
     shutil.copytree(worked / "sample_videos", tmp_path / "sample_videos")
     monkeypatch.chdir(tmp_path)

@@ -57,9 +57,9 @@ Begin = Callable[[Run, tuple[Marker, ...], Mapping, Backend], Follower]
 BeginT = TypeVar("BeginT", bound=Begin)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Tracker:
-    """What follows the marks of some looks; ``each``: one for each of them."""
+    """What follows the marks of some looks, all that have the same together; ``each``: every mark by itself."""
 
     begin: Begin
     each: bool
@@ -111,7 +111,7 @@ def followers(run: Run, mapping: Mapping, backend: Backend) -> list[Follower]:
     of_each = {marker.name: _tracker_of(run, marker) for marker in run.file.marker}
     found: list[Follower] = []
     for tracker in dict.fromkeys(TRACKERS.here()):
-        own = [marker for marker in run.file.marker if of_each[marker.name] is tracker]
+        own = [marker for marker in run.file.marker if of_each[marker.name] == tracker]
         groups = [[marker] for marker in own] if tracker.each else [own]
         found += [tracker.begin(run, tuple(group), mapping, backend) for group in groups if group]
     return found

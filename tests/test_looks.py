@@ -1,0 +1,206 @@
+"""A look of one's own, registered here: a dark ring on bright ground, placed by the moments of its darkness. The truth is drawn."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import towline
+from towline.cli import main
+from towline.record import InputError, TrackingError
+from towline.record.looks import Look, look_of
+from towline.record.reference import reference_page
+from towline.vision.looks import Rows, register_tracker
+from towline.vision.recording import Frame
+
+WIDTH, HEIGHT, RATE_HZ, FRAMES = 240, 180, 25.0, 50
+RADIUS_PX, HALF_WIDTH_PX, GROUND_DN, INK_DN, NOISE_DN = 7.0, 1.5, 190.0, 110.0, 2.0
+WINDOW_PX = 13
+BODY_M = {"bow": (0.06, 0.0), "stern": (-0.06, 0.0)}
+"""A pixel is a millimetre: the camera looks straight down."""
+RING = Look("ring", words="dark on bright ground", needs={"seen_at_px": "its place in the first analysed frame"})
+
+
+class Rings(Rows):
+    """Every ring from frame to frame, by a window about where it was before."""
+
+    def __init__(self, run, markers, mapping, backend) -> None:
+        super().__init__(run, markers)
+        self.place = {marker.name: np.array(marker.seen_at_px) for marker in markers}
+
+    def step(self, frame: Frame) -> None:
+        if self.damaged(frame):
+            return
+        for marker in self.markers:
+            found = ring_near(frame.luma, self.place[marker.name])
+            if found is None:
+                self.lost(frame.index, frame.t_s, marker, "no ring")
+            else:
+                self.place[marker.name] = found[0]
+                self.measured(frame.index, frame.t_s, marker, *found)
+
+
+def ring_near(luma: NDArray[np.uint8], near_px: NDArray) -> tuple[NDArray, NDArray] | None:
+    """Centroid of what is darker than the ground, and its standard deviation by the ground's noise; each (2,), px."""
+    for _ in range(2):
+        u0, v0 = np.rint(near_px).astype(int) - WINDOW_PX
+        window = luma[v0 : v0 + 2 * WINDOW_PX + 1, u0 : u0 + 2 * WINDOW_PX + 1].astype(float)
+        if min(u0, v0) < 0 or window.shape != (2 * WINDOW_PX + 1,) * 2:
+            return None
+        v, u = np.mgrid[-WINDOW_PX : WINDOW_PX + 1, -WINDOW_PX : WINDOW_PX + 1]
+        ground = window[np.hypot(u, v) > RADIUS_PX + 5]
+        dark = np.median(ground) - window
+        if dark.sum() < 0.5 * 2 * np.pi * RADIUS_PX * 2 * HALF_WIDTH_PX * INK_DN:
+            return None
+        near_px = np.array([u0, v0]) + WINDOW_PX + np.array([(dark * u).sum(), (dark * v).sum()]) / dark.sum()
+    sigma = float(ground.std() * np.sqrt((u**2).sum()) / dark.sum())
+    return near_px, np.array([sigma, sigma])
+
+
+def true_px(name: str, t_s: float) -> NDArray:
+    """(2,) where a ring is: the model turns and sways."""
+    beta = 0.15 * np.sin(2.0 * t_s)
+    x, y = 1e3 * np.array(BODY_M[name])
+    middle = np.array([120.0 + 3 * np.sin(1.3 * t_s), 90.0 + 25 * np.sin(1.7 * t_s)])
+    return middle + np.array([np.cos(beta) * x - np.sin(beta) * y, np.sin(beta) * x + np.cos(beta) * y])
+
+
+def pictures() -> list[NDArray[np.uint8]]:
+    """Each pixel the mean of 4 x 4 points of the drawing, with white noise."""
+    rng = np.random.default_rng(3)
+    v, u = (np.mgrid[0 : 4 * HEIGHT, 0 : 4 * WIDTH] - 1.5) / 4
+    found = []
+    for index in range(FRAMES):
+        fine = np.full(u.shape, GROUND_DN)
+        for name in BODY_M:
+            at = true_px(name, index / RATE_HZ)
+            fine[np.abs(np.hypot(u - at[0], v - at[1]) - RADIUS_PX) < HALF_WIDTH_PX] -= INK_DN
+        picture = fine.reshape(HEIGHT, 4, WIDTH, 4).mean(axis=(1, 3)) + rng.normal(0, NOISE_DN, (HEIGHT, WIDTH))
+        found.append(np.clip(np.rint(picture), 0, 255).astype(np.uint8))
+    return found
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two rings, without loss."""
+    import av
+
+    path = tmp_path_factory.mktemp("rings") / "rings.mkv"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("ffv1", rate=int(RATE_HZ))
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "gray"
+        for picture in pictures():
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="gray")))
+        container.mux(stream.encode())
+    return path
+
+
+@pytest.fixture
+def run(film: Path, tmp_path: Path) -> Path:
+    """A run folder whose run.toml says ``look = "ring"``."""
+    (tmp_path / "rings.mkv").write_bytes(film.read_bytes())
+    text = 'name = "rings"\nkind = "free"\n[source]\nvideo = "rings.mkv"\n'
+    for px, py in ((10, 10), (230, 10), (10, 170), (230, 170)):
+        text += f"[[datum]]\npixel_px = [{px}.0, {py}.0]\ntank_m = [{px / 1000}, {py / 1000}, 0.0]\nsigma_px = 0.05\n"
+    for name, body in BODY_M.items():
+        u, v = np.rint(true_px(name, 0.0))
+        text += f'[[marker]]\nname = "{name}"\nbody_m = {list(body)}\ndepth_m = 0.0\nlook = "ring"\nseen_at_px = [{u}, {v}]\n'
+    (tmp_path / "run.toml").write_text(text)
+    return tmp_path
+
+
+@pytest.fixture
+def ring(registries: None) -> None:
+    register_tracker(RING)(Rings)
+
+
+def test_a_registered_look_is_tracked_to_its_sigma(ring: None, run: Path) -> None:
+    """Errors in units of the stated sigma: rms 1 within 3 standard errors of 200 of them."""
+    tracks = towline.track(run)
+    assert (tracks.status == "measured").all()
+    assert len(tracks) == 2 * FRAMES
+    truth = np.array([true_px(name, t_s) for name, t_s in zip(tracks.marker, tracks.t_s, strict=True)])
+    pulls = (tracks[["u_px", "v_px"]] - truth).to_numpy() / tracks[["sigma_u_px", "sigma_v_px"]].to_numpy()
+    assert np.sqrt((pulls**2).mean()) == pytest.approx(1.0, abs=3 / np.sqrt(2 * pulls.size))
+    assert tracks[["sigma_u_px", "sigma_v_px"]].to_numpy().max() < 0.1
+
+
+def test_the_motion_of_registered_marks_is_the_models(ring: None, run: Path) -> None:
+    motion = towline.compute_motion(run)
+    beta = 0.15 * np.sin(2.0 * motion.t_s)
+    assert np.sqrt((((motion.beta_rad - beta) / motion.sigma_beta_rad) ** 2).mean()) < 1.5
+
+
+def test_the_command_and_the_pages_know_it(ring: None, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["track", str(run)]) == 0
+    assert "bow measured in 100.00 % of 50 frames" in capsys.readouterr().out
+    assert (run / "out" / "overlay.mp4").is_file()
+    listed = r"led \| disc \| template \| aruco:N \| apriltag:N \| ring (dark on bright ground)"
+    assert reference_page().count(listed) == 2  # run.toml's and scenario.toml's markers
+    assert "needed for template and ring, helps the others" in reference_page()
+
+
+def test_what_it_needs_is_asked_for(ring: None, run: Path) -> None:
+    path = run / "run.toml"
+    whole = path.read_text()
+    path.write_text(re.sub(r"seen_at_px = .*\n", "", whole))
+    with pytest.raises(InputError, match=r'look = "ring" needs seen_at_px, its place in the first analysed frame'):
+        towline.track(run)
+    path.write_text(whole.replace('look = "ring"', 'look = "rink"'))
+    with pytest.raises(InputError, match="expected led, disc, template, aruco:N, apriltag:N or ring"):
+        towline.track(run)
+
+
+def test_a_mark_that_is_not_there_is_one_line(ring: None, run: Path) -> None:
+    path = run / "run.toml"
+    path.write_text(re.sub(r"seen_at_px = .*", "seen_at_px = [20.0, 20.0]", path.read_text(), count=1))
+    with pytest.raises(TrackingError, match=r"marker 'bow' \(ring\) was never followed"):
+        towline.track(run)
+
+
+def test_other_code_tracks_anew(ring: None, run: Path) -> None:
+    """Tracks are kept until the module that follows the look is another."""
+    towline.track(run)
+    path = run / "out" / "tracks.csv"
+    kept = path.stat().st_mtime_ns
+    towline.track(run)
+    assert path.stat().st_mtime_ns == kept
+
+    @register_tracker("ring")
+    class Elsewhere(Rings):
+        __module__ = "colorsys"  # another module, with a source of its own
+
+    towline.track(run)
+    assert path.stat().st_mtime_ns > kept
+
+
+def test_the_table_is_as_it_was_without_it() -> None:
+    assert look_of("ring") is None
+    assert look_of("aruco:7") is not None
+    with pytest.raises(ValueError, match="no look is called 'ring'"):
+        register_tracker("ring")(Rings)
+
+
+def test_a_look_without_a_tracker_is_one_line(registries: None, run: Path) -> None:
+    from towline.record.looks import register_look
+
+    register_look(RING)
+    with pytest.raises(InputError, match=r"marker 'bow'\.look: 'ring': no tracker is registered"):
+        towline.track(run)
+
+
+def test_a_spot_of_another_name_is_followed_with_the_leds(registries: None, run_folder: Path) -> None:
+    """One tracker for both: a spot alone would be refused."""
+    from towline.vision.looks import TRACKERS
+
+    spots = TRACKERS.get("led")
+    assert spots is not None
+    register_tracker(Look("bulb", spot=True))(spots.begin)
+    path = run_folder / "run.toml"
+    text = path.read_text().replace('look = "led"', 'look = "bulb"', 1)
+    path.write_text(text.replace("[camera]", "span_s = [0.0, 1.0]\n[camera]", 1))
+    assert (towline.track(run_folder).status == "measured").mean() > 0.9

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +15,9 @@ from numpy.typing import NDArray
 import towline
 from towline.cli import main
 from towline.record import InputError, TrackingError
-from towline.record.looks import Look, look_of
+from towline.record.looks import look_of
 from towline.record.reference import reference_page
-from towline.vision.looks import Rows, register_tracker
-from towline.vision.recording import Frame
+from towline.vision import Frame, Look, Rows, register_tracker
 
 WIDTH, HEIGHT, RATE_HZ, FRAMES = 240, 180, 25.0, 50
 RADIUS_PX, HALF_WIDTH_PX, GROUND_DN, INK_DN, NOISE_DN = 7.0, 1.5, 190.0, 110.0, 2.0
@@ -176,6 +178,29 @@ def test_other_code_tracks_anew(ring: None, run: Path) -> None:
 
     towline.track(run)
     assert path.stat().st_mtime_ns > kept
+
+
+def test_an_installed_package_brings_it_to_the_command(run: Path, tmp_path: Path) -> None:
+    """By an entry point, in a process that nobody told of it."""
+    brought = tmp_path / "packages"
+    (brought / "rings-1.dist-info").mkdir(parents=True)
+    (brought / "rings-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: rings\nVersion: 1\n")
+    (brought / "rings-1.dist-info" / "entry_points.txt").write_text("[towline.looks]\nring = rings\n")
+    (brought / "rings.py").write_text(
+        f"import sys\nsys.path.append({str(Path(__file__).parent)!r})\nfrom test_looks import *\nregister_tracker(RING)(Rings)\n"
+    )
+    paths = os.pathsep.join([str(brought), *filter(None, [os.environ.get("PYTHONPATH")])])
+    command = [sys.executable, "-m", "towline", "track", str(run), "--no-overlay"]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": paths}, timeout=120
+    )
+    assert "stern measured in 100.00 % of 50 frames" in done.stdout, done.stderr
+    (brought / "rings.py").write_text("import nothing_of_this_name\n")
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": paths}, timeout=120
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith("towline: error: entry point towline.looks ring: ModuleNotFoundError"), done.stderr
 
 
 def test_the_table_is_as_it_was_without_it() -> None:

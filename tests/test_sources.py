@@ -15,8 +15,7 @@ import pytest
 import towline
 from towline.cli import main
 from towline.record import InputError, VideoError, read_run
-from towline.vision import clip_info, read_frames
-from towline.vision.recording import ClipInfo, Frame, register_source, timed_frames
+from towline.vision import ClipInfo, Frame, clip_info, read_frames, register_source, timed_frames
 
 RATE_HZ, FRAMES, SPAN_S = 30.0, 60, (0.5, 1.5)
 NUMBERED = re.compile(r"\D*(\d+)\.png")

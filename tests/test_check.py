@@ -18,11 +18,12 @@ from scipy.spatial.transform import Rotation
 from towline.cli import main
 from towline.geometry import motion_from_tracks, run_datum
 from towline.geometry.camera import Lens
-from towline.geometry.checks.bundle import Extra, _Seen
+from towline.geometry.checks.bundle import Extra, State
 from towline.geometry.checks.check import Check, _long_run, bundle_of, camera_of, check_geometry, tolerances
 from towline.geometry.checks.faults import refit, screen
 from towline.geometry.checks.jump import find_jump
 from towline.geometry.checks.refine import _words, refined
+from towline.geometry.checks.seen import SeenCamera
 from towline.geometry.datum_model import PLAIN
 from towline.record import GeometryError, read_tracks
 from towline.record.check_file import Refined
@@ -233,9 +234,9 @@ def test_slopes_of_a_camera_with_skewed_axes_against_differences() -> None:
     place = np.array([[0.3, -0.2, 0.1], [-0.4, 0.5, 0.0]])
 
     def pixel(skew: float, moved: np.ndarray) -> np.ndarray:
-        return _Seen(lens, skew, turned.as_matrix(), np.array([0.1, -0.2, 5.0])).project(moved)[0]
+        return SeenCamera(lens, skew, turned.as_matrix(), np.array([0.1, -0.2, 5.0])).project(moved)[0]
 
-    _, by_camera, by_place = _Seen(lens, 25.0, turned.as_matrix(), np.array([0.1, -0.2, 5.0])).project(place)
+    _, by_camera, by_place = SeenCamera(lens, 25.0, turned.as_matrix(), np.array([0.1, -0.2, 5.0])).project(place)
     for axis in range(3):
         step = 1e-6 * np.eye(3)[axis]
         difference = (pixel(25.0, place + step) - pixel(25.0, place - step)) / 2e-6
@@ -258,11 +259,13 @@ def test_slopes_of_the_bundle_against_differences(cameras: ModuleType) -> None:
 
     def residuals(theta: np.ndarray, pose: np.ndarray, turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
         r = Rotation.from_rotvec(turn).as_matrix()
-        return bundle.linear(0, theta, r @ bundle.rig.rotation, r @ bundle.rig.translation + shift, [pose], extras)[0]
+        state = State(theta, r @ bundle.rig.rotation, r @ bundle.rig.translation + shift, [pose])
+        return bundle.linear(0, state, extras).residual
 
     pose = bundle.start[0]
     zero = np.zeros(3)
-    _, by_pose, by_theta = bundle.linear(0, theta, bundle.rig.rotation, bundle.rig.translation, [pose], extras)
+    found = bundle.linear(0, State(theta, bundle.rig.rotation, bundle.rig.translation, [pose]), extras)
+    by_pose, by_theta = found.by_pose, found.by_theta
     assert by_theta.shape == (len(film.t_s), rows, count + 6)
     for index in range(count + 6):
         step = 1e-4 if index < 4 or index == 9 else 1e-6

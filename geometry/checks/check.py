@@ -21,8 +21,9 @@ from ..datum_model import PLAIN
 from ..mapping import ProjectiveMapping
 from ..poses import poses_from_tracks, without_lags
 from ..rigid import fit_rigid
-from .bundle import CAMERA, Bundle, Film, Rig, Solution
+from .bundle import Bundle, Film, Rig, Solution
 from .faults import Scored, refit, screen
+from .layout import CAMERA, POSE
 
 TOLERANCE_M = {"depth": 2e-3, "ahead": 1e-3, "aside": 1e-3, "line length": 1e-3, "tow point": 1e-3, "post ahead": 1e-3}
 """How well a tape measure tells places, where [priors] says nothing."""
@@ -136,7 +137,7 @@ def bundle_of(runs: Sequence[Run], tracks: Sequence[pd.DataFrame], fit: DatumFit
         # as filmed: where marks on the post move through the picture, the pose itself is told from them
         pose = fit_rigid(frames.place_m, frames.covariance_m2, np.array([m.body_m for m in frames.markers])).pose
         poses.append(np.where(np.isfinite(pose), pose, 0.0)[thin])
-    return Bundle(_rig(runs[0], fit, markers), films, poses, LINE_SD_M, close=close)
+    return Bundle(_rig(runs[0], fit, markers), tuple(films), tuple(poses), LINE_SD_M, tuple(close))
 
 
 def _film(run: Run, t_s: Array, pixel: Array, sigma: Array) -> Film:
@@ -206,7 +207,7 @@ def tolerances(bundle: Bundle, run: Run, fit: DatumFit) -> Array:
     answer = np.zeros(len(bundle.names))
     for index, name in enumerate(bundle.names):
         what = name.rstrip("0123456789").strip()
-        if name in CAMERA[10:]:
+        if name in POSE:
             answer[index] = np.inf
         elif name in LENS_TOLERANCE:
             told = camera.sd[CAMERA.index(name)] if camera is not None else 0.0

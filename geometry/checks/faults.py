@@ -196,8 +196,7 @@ def _turned(bundle: Bundle, null: Solution, free: Array, covariance: Array, inde
     """A camera turned at some time: by what the turn leaves in distances and line, and by the jump of the marks."""
     normal = null.normal
     slopes, project, left = normal.slopes[index], normal.project[index], normal.left[index]
-    turning = slopes[:, :, 10:13].copy()
-    turning[:, -1] = 0.0
+    turning = slopes[:, :, bundle.layout.turn] * (np.arange(slopes.shape[1]) < slopes.shape[1] - 1)[:, None]
     own = np.einsum("nia,nij->naj", turning, project)
     inner = _suffix(np.einsum("naj,njb->nab", own, turning))
     across = _suffix(np.einsum("naj,njp->nap", own, slopes[:, :, free]))
@@ -233,7 +232,7 @@ def jump_of(bundle: Bundle, null: Solution, index: int) -> Jump | None:
     seen = np.isfinite(film.pixel_px).all(axis=(1, 2))
     if not seen.any():
         return None
-    whitened = null.normal.slopes[index][seen, : 2 * m, 10:13].reshape(-1, m, 2, 3)
+    whitened = null.normal.slopes[index][seen, : 2 * m, bundle.layout.turn].reshape(-1, m, 2, 3)
     slopes = whitened * film.sigma_px[seen][..., None] * np.sqrt(bundle.inflation)
     # between the bundle's frames the marks, and so their slopes, move by little
     flat = [np.interp(close.t_s, film.t_s[seen], column) for column in slopes.reshape(len(slopes), -1).T]

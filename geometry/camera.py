@@ -18,7 +18,9 @@ from ..record.schema import CameraTable
 Array = NDArray[Any]
 
 _NEWTON_STEPS = 30
+"""Newton steps of the undistortion at most; it ends earlier, at the tolerance below."""
 _NEWTON_TOLERANCE = 1e-13
+"""A last step in the ideal picture (tangents of the angle of view) of the size of rounding: about 1e-10 px."""
 
 
 @dataclass(frozen=True)

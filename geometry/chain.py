@@ -17,6 +17,7 @@ from .camera import Array, Lens
 UNDISTORT_STEPS = 60
 """kornia's fixed-point iteration; each step gains about one digit for |k1| up to 0.1 in the picture's corner."""
 RIGID_STEPS = 6
+"""Gauss-Newton steps from the first pose, as many as in rigid.py; always all of them."""
 
 
 @dataclass(frozen=True)

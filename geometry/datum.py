@@ -26,9 +26,14 @@ WORSE_BY = 13.8
 LEAST_DEGREES = 2
 """Degrees of freedom that must remain to tell that all is well without a point."""
 MOST_SUBSETS = 3000
+"""Sets of four points that are tried for a consensus: all of them up to 17 points; beyond, the first ones."""
 CONSENSUS_SIGMAS = 4.0
+"""A point agrees with a set of four within this many of its picking errors: a choice, wide enough for errors of the
+four."""
 RANK_TOLERANCE = 1e-9
+"""A smallest singular value below this share of the largest one is rounding: the points do not fix all parameters."""
 _STEP = 1e-6
+"""Of the central differences along the covariance's root, in standard deviations."""
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from .linear import camera_matrix, focal_from_plane, plane_matrix, pose_start
 CENTRE_SD_SHARE = 0.02
 """Principal points of ordinary cameras scatter by about 2 % of the picture's width around its centre."""
 PLAIN = Lens(1.0, 1.0, 0.0, 0.0)
+"""No lens: pixels are the ideal picture, the camera matrix holds all."""
 
 
 @dataclass(frozen=True)

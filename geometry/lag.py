@@ -21,6 +21,7 @@ SPEEDS_PX = (0.02, 0.035, 0.065, 0.1, 0.16, 0.22, 0.27, 0.34, 0.45)
 """Speeds, px a frame, at which the lag is a mode of its own. H.264 moves blocks by quarters of a pixel, so that a mark of 0.22 px
 a frame is moved too far and one of 0.27 px not far enough."""
 SEAM_SPEEDS_PX = (0.04, 0.12, 0.25)
+"""The same for the lag on top over a seam, in fewer steps: a choice."""
 BLOCK_PX = 16
 """A codec decides block by block, in H.264 of so many pixels; a mark that lies over the seam of two lags further."""
 SEAM_PX = (2.5, 4.0)

@@ -24,6 +24,8 @@ DEFAULT_SIGMA_PX = 0.1
 LAG_COLUMN = "sigma_lag_px"
 """Of the tracks: how far a codec that makes a picture from the one before may hold a mark back (standard deviation)."""
 _DEPTH_STEP_M = 1e-4
+"""Of the difference that tells how a mark's place changes with its depth: small against any tank, large against
+rounding."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,9 @@ from .camera import Array
 from .mapping import ProjectiveMapping
 
 LEAST_POINTS = 2
+"""Two points fix the three angles of a turn."""
 STEPS = 6
+"""Gauss-Newton steps from no turn, always all of them: turns are small, and each step squares the error."""
 STILL = 1.5
 """A turn whose mean chi-square per degree of freedom stays below this is the points' noise."""
 

@@ -15,6 +15,7 @@ BEAM_SHARE = 1 / 7
 MARGIN_SHARE = 0.01
 """The model touches the wall where its side comes within this share of Lpp of it."""
 TOUCH_SAMPLES = 3
+"""So many samples in a row at the wall are a touch, one alone may be noise: a choice."""
 FREE_S = 1.0
 """A touch counts after the model was clear of both walls for so long: many are let go from the side."""
 LOST_S = 1.0

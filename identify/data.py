@@ -18,11 +18,15 @@ from .cut import before_cut
 from .still import Still
 
 SHORTEST_LOG_S = 2.0
+"""A log must share so much of the record's time: a choice."""
 MEAN_S = 1.0
+"""Step of the clock on which the carriage's acceleration is looked at, so that a log's noise is not taken for one."""
 LONGEST_S = 1e6
 """No record is longer: its times are in another unit."""
 WATER_KG_M3 = 1000.0
+"""Fresh water, for a start and for wide priors only: where it counts, density_kg_m3 of run.toml is used."""
 ASSUMED_SIGMA_Y_M = 1e-3
+"""With the next line's 0.1 degree."""
 ASSUMED_SIGMA_BETA_RAD = np.radians(0.1)
 """Weights of a motion without sigma columns; the fit measures the noise itself, these only start it."""
 

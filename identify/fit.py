@@ -34,6 +34,7 @@ from .still import Colour, colours, reweighted
 
 FORMS = ("linear", "full")
 REWEIGHTINGS = 4
+"""Fits with the noise measured anew before each, at most; they end earlier when the scatter has settled."""
 SETTLED = 0.01
 """Reweighting ends when no scatter changes by more than this share."""
 NEAR = 1e-7

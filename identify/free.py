@@ -32,6 +32,7 @@ SHORTEST_LENGTHS = 3.0
 OPEN_SHARE = 0.5
 """From this relative standard deviation on the 95 % interval holds zero: no number is given."""
 SURE = 0.975
+"""Probability from which a verdict stands without a remark: the 95 % interval does not hold zero."""
 RATIO_UNITS = {
     "y_v_over_mass": "1/s",
     "y_r_minus_mu_over_mass": "m/s",
@@ -42,6 +43,7 @@ RATIO_UNITS = {
 }
 RUDDER_UNITS = {"y_delta": "N/rad", "n_delta": "N m/rad"}
 _LENGTH_POWER, _SPEED_POWER = np.array([-1, 0, -2, -1, -1, -2]), np.array([1, 1, 1, 1, 2, 2])
+"""Of the ratios in the order of RATIO_UNITS: their primes are made with L to the first and U to the second."""
 WORDS = {
     "y_v_over_mass": "Y_v/m'",
     "y_r_minus_mu_over_mass": "(Y_r - mU)/m'",

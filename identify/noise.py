@@ -14,6 +14,7 @@ from scipy.special import chdtrc
 from ..simulate.model import Array
 
 LARGEST_ORDER = 20
+"""No autoregression is longer, however long the record: a choice."""
 ORDER_SHARE = 0.05
 """No autoregression longer than this share of the samples."""
 SMALLEST_SCALE = 1e-3

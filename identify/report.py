@@ -32,7 +32,9 @@ from .surge import along_lines, surge_moves
 from .tension import TensionFromMotion, refuse_impossible, tension_from_motion
 
 SURE = 0.975
+"""Probability from which a verdict stands without a remark: the 95 % interval does not hold zero."""
 OPTIMISTIC = 1.25
+"""The naive standard deviations are named where one of them is smaller by more than this factor: a choice."""
 TRANSIENT_SD_SHARE = 0.05
 """From this relative standard deviation on the transient's size is said: it is what tells the derivatives apart."""
 

@@ -23,6 +23,7 @@ from .transient import FEWEST_BLOCKS, Transient, fit_transient
 SLOWEST_SHIP_LENGTHS = 10.0
 """A swing lasts at most as long as the carriage takes for this many Lpp: 6.4-10.1 in Table 4.5, 7.4-9.1 in Table 8.6."""
 SHORTEST_S = 4.0
+"""No tail is shorter, however fast the model swings: a choice."""
 SHORTEST_SWING = 0.5
 """A tail shorter than this share of the longest swing cannot tell a swing from a drift."""
 STEP = 0.1
@@ -43,6 +44,7 @@ WORTH = 0.3
 """The window is the longest settled tail, unless a shorter one's mean has less than this share of its variance: by chance alone
 one of several has a little less."""
 PARAMETERS = 11
+"""Of a transient: in each of two channels a mean, an exponential and a swing (two amplitudes), and three rates for both."""
 ROUNDING_RAD = 1e-8
 """Less is nothing, in records without noise."""
 SURE = 3.0

@@ -13,6 +13,7 @@ from ..simulate.model import Array, alpha_from_y
 from .data import RunData
 
 LARGEST_GAP_STEPS = 4.0
+"""A hole in the record longer than this many usual steps parts it: no test function reaches across."""
 WIDTHS = (4.0, 7.0)
 """Lengths of the test functions in units of (L + X_T)/U: about 8 and 13 s for MARINER at 1.28 m/s; shorter ones let noise in."""
 

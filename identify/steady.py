@@ -27,6 +27,7 @@ CLOSEST_FORCES = 1e-3
 
 UNSEEN = Stability("settled")
 STANDS_OFF = 10.0
+"""F over its standard deviation; with the angle below."""
 STANDS_OFF_RAD = np.radians(3.0)
 """A tow stands off the line behind its post where F is so many of its standard deviations and alpha + beta this large: 2 mm and 0.2
 degrees that a datum errs by unsaid are a tenth of it, and X_v then errs by a tenth of X_T - X_v."""

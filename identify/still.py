@@ -32,6 +32,7 @@ FEWEST = 100
 SAME_STEP = 0.02
 """Sampling steps that differ by less than this share are the same."""
 CENTRINGS = 4
+"""Rounds in which what the mean took away is put back, always all of them."""
 LARGEST_LOSS = 0.5
 """The mean of a record takes no more than this share of its variance away; a slower noise is not known from it."""
 SLOWEST_STEPS = 15.0
@@ -39,7 +40,10 @@ SLOWEST_STEPS = 15.0
 LONGEST_STEP_S = 2.0
 """... up to this length."""
 SMALLEST_COLOUR = 0.12
+"""First correlation of the block means, beside its own scatter 1/sqrt(n), below which they count as white: a
+choice."""
 FEWEST_BLOCKS = 12
+"""Fewer means do not tell a colour: a choice."""
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,13 @@ from .joint.gauge import GaugeBlocks, gauge_blocks
 WEIGHED_LOG_SD = 0.15
 """Of the scale's logarithm: beyond it the swings do not weigh the model, and a missing tension is asked for."""
 AGREES_Z = 2.6
+"""The 99 % interval of a normal distribution (2.576)."""
 CONTRADICTS_Z = 6.0
 """Of a gauge's scale from 1: chance takes it for this far off in one of a thousand million."""
 DEPARTS_Z = 3.0
+"""What a gauge's motion says and what is stated differ beyond this many standard deviations: 1 in 370 by chance."""
 SCALE_OFF = 0.5
+"""... and by this much: what a gauge can be off by without being another quantity. A choice."""
 LIGHTEST, HEAVIEST = 1.0, 6.0
 """(m - Y_vdot)/m: water that is moved along weighs something, and no hull drags five times its own mass along."""
 SEEN_SWING = 3.0

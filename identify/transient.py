@@ -19,11 +19,13 @@ from .noise import Whitener, measured, stated
 BLOCKS_A_SWING = 80
 """Block means to a swing of the longest period: shake and codec average out, a swing does not."""
 FEWEST_BLOCKS = 24
+"""Fewer do not carry a fit of eleven numbers: a choice."""
 SHORTEST_SHARE = 0.2
 """No swing is looked for that is faster than this share of the longest period; the mean does not feel it."""
 FEWEST_SWINGS = 0.75
 """Of a slower swing the record shows less than its mean needs: an exponential stands for it."""
 GRID = 24
+"""Frequencies at which the search begins, evenly on a logarithmic scale: a choice."""
 LARGEST_RATIO = 0.5
 """A swing that falls faster than this share of its circular frequency is none; exponentials stand for it."""
 LARGEST_GROWTH = 6.0
@@ -33,7 +35,9 @@ SWING_GROWTH = 0.3
 LEAST_FREEDOM = 10.0
 """Of a covariance, however slow the noise: with fewer no swing would ever be significant."""
 ROUNDS = 2
+"""Fits after the first, with the noise measured from what the last one left: a choice."""
 TOLERANCE = 1e-8
+"""Relative, of the search's steps."""
 
 
 @dataclass(frozen=True)

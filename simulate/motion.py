@@ -32,13 +32,17 @@ from .model import (
 )
 
 DIFFERENCE_S = 1e-3
+"""Half the span of the central difference that gives the carriage's acceleration from its speed."""
 RELATIVE_TOLERANCE = 1e-10
+"""Of the integrator, for each step ..."""
 ABSOLUTE_TOLERANCE = 1e-12
+"""... and in m, rad, m/s, rad/s: the truth is to be exact beside anything that is measured against it."""
 MOST_STRETCHES = 1000
 """A line that falls slack and taut again more often than this bounces for ever."""
 MOST_SLACK_STEP_S = 0.05
 """The coasting model moves so smoothly that the integrator would step over the moment at which the line is taut again."""
 REACHED_M = 1e-12
+"""The line is taut from this on: rounding must not keep an event from being seen."""
 
 
 @dataclass(frozen=True)

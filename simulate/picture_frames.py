@@ -21,6 +21,7 @@ from .scene import camera_of, film_of, mark_places, post_places, shown, stage_of
 RIPPLE_SEED, NOISE_SEED, PICK_SEED = 1, 2, 3
 """Streams drawn from the scenario's seed."""
 _MIRROR_STRETCH = 1.9
+"""A light's mirror image in rippled water is this much longer than wide: a choice."""
 
 
 @dataclass(frozen=True)

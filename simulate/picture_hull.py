@@ -22,6 +22,8 @@ PAINT_BGR = {
     "bright": (150.0, 152.0, 152.0),
     "dark": (44.0, 42.0, 42.0),
 }
+"""Colours of the hull that a scenario may name, DN: dark enough that a light stands out on it. Choices, for looks."""
+# Colours of what is on and about the model, blue green red, DN at exposure 1: choices, for looks only.
 _DECK = np.array([42.0, 47.0, 49.0])
 _HATCH = np.array([62.0, 72.0, 76.0])
 _BOOT = np.array([22.0, 22.0, 24.0])
@@ -30,6 +32,9 @@ _LINE = np.array([60.0, 66.0, 68.0])
 _POST = np.array([120.0, 122.0, 122.0])
 _REFLECTED = np.array([20.0, 17.0, 16.0])
 _SUN = np.array([-0.35, 0.45])
+"""Direction to the light along and across the model, for shading."""
+# Sizes of bar, line, post and hatches, and the post's upper end (z down): choices, for looks; the hatches in hull
+# lengths.
 _BAR_M = 0.018
 _LINE_M = 0.0015
 _POST_M = 0.022

@@ -20,9 +20,12 @@ LIGHT_BGR = {
 }
 """Blue green red of a light, the strongest channel 1. Near white: 4:2:0 video keeps colour at half the resolution."""
 _REACH_SIGMA = 5.5
+"""A light is drawn out to so many of its widths: there it has fallen below 1e-6 of its peak."""
+# A dark mark is painted on a light disc: its least level, DN, and its radius in widths of the mark (choices).
 _DARK_DISC_DN = 150.0
 _DARK_DISC_SIGMA = 4.5
 _NOISE_MARGIN_PX = 64
+"""One field of noise, larger than the picture by this, is drawn once and shifted at random from frame to frame."""
 
 
 def add_light(picture: Picture, centre_px: NDArray[np.float64], marker: FilmMarker, exposure: float) -> None:

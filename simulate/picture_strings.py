@@ -13,15 +13,18 @@ from .picture_hull import width_on_picture
 from .picture_tools import Picture, paint_bar, paint_disc
 from .scene import STRING_MARK_M, Stage
 
+# Colours of the strings and the datum's marks, blue green red, DN at exposure 1: choices, for looks only.
 _STRING = np.array([150.0, 158.0, 160.0])
 _BEAD = np.array([46.0, 62.0, 172.0])
 _MARK = np.array([222.0, 224.0, 224.0])
 _RING = np.array([14.0, 14.0, 14.0])
 _WIRE = np.array([104.0, 106.0, 106.0])
+# Thickness of a string; a mark's diameter and its least radius on the picture: choices.
 _STRING_M = 0.004
 _MARK_M = 0.030
 _MARK_MIN_PX = 2.2
 _PIECES = 24
+"""Of a string: the lens bends it, each piece is straight."""
 
 
 @dataclass(frozen=True)

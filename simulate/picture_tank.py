@@ -17,12 +17,17 @@ from .scene import Stage
 
 Rays = NDArray[np.float32]
 GRAVITY_M_S2 = 9.81
+"""For the waves' phase speed: deep water, omega^2 = g k. The pictures need no more digits."""
 _KNOT_PX = 16
+"""Rays are computed at such knots and interpolated between by splines: a lens bends them slowly."""
+# The tank hall: z of ceiling and floor, x of the far end, width of the wall's top, the lamp's place. Choices, for
+# looks.
 _CEILING_M = -4.2
 _FLOOR_M = 1.1
 _END_M = 15.0
 _WALL_TOP_M = 0.30
 _LAMP = np.array([-1.0, 0.6, -4.0])
+# Colours, blue green red, DN before the lamp's light: choices, for looks only.
 _HALL = np.array([30.0, 28.0, 26.0])
 _FLOOR = np.array([44.0, 46.0, 48.0])
 _TOP = np.array([104.0, 110.0, 112.0])
@@ -30,6 +35,8 @@ _WALL = np.array([112.0, 110.0, 98.0])
 _GIRDER = np.array([40.0, 104.0, 122.0])
 _WATER = np.array([40.0, 33.0, 18.0])
 _RAIL = np.array([70.0, 66.0, 64.0])
+# Ripples: how many waves, root mean square of their slope (rad), and the brightness, DN, that limits them. Choices, for
+# looks.
 _WAVES = 14
 _SLOPE = 0.045
 _RIPPLE_TOP_DN = 13.0

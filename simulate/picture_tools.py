@@ -7,7 +7,9 @@ from numpy.typing import NDArray
 
 Picture = NDArray[np.float32]
 _SHIFT = 4
+"""Fractional bits of OpenCV's drawing coordinates: sixteenths of a pixel."""
 _FAR_PX = 4000.0
+"""Corners are held this near to the picture: OpenCV's fixed-point coordinates would overflow."""
 
 
 def box_of(pixel_px: NDArray[np.float64], shape: tuple[int, ...], margin_px: int = 2) -> tuple[slice, slice] | None:

@@ -33,7 +33,9 @@ __all__ = ["camera_of", "film_frames", "render_scenario", "true_tracks"]
 SCENARIO_FILE = "scenario.toml"
 _MADE_HERE = (RUN_FILE, "video.mp4", "video.mkv", "truth", "out")
 _SMALLEST_SIGMA_PX = 1e-3
+"""An exact pick is stated with this: a sigma of 0 would be no weight."""
 _RATE_DENOMINATOR = 10_000
+"""Frame rates are written as fractions with a denominator up to this: 30000/1001 among them."""
 _X264 = "aq-mode=0:no-dct-decimate=1:deblock=-2,-2"
 """Bits go where the light changes, the marks, instead of into flat water: a third less error for half the size."""
 _HISTORIES = ("tension", "rudder", "speed")

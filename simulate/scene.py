@@ -15,9 +15,13 @@ from .model import Array
 from .scenario import tow_from_table
 
 DEFAULT_WIDTH_M = 1.8
+"""Of a tank whose scenario states none: a choice."""
 STRING_MARK_M = 0.30
+"""Distance of the marks on the reference strings: a choice."""
 _HULL_BEAM = 0.135
+"""Beam over the drawn hull's length where the scenario states none."""
 _MIN_FREEBOARD_M = 0.01
+"""The deck is drawn above the water by this at least."""
 
 
 @dataclass(frozen=True)

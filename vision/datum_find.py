@@ -33,19 +33,25 @@ SEARCH_PX = 12.0
 NEARER_PX = 5.0
 """Of several spots the clear ones win, and the near ones: response times exp(-(distance/this)^2)."""
 SURROUNDINGS_PX = 30.0
+"""The cut-out goes so much farther than the search: as far as the largest window of a mark."""
 SCALES_PX = (1.2, 1.7, 2.4, 3.4, 4.8, 6.8, 9.6)
 """A disc of radius r stands out most at r / sqrt(2)."""
 LEAST_RESPONSE_DN, MOST_BLOBS = 6.0, 6
+"""Of the Laplacian's response, so that noise is no spot; and how many of the best spots are tried. Choices."""
 MARK_SCALES = 2.6
 """Radius of a mark's window over its scale: 1.8 radii of a disc."""
 MARK_RADIUS_PX = (4.0, 30.0)
+"""Smallest and largest radius of a mark's window: a choice."""
 CORNER_SHARE = 0.45
 """Radius of a chessboard corner's window over the distance of its nearest neighbour."""
 CORNER_RADIUS_PX = (3.0, 10.0)
+"""Smallest and largest radius of a chessboard corner's window: a choice."""
 MOVED_PX = 0.1
 """Points that go together by more than this: the camera moved."""
 BY_CHANCE = 0.01
+"""A scatter over the frames that the fits' sigmas let expect more rarely than this is believed instead of them."""
 LEAST_SIGMA_PX = 1e-3
+"""No point is stated to be better known than this, a thousandth of a pixel."""
 NOT_FOUND, SEVERAL_SHAPES = "not found", "no symmetric mark near pixel_px"
 
 

@@ -21,8 +21,11 @@ from .recording import Frame
 # Okabe-Ito, BGR: told apart by colour-blind eyes
 COLOURS = ((0, 159, 230), (233, 180, 86), (115, 158, 0), (66, 228, 240), (178, 114, 0), (0, 94, 213), (167, 121, 204))
 TRAIL = 40
+"""Places of a mark that stay drawn behind it: the last so many frames."""
 _SHIFT = 4
+"""Fractional bits of OpenCV's drawing coordinates: sixteenths of a pixel."""
 _TICKS = Fraction(1, 90000)
+"""The clock of MPEG: 90 kHz, fine enough for any frame rate."""
 
 
 def draw_overlay(

@@ -24,6 +24,8 @@ TRUSTED_SD = 5.0
 LEAST_SHARE = 0.04
 """... as does one with less than this share of the other direction's energy: a sampled edge has steps that feign texture."""
 CLEAR_RATIO = 40.0
+"""Gradient energy along the weaker axis over that of the template's noise, from which the look is called clear: a
+choice."""
 CHANCE_SD = 4.0
 """Correlations that chance reaches, in standard deviations of a chance correlation."""
 

@@ -8,6 +8,8 @@ from .patch import Array, Patch, inverse, least_ratio
 from .patch_pixels import PARAMETERS, Cut, Linear, Pose
 
 PIECE_PX = 6
+"""Side of the squares that are taken to be displaced each by itself: a choice, about a codec's smallest blocks (4 to
+8 px)."""
 NEAR_PX = 6
 """Residuals count as related over this many pixels (triangle)."""
 

@@ -28,15 +28,19 @@ from .patch_pixels import (
 )
 
 STEPS = 14
+"""Gauss-Newton steps at most; a fit that has settled ends earlier."""
 SETTLED_PX, NEARLY_SETTLED_PX = 2e-3, 0.05
 """A fit ends after a step below the first; after the last step the second will do."""
 LONGEST_STEP_PX = 1.0
+"""A step is shortened to this: beyond about a pixel the picture is no longer linear in the place."""
 FARTHEST_PX = 4.0
 """A fit that leaves its start by more is another place's."""
 TURN_SD, SIZE_SD, SHEAR_SD = 0.03, 0.004, 0.0015
 """Rotation, scale and shear change by about this from frame to frame at most."""
 _TURN = 0.5 * np.array([[0, 0, 0, 0], [0, 1, -1, 0], [0, -1, 1, 0], [0, 0, 0, 0.0]])
+"""On rotation: the antisymmetric part."""
 _SIZE = 0.5 * np.array([[1, 0, 0, 1], [0, 0, 0, 0], [0, 0, 0, 0], [1, 0, 0, 1.0]])
+"""On scale: the trace."""
 _SHEAR = np.eye(4) - _TURN - _SIZE
 """Projectors of a 2 x 2 matrix's entries on rotation, scale and shear (a rotation by e has two entries of e, and so on)."""
 _DIAGONAL = np.arange(PARAMETERS)

@@ -17,6 +17,7 @@ from .patch import PAD_PX, Array, Patch, inverse, make_patch, slope_energy
 from .patch_pixels import Pose
 
 RADII_PX = (12, 15, 18, 20)
+"""Radii that are tried for a picked patch, the smallest first."""
 BLURS_PX = (1.0, 1.5, 2.0)
 """Tried on the picked frame's cut-out: where texture is weaker than noise, smoothing it places better."""
 WANTED_SIGMA_PX = 0.03
@@ -28,17 +29,27 @@ MEMORY_FRAMES = 96
 FREE_SCATTER = 1.6
 """A pixel keeps its full weight up to this ratio of its variance to plain noise (32 samples scatter by 1.25)."""
 QUIET_QUANTILE = 0.3
+"""Of the pixels' variances: at this share lies what a quiet pixel shows, so that background in motion does not count.
+A choice."""
 SMOOTH_PX = 1.0
+"""Width of the Gaussian that smooths the pixels' variances (half of it: the template before its slopes): a choice."""
 STEEP_QUANTILE, STEEP_MARGIN = 0.7, 2.0
+"""Pixels steeper than this share of all count as the steepest; twice their median scatter is still allowed.
+Choices."""
 PLACE_SCATTER_PX = (0.03, 0.4)
 """The steepest pixels tell by their median how far the picture scatters in place, within these limits."""
 SLOPE_SD, LEAST_SAMPLES = 2.0, 8
+"""A slope counts by what it exceeds this many of its standard deviations (5 % by chance), once so many samples are
+in."""
 CENTRE_SHARE = 0.6
 """Until the first chunk is learnt the pixels near the picked point count most, by a Gaussian of this share of the radius."""
 TRUST_POWER = 4
 """Weights by inverse variance would do for independent residuals; background pulls as one piece and loses more."""
 LARGEST_SCATTER_SD = 12.0
+"""A residual counts at most as this many standard deviations of the noise, so that one flash is not learnt for
+long."""
 HAAR_MAD = 0.6745
+"""Median of the absolute value of a standard normal number: its quantile at 3/4, to four digits."""
 
 
 def picture_noise_dn(luma: NDArray[np.uint8]) -> float:

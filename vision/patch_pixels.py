@@ -11,9 +11,13 @@ from numpy.typing import NDArray
 from .patch import SOFT_PX, Array, Patch, axes_of, inverse, look_up
 
 LEAST_INSIDE = 1 / 3
+"""A patch of which less lies inside the picture is not looked at."""
 LARGEST_GROWTH = 1.8
+"""Pixels are cut out for a patch that has grown by so much at most: what lies beyond is not used."""
 SOLID_WEIGHT = 0.5
+"""A pixel of more than this weight belongs to the patch's inside, not its soft rim; the scale is told by those."""
 MAD_TO_SD = 1.4826
+"""Of a normal distribution: 1 over its quantile at 3/4, to five digits."""
 INLIER_SD, OUTLIER_SD = 3.0, 6.0
 """A pixel counts in full up to the first residual and not at all beyond the second."""
 SLOPE_ERROR_PX = 0.1
@@ -23,6 +27,7 @@ LEAST_SCALE_DN = 0.3
 CLIP_SD = 2.0
 """Pixels predicted this near to the sensor's limit are left out (chosen by the prediction: choosing by the data biases)."""
 PARAMETERS = 8
+"""Of a pose: place (2), shape (4), gain, offset."""
 
 
 @dataclass(frozen=True)

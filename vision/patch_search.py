@@ -16,7 +16,9 @@ from .patch_pixels import LARGEST_GROWTH, Pose
 LOBE_SHARE = 0.5
 """Peaks nearer to each other than this share of the radius (at least LEAST_LOBE_PX) are one."""
 LEAST_LOBE_PX = 3.0
+"""The least that counts as one peak of the correlation, for the smallest patches: a choice."""
 _EDGE = 1e-6
+"""Keeps a division by an empty weight or a flat picture finite."""
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ SHAPE_RETURN = 0.02
 SURE_FRAMES = 3
 """Losses up to this long leave the prediction good enough to tell the mark from a look-alike."""
 LEAST_VISIBLE = 0.6
+"""Share of the patch that must lie inside the picture: a choice."""
 LEAST_INLIERS, FIRST_INLIERS = 0.55, 0.3
 """Share of the patch that must fit, less is `covered`; and until the background's pixels are known."""
 CORRELATION, STRICT_CORRELATION = (0.35, 0.92), (0.2, 0.95)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..record.errors import EstimationError
 
 LEAST_POINTS = 5
+"""Fewer points do not carry a path between them: a choice, one more than a cubic's four coefficients."""
 SMOOTHER = 4.0
 """Leaving a place out doubles the gap; the error of a cubic spline grows by at least this factor with it (16 for a smooth path)."""
 

@@ -27,19 +27,28 @@ from .spots.candidates import MAD_TO_SD, Array
 SPANS_S = (0.2, 0.3, 0.45, 0.65, 1.0, 1.4, 2.0)
 """Spans of the spline's knots: longer ones leave more of a slow error over, until the motion itself comes up."""
 LEAST_KNOT_FRAMES = 5
+"""Frames between two knots of the spline at least: a choice, so that each of its pieces is overdetermined."""
 LEAST_SPANS = 6
+"""A track is long enough for a span when it holds so many: a choice."""
 DEGREE = 5
+"""Of the spline: what it leaves over of a motion goes with the span to the sixth power, in variance to the
+twelfth."""
 GROWTH = 1.5
+"""Allowed growth from the first span to the second, before any has been seen: a choice."""
 SLOWING = 1.08
 """From span to span the residual's variance of an error grows less and less, and never faster than the span (a random walk);
 the motion's grows more and more (the span to the twelfth power): where growth quickens by more than this factor it comes up."""
 CLIP_SD = 5.0
+"""A residual counts at most as this many robust standard deviations."""
 MOST_SAMPLES = 3000
+"""A longer track is told by its first and last halves of so many, or by every n-th frame: half an hour tells no
+more."""
 SHARED_EXCESS = 0.3
 """Excess over the fits' own variance that is more than the estimate's scatter (7 % in 400 frames)."""
 ODD_VARIANCE = 3.0
 """A frame whose fit is this much worse than usual (partly covered, blurred) speaks for itself only."""
 STILL_PX = 0.02
+"""A mark whose median step from picture to picture is below this stands still, as far as a codec shows."""
 STILL_FACTOR = 2.5
 """A codec freezes a still mark's error: its sd over what the residuals give (1.9-3.9 on moving marks at crf 18-28)."""
 LEAST_OWN = 0.25
@@ -47,6 +56,7 @@ LEAST_OWN = 0.25
 RIGID_GATE = 4.0
 """A ratio of variances counts when it stands this many of its own standard deviations above 1."""
 MOST_RIGID = 9.0
+"""Most by which the rigid body's distances widen a variance: a factor of three in sigma. A choice."""
 
 
 def with_scatter(

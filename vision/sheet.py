@@ -20,21 +20,29 @@ from .recording import Frame
 Place = tuple[float, float]
 
 TILES = 12
+"""Of a sheet: three rows of COLUMNS."""
 APART_S = 0.5
 """Two tiles of one marker and one kind are at least this far apart in time: neighbours tell the same."""
 LOST_SHARE = 0.75
 """The ends of losses take no more of the sheet than this, so that something is seen of the sigmas."""
 SCALE = 6
+"""Enlargement of the crop, whole, so that pixels stay squares."""
 CROP_PX = (49, 39)
 """Width and height of what a tile shows, px; odd, so that the mark's pixel lies in the middle."""
 COLUMNS = 4
+"""Tiles side by side: about 1200 px, a page's width."""
 CAPTION_PX, GAP_PX, HEADER_PX, FOOTER_PX = 44, 12, 40, 30
+"""Heights of a tile's caption, the sheet's title and its foot, and the gap between tiles."""
 GROUND, TILE_GROUND, INK, FAINT_INK = (24, 24, 24), (44, 44, 44), (235, 235, 235), (165, 165, 165)
+"""Colours, BGR: sheet, tile, letters, and what is said beside."""
 LETTERS, SMALLEST_LETTERS = 0.5, 0.4
+"""OpenCV's scale of the letters, and how small they may become to fit a line."""
 NAME_LETTERS = 16
 """Of a marker's name; the rest of the line is what matters."""
 SIGMAS = 3.0
+"""The ellipse drawn about a measured place, in standard deviations; the sheet's foot says so."""
 _SHIFT = 4
+"""Fractional bits of OpenCV's drawing coordinates: sixteenths of a pixel."""
 
 
 @dataclass(frozen=True)

@@ -18,12 +18,17 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 
 STEPS = 20
+"""Of the search at most; what has not settled by then is no symmetric mark."""
 SETTLED_PX = 1e-3
+"""A step below this ends the search: well below any sigma of a mark."""
 SOFT_PX = 2.0
 """The window's weight falls to 0 over this width, so that pixels come and go smoothly."""
 MARGIN_PX = 4
+"""The cut-out goes so much beyond the window, for the spline's own edge."""
 LEAST_RADIUS_PX = 2.0
+"""Of the window: a smaller one holds too few pixels to tell a symmetry."""
 SLOPE_STEP_PX = 0.25
+"""Of the central differences on the spline: a choice, well within a pixel."""
 SMOOTH_PX = 0.8
 """Of the picture whose gradients are the weights."""
 LEAST_ENERGY = 1e-3

@@ -47,14 +47,19 @@ LEAST_AROUND, MOST_AROUND = 0.05, 3.0
 STALE = 0.05
 """A template serves until blur or shape have changed by this share; the fit carries the rest to first order."""
 CLEAR_CHANGE, SMALL_CHANGE_GAIN = 0.2, 0.3
+"""A change of the blur's variance above the first share is taken in full, below by the second: smaller ones are
+mostly noise."""
 ROUNDS = 10
+"""Gauss-Newton steps at most."""
 SETTLED_PX, NEARLY_SETTLED_PX, NEAR_PX = 0.05, 0.1, 0.2
 """A Gauss-Newton step below the first is the last: what it leaves is of second order. After the last round the second will do;
 below the third the blur is believed."""
 LONGEST_STEP_PX = 2.0
+"""A step that moves a corner farther is shortened to this: beyond, the picture is not linear in the pose."""
 FARTHEST_CELLS = 1.5
 """A fit that leaves its start by more is another place's."""
 LEAST_CONTRAST_DN, LEAST_CELL_PX = 8.0, 1.5
+"""White over black, and the side of a cell: with less there is nothing to hold on to. Choices."""
 LARGEST_RESIDUAL = 0.2
 """Root mean square over the contrast."""
 CELL_RESIDUAL, CHANCE_SD, LEAST_CELL_PIXELS = 0.12, 2.0, 3
@@ -62,8 +67,11 @@ CELL_RESIDUAL, CHANCE_SD, LEAST_CELL_PIXELS = 0.12, 2.0, 3
 SPLIT_CELL_PX = 5.0
 """Cells so large are looked at in quarters."""
 GRAM_PIXELS = 768
+"""Columns of one product: few enough that BLAS stays on one thread."""
 _MOTION = 8
+"""Columns of the design that move the tag: the eight numbers of a homography."""
 _RIDGE = 1e-9
+"""Keeps the scaled normal matrix invertible where a column is empty: of the size of its rounding."""
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,9 @@ FAMILIES = {
 LEAST_LIKENESS = 0.6
 """Correlation of a square's cells with a tag's from which on the fit decides. Their border alone gives any two tags about 0.4."""
 LEAST_SCATTER_DN = 3.0
+"""A square whose cells scatter by less counts as blank: a choice."""
 LEAST_PERIMETER_PX = 40.0
+"""Of a square that OpenCV looks for: 10 px a side, a choice."""
 SAME_PLACE = 0.5
 """Two places closer than this share of the tag's side are one."""
 

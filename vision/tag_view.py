@@ -18,9 +18,11 @@ Array = NDArray[Any]
 SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 """The tag's corners, clockwise from the one at the code's first bit."""
 PAD_CELLS = 2
+"""White cells around the pattern, so that its blur and the rim's pixels stay inside the template."""
 SAMPLES_PER_PX, LEAST_SAMPLES, MOST_SAMPLES = 2.0, 4, 24
 """Of the template; the limits are per cell."""
 MOST_PIXELS = 6000
+"""Of a tag, in one fit: of larger ones every second or third pixel is taken. A choice, for its cost."""
 
 
 @dataclass(frozen=True)

@@ -33,10 +33,13 @@ ROUNDS = 3
 LEARN_EVERY = 4
 """The pixels' trust is learnt on from every so many frames."""
 CLEAN_SHARE = 0.9
+"""A frame whose pixels fit in more than this share teaches the template: a choice."""
 POOL = 0.05
 """Share of a new frame in the pooled relation of residuals."""
 FIRST_PIECES = 0.3
+"""How far scatter in place carries to the centre before any frame has told: a choice."""
 FEW_FRAMES = 3
+"""Until so many frames are learnt the first frame's noise holds as well."""
 
 
 @dataclass(frozen=True)

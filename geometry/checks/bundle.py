@@ -23,6 +23,7 @@ from .layout import Layout
 from .rows import Rows, Setting, State, datum_rows, frame_rows
 
 STEPS = 12
+"""Gauss-Newton steps at most; a fit that has settled ends earlier."""
 SETTLED = 1e-4
 """A step that changes no parameter by more than this share of its standard deviation ends the iteration."""
 

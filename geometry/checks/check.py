@@ -46,6 +46,7 @@ ALARM = 2.5
 TWINS = 3.0
 """Faults within this log Bayes factor of the best one are named beside it."""
 TRIED = 6
+"""So many faults, the best of the screening, are fitted in full: a choice, for the time that it takes."""
 MOST_FRAMES = 1500
 """Of all runs together; for jumps, of each."""
 SMOOTH_S = 4.0
@@ -53,6 +54,7 @@ SMOOTH_S = 4.0
 SLOW_PX, SLOW_LINE_M = 0.015, 2e-4
 """Slow errors of a mark's place (codec, texture under the light, the pixels' grid) and of a taut line's length (stretch, sag)."""
 LEAST_FRAMES = 60
+"""A film with fewer frames in use says nothing about how alike its errors are: a choice."""
 LEAST_SHARE = 0.2
 """A residual of which the poses take more than the rest of this says nothing about noise."""
 

@@ -16,12 +16,16 @@ from .bundle import Bundle, Extra, Film, Solution
 from .jump import Jump, find_jump
 
 POINT_SD_PX, TURN_SD_RAD, SLACK_SD_M = 10.0, 0.01, 0.03
+"""How large these faults usually are, a choice: a datum point picked wrongly, a turn of the camera, missing line
+length."""
 SLACK_LENGTHS_S = (0.5, 1.0, 2.0, 3.0, 4.5, 7.0, 10.0)
+"""How long a line may hang slack: windows from half a second to ten seconds, each 1.4 to 2 times the last."""
 SLACK_SHIFTS = 6
 """Positions of a slack window within its own length."""
 LEAST_TURN_S = 1.0
 """A turn is not looked for nearer than this to a film's ends."""
 SCALE_SD = 0.02
+"""Of the datum's width and length, as a share: a choice."""
 
 RELEASED: dict[str, dict[str, float]] = {
     "lens": {"k1": 0.1},
@@ -38,6 +42,7 @@ RELEASED: dict[str, dict[str, float]] = {
 }
 """Faults that are numbers of the rig, and how large each usually is (fx, fy: relative)."""
 MARK_SD_M = 0.02
+"""How far a mark may usually lie from where it is stated: a choice."""
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from .bundle import Film
 HALF = 7
 """Frames on either side; cubic motion and a step are fitted to both sides together."""
 LEAST_FRAMES = 4 * HALF
+"""Twice the window of 2 HALF: a shorter film leaves too few places to compare a jump with. A choice."""
 LONGEST_GAP = 3.0
 """Frames further apart than this many usual steps are not looked at together."""
 

@@ -25,7 +25,10 @@ CHOICES = {
 }
 """Names on the command line -> parameters. The camera's tilt and place are always estimated, from datum and invariants together."""
 WIDE = {"k1": 0.3, "k2": 0.3, "fx": 0.2, "fy": 0.2, "cx": 100.0, "cy": 100.0, "datum width": 0.1, "datum length": 0.1}
+"""Standard deviations of the priors of a refinement (fx, fy and the datum's sides as shares; cx, cy in px): wide on
+purpose."""
 WIDE_M = 0.2
+"""The same for lengths, m."""
 OBSERVABLE = 0.3
 """A parameter whose standard deviation is below this share of what was thought possible is told by the runs."""
 TIED = 0.95

@@ -18,7 +18,9 @@ from .scatter import view_scatter
 TOLD_SDS = 2.0
 """A coefficient nearer to zero than this many of its standard deviations is not told by the data (5 % of true zeros pass)."""
 ILL_CONDITION = 1e6
+"""Condition number of the correlation matrix from which the views are said to fix the lens weakly: a choice."""
 FEW_VIEWS = 10
+"""Fewer views than this are called few: a choice, well below the 15 to 30 that the sentence asks for."""
 FOCAL_SHARE = 0.01
 """A focal length known worse than this is called weak."""
 SHAPE_SHARE = 5e-4

@@ -20,6 +20,7 @@ from .model import COEFFICIENTS, Corners, Poses, free_basis, nearest
 from .scatter import view_scatter, widened
 
 LEAST_VIEWS = 3
+"""Of a plane board two views could fix four numbers of a lens, without any check; one more."""
 LEAST_SHAPED_VIEWS = 5
 """From fewer, the board's shape and the lens cannot be told apart."""
 CLEARLY_BAD = 3.0

@@ -14,6 +14,7 @@ STILL_PX = 0.5
 LOOKS = 200
 """So many frames of a recording are looked at."""
 MOST_VIEWS = 40
+"""Views that are kept at most: a choice, above the 15 to 30 that lens/advice.py asks for."""
 APART_SHARE = 0.02
 """Two views whose corners lie nearer to each other than this share of the picture's width tell the same."""
 

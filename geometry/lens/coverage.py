@@ -13,6 +13,7 @@ from .boards import BoardView
 from .calibrate import Calibration
 
 CELLS_ACROSS = 8
+"""Of the grid in which views are counted, over the picture's width: a choice."""
 ENOUGH_CORNERS = 3
 """A cell with that many corners is covered, and one whose middle lies inside the corners of a view."""
 

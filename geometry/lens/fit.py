@@ -22,16 +22,20 @@ from .boards import BoardView
 from .model import Corners, Poses, residuals, slopes
 
 _STEPS = 60
+"""Gauss-Newton steps at most, damped ones included."""
 _CONVERGED = 1e-4
 """A step that moves every parameter by less than this share of its standard deviation ends the fit."""
 _ROUNDING = 1e-9
 """Nor can a sum of squares be told to fall by less than this share of it."""
 _SHAPE_ROUNDS, _VARIANCE_STEPS = 8, 60
+"""Rounds of fit and variances, and steps of the variances within each, at most; both end earlier when nothing
+changes."""
 _STARTING_SHAPE = 1e-3
 """Offsets of the corners to begin with, in board sizes: a thousandth is a bent board."""
 _SMALLEST_SHAPE = 1e-7
 """In board sizes: nothing that any picture could show."""
 _VARIANCE_CONVERGED = 0.01
+"""A change of the variances' logarithms below this ends the rounds; a tenth of it ends the steps within one."""
 _TOO_WEAK = (
     "the views do not fix the lens: more of them are needed, tilted against each other and near the picture's edges"
 )

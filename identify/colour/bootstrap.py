@@ -18,7 +18,9 @@ from .innovations import maximise
 from .kalman import step_model
 
 SETTLES = 1000
+"""Samples that are drawn before a record and thrown away, so that its noise has forgotten its start: a choice."""
 COVERED = (2.5, 97.5)
+"""Percentiles of a two-sided 95 % interval."""
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ WHITE_P = 0.008
 MOST_ASKED = 8
 """Of more runs so many, those with the least p, say whether a force on the hull is seen at all; the filter costs much."""
 LAGS = 200
+"""Of the Ljung-Box test, at most (and an eighth of the record): a choice."""
 CLEARLY = 10.0
 """A noise model is preferred where its BIC is lower by more than this."""
 

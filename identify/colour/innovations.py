@@ -28,6 +28,7 @@ from .kalman import MOVING, NOISE_NAMES, Innovations, innovations
 
 NOISE = len(NOISE_NAMES)
 MAX_STEPS = 40
+"""Of the search for the largest likelihood; it ends earlier when it has settled."""
 CONVERGED = 1e-4
 """Steps end when the next is expected to lower -2 log L by less than this (0.01 of a standard deviation squared)."""
 NEAR_SD = 5.0

@@ -21,11 +21,15 @@ from ..still import Slow
 NOISE_NAMES = ("force", "moment", "time", "scale_y", "scale_beta")
 """Logarithms of: sd of the force N, of the moment N m, their time constant s, measurement scatter over the stated sigmas."""
 MOVING = 6 + len(NOISE_NAMES)
+"""What the covariances move with: the six derivatives and the noise."""
 STATES = 6
+"""y, beta, v, r, and the coloured force and moment."""
 STEP_SHARE = 0.01
 """Steps of time that differ by less than this share of the usual one count as equal."""
 STANDS = 1e-10
+"""A covariance that changes from sample to sample by less than this share stands, and is not computed again."""
 EPS = 1e-30
+"""Step of the complex derivative: so small that it is exact to rounding, as nothing is subtracted."""
 
 
 @dataclass(frozen=True)

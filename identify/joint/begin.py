@@ -19,6 +19,7 @@ from .solve import Optimum, Progress, minimise, normal
 from .thin import thinned
 
 ROUGH_CONVERGED = 1e-3
+"""A first fit ends when its next step would lower the chi-square by less than this share."""
 POOR = {"constant": 30.0, "surge": 3000.0}
 """A start whose chi-square per residual exceeds this is led in by growing records; the linear form, whose tension is constant,
 leaves more of a tow that swings on a line of constant length."""
@@ -27,13 +28,16 @@ DOUBTFUL = 1.3
 FAR_OFF = {"constant": 1e3, "surge": 3e3}
 """From more per residual the whole fit does not find its way by itself."""
 SHARES = (0.25, 0.5, 1.0)
+"""Of the records, one after the other: a quarter, half, all."""
 LEAD_S = 90.0
 """Records longer than twice this are fitted from their beginning on, twice as much each time: over many swings a start that is a
 little off in frequency ends far off in phase, and finds the valley beside."""
 LEADING_CONVERGED = 1e-3
+"""The same for fits to the records' beginnings."""
 MOST_ROUGH = 8
 """Of more runs so many, spread over the tow points, say where the derivatives begin; the others' own starts follow from these."""
 FEWEST_SAMPLES = 40
+"""A beginning holds so many samples at least: a choice."""
 Extra = tuple[tuple[int, float, float], ...]
 
 

@@ -20,7 +20,9 @@ from .parameters import EVERY, LINE_LENGTH, STEEPEST_RAD, TOW_POINT
 from .setting import Setting, setting_of
 
 PASSES = 12
+"""Newton steps of a whole path at most; one that needs more is said not to settle."""
 BROADSIDE_RAD = np.pi / 2
+"""Line angle alpha + beta on the model at which the equations of motion end (theory.md 9.1)."""
 AT_ONCE = 24000
 """Numbers in a row of the sensitivities of one go."""
 COARSE = 4

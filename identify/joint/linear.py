@@ -16,11 +16,15 @@ from ..data import RunData
 from .parameters import EVERY, LINE_LENGTH, SPEED, TENSION, TOW_POINT, hull_from
 
 COMPLEX_STEP = 1e-30
+"""Step of the complex derivative: so small that it is exact to rounding, as nothing is subtracted."""
 SERIES_NORM = 0.5
+"""A matrix is halved until its norm is below this, then its exponential's series is squared as often."""
 SERIES_ORDER = 14
 """0.5^15/15! is 2e-17: the series of exp is exact to rounding."""
 ROUNDING = 1e-16
+"""A series ends when its next term is below this, the rounding of double precision (2.2e-16 / 2)."""
 STATES = 4
+"""y, beta, v, r."""
 
 
 def linear_paths(

@@ -24,11 +24,13 @@ RUN_PARAMETERS = (*BOTH_FORMS, *ALONG, *ACROSS)
 COUNT = len(RUN_PARAMETERS)
 LINEAR_COUNT = len(BOTH_FORMS)
 TENSION, TOW_POINT, LINE_LENGTH, SPEED = range(10, 14)
+"""Places of the tow in a run's parameter vector: after the six derivatives and the start (y, beta, v, r)."""
 X_UDOT, X_VR, X_VV, X_RR, EXPONENT, Y_DELTA, N_DELTA, Y_BIAS, N_BIAS = range(LINEAR_COUNT, COUNT)
 """Places in a run's parameter vector."""
 EVERY = tuple(range(LINEAR_COUNT))
 """What the linear form depends on."""
 STEEPEST_RAD = np.radians(80.0)
+"""Largest line angle of a start, ten degrees short of broadside, where the equations end."""
 
 
 def run_tow(tow: Tow, values: Array) -> Tow:

@@ -13,11 +13,13 @@ from .parameters import LINE_LENGTH, SPEED, TENSION, TOW_POINT, hull_from
 from .partials import Linearised, linearise
 
 FULL_STEP_S = 0.05
+"""Largest Runge-Kutta step; smaller ones are halves of it."""
 FULL_STEP_SHARE = 0.12
 """Runge-Kutta step: this share of the fastest root's time."""
 ROUGH = 2
 """Steps in one where a path is only to lead near the optimum: its error is 16 times as large, some micrometres."""
 SAMPLING_SHARE = 0.25
+"""Nor need the step be shorter than this share of the sampling."""
 
 
 @dataclass(frozen=True)

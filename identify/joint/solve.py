@@ -15,12 +15,15 @@ from .arrow import Arrow
 from .problem import Answer, Problem
 
 MAX_STEPS = 60
+"""Levenberg-Marquardt steps, refused ones included; a fit that needs more is said not to have settled."""
 CONVERGED = 1e-8
 """Steps end when the next one is expected to lower the chi-square by less than this share of it."""
 LARGEST_FACTOR = 0.5
 """Logarithm; beyond it a derivative is on its way through zero, or far off."""
 SMALLEST_DAMPING = 1e-12
+"""Marquardt's damping stays within these limits: below it a step is Gauss-Newton's ..."""
 LARGEST_DAMPING = 1e12
+"""... and beyond this it no longer moves anything: the fit stands."""
 STRAIGHT = 0.9
 """After a step that gains less than this share of what was expected, the next ones are bent ..."""
 PROBE = 0.1

@@ -12,6 +12,7 @@ from ..data import RunData
 BLOCK_SHARE = 1 / 16
 """Length of a block in units of (L + X_T)/U, 0.12 s for MARINER at 1.28 m/s: the mean of a swing over it is low by 1e-4."""
 FEWEST = 100
+"""Blocks that a record keeps at least: a choice."""
 
 
 def block_length_s(data: RunData) -> float:

@@ -11,6 +11,7 @@ from ...simulate.model import Array
 UNDETERMINED_SHARE = 0.25
 """A derivative whose standard deviation exceeds this share of its size is not determined."""
 TIED = 0.9
+"""Correlation from which two derivatives are said to be known only together."""
 TIED_SHARE = 0.12
 """A derivative as uncertain as this share, and correlated beyond 0.9 with one that is not determined, goes with it."""
 ADDED_SD = 1.2

@@ -15,6 +15,7 @@ from .bound import information, information_of_six
 from .combinations import UNDETERMINED_SHARE
 
 RELEASED_M = 0.15
+"""Release of a proposed run, to the side: a choice; information goes with its square."""
 MOVES_M = (0.0, 0.1, -0.1, 0.2, -0.2, 0.4, -0.4)
 """Tow points tried: moved by so much from a run's own; 0 = the same point, with its release in the record."""
 WIDEST_SHARE = 0.8

@@ -22,6 +22,7 @@ from .combinations import Determined, determined
 WEAK_SHARE = 0.08
 """From this relative standard deviation of any derivative on, the fit is examined."""
 ANCHOR_SHARE = 0.25
+"""How well the masses are said to be known for a try, as shares: wide, so that only a runaway fit is held."""
 RADIUS_SHARE = 0.4
 """Radius of gyration over X_T, for the anchor: 0.25 of a length of 1.6 X_T."""
 OPEN_VARIANCE = 1e4

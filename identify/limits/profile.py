@@ -16,9 +16,13 @@ from ..joint.thin import thinned
 from ..noise import stated
 
 CHI_SQUARE_95 = 3.841
+"""95 % quantile of chi-square with one degree of freedom, 1.959964^2, to three decimals."""
 FIRST_STEP_SD = 0.7
+"""The walk's first step, in standard deviations; a parabola reaches the limit at 1.96."""
 GROWTH = 1.5
+"""Each step is longer than the one before by this factor."""
 MOST_STEPS = 14
+"""Of a walk: with this growth they reach 400 standard deviations."""
 WIDEST_SHARE = 0.9
 """The search ends where a derivative has moved by this share of its value below, or ten times as much above."""
 

@@ -13,6 +13,7 @@ from .identifiability import Identifiability
 
 SYMBOLS = dict(zip(DERIVATIVE_UNITS, ("m - Y_vdot", "I - N_rdot", "Y_v", "Y_r - mU", "N_v", "N_r"), strict=True))
 CORRELATED = 0.95
+"""Correlation from which two derivatives are named as one combination."""
 LISTED = tuple(SYMBOLS.values())
 UNITS = tuple(DERIVATIVE_UNITS.values())
 

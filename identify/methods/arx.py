@@ -21,7 +21,9 @@ from .common import Record, SixEstimate, check_series, propagate
 from .least_squares import least_squares_svd
 
 ORDER = 4
+"""Of the model, as in (8.35): four roots of the tow."""
 IV_ROUNDS = 6
+"""Of instruments made from the last estimate; the best of them is kept. A choice."""
 BEST_STEP_PER_ROOT = 2.2
 """Step times the fastest root that ``suggested_decimation`` aims at: below 0.5 the z roots crowd at 1,
 above 4 the fast one is gone in the noise."""

@@ -167,3 +167,4 @@ def sway_velocity(y_rate: Array, beta: Array, tow: Tow) -> Array:
 
 
 _UNIT_HULL = _Hull(1.0, 1.0, -1.0, 0.0, 0.0, -1.0, speed_m_s=1.0)
+"""Any hull will do: the first row of the linear form is kinematics."""

@@ -21,7 +21,9 @@ from ..joint.solve import minimise
 
 CRITERIA = ("trace", "determinant")
 TURNS = 20
+"""Of fit and weight at most, for the determinant."""
 STANDS = 1e-6
+"""The weight stands when no entry of Q changes by more, over the scatters."""
 
 
 @dataclass(frozen=True)

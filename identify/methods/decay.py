@@ -23,6 +23,7 @@ from .forced import Swing
 from .phase import Amplitudes
 
 REWEIGHTINGS = 2
+"""Fits after the first, with the noise measured from what the last one left: a choice."""
 AT_BOUND = 1e-3
 """A parameter this near to a bound, relative to its size, stands at it."""
 

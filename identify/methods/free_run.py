@@ -21,6 +21,7 @@ from .free_start import ratios_by_integrals
 from .output_error import SIGMA, OutputError, output_error
 
 COMPLEX_STEP = 1e-30
+"""Step of the complex derivative: so small that it is exact to rounding, as nothing is subtracted."""
 RUDDER = ("y_delta", "n_delta", "y_bias_n", "n_bias_n_m")
 OWN = ("y", "beta", "v", "r")
 LARGEST_STEP_S = 0.2

@@ -19,9 +19,11 @@ from .transfer import line_force_transfer, post_transfer
 
 Input = Literal["post", "force"]
 STEPS = 60
+"""Levenberg-Marquardt steps at most; more are reported as no convergence."""
 CONVERGED = 1e-8
 """Largest relative step of a derivative at which the fit stands."""
 STUCK = 1e10
+"""Damping beyond which no step can move anything: the fit stands."""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from ...record.errors import EstimationError
 from ...simulate.model import Array
 
 RCOND = 1e-12
+"""Singular values below this share of the largest are rounding."""
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from .output_error import OutputError, Weight, output_error
 from .state_space import open_loop
 
 COMPLEX_STEP = 1e-30
+"""Step of the complex derivative: so small that it is exact to rounding, as nothing is subtracted."""
 OWN = ("y", "beta", "v", "r", "beta_b")
 """Free in each run: its start and the heading's bias (a bias of y is part of its start: without a line no place is special)."""
 

@@ -22,8 +22,11 @@ Predict = Callable[[Array], tuple[list[Array], list[Array]]]
 """theta (k,) -> per run the response (n, 2) and its slope (n, 2, k)."""
 SIGMA = (ASSUMED_SIGMA_Y_M, float(ASSUMED_SIGMA_BETA_RAD))
 REWEIGHTINGS = 2
+"""Fits after the first, with the noise measured from what the last one left: a choice."""
 TOLERANCE = 1e-9
+"""Of scipy's least_squares, for cost, step and slope alike: far below any standard deviation."""
 MAX_STEPS = 60
+"""Evaluations of scipy's least_squares at most."""
 FAR = 1e12
 """A whitened residual counts as no more than this, so that a trial gone astray is refused and not an overflow."""
 

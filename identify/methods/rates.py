@@ -18,6 +18,7 @@ WARNING = (
     "Y_R, N_v and masses come out wrong by 30-110 % at 1 mm and 0.1 degree; use it on records of a rate gyro and accelerometer"
 )
 POLYNOMIAL = 4
+"""Degree of the Savitzky-Golay filter: even, as the next odd one gives the same second derivative in the middle. A choice."""
 
 
 @dataclass(frozen=True)

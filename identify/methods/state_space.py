@@ -98,3 +98,4 @@ def _force_column(hull: Hull, tow: Tow) -> Array:
 
 
 _PLAIN = Hull(1.0, 1.0, -1.0, 0.0, 0.0, -1.0, speed_m_s=1.0)
+"""Any hull will do: the first row of the linear form is kinematics."""

@@ -22,6 +22,7 @@ from ..steady import SteadyState, common_errors, fit_steady, force_slope, input_
 from .common import propagate
 
 ROUNDS = 8
+"""Of weights (they depend on the estimate) and estimate, always all of them."""
 NAMES = ("y_v", "y_delta_delta", "n_v", "n_delta_delta")
 
 

@@ -17,8 +17,11 @@ from .setting import Setting, TowPlan
 TOW_POINTS_LBP = (0.05, 0.35, 8)
 """Ahead of X_v, from, to, how many: MARINER's bar reaches 0.31."""
 LINES_LBP = (0.2, 0.35, 0.5, 0.75, 1.0)
+"""Lengths of line that are tried where the plan names none: a choice."""
 RELEASE_STEP_M = 0.01
+"""Releases are planned to the centimetre: no better can be set by hand."""
 HALVINGS = 12
+"""Of the interval of releases: a few metres are halved to a millimetre."""
 RETREATS = 4
 """Times that a release is drawn in on a line that keeps its length, where the linear form's farthest passes a limit."""
 DRAWN_IN = 0.995

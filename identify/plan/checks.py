@@ -12,6 +12,7 @@ from .setting import Setting, TowPlan
 EXCLUDING = ("unstable", "wall", "line", "angle", "reach")
 """A candidate with one of these cannot be chosen."""
 BROADSIDE_RAD = np.pi / 2
+"""Line angle at which the equations of motion end (theory.md 9.1): what a lost tow is said to reach."""
 LOST_ROOM_M = -1e6
 """Room to the wall of a run whose motion the equations do not follow."""
 GROWTH_SAID = 1.5

@@ -11,6 +11,7 @@ CRITERIA = ("A", "D")
 BETTER = 1e-9
 """An exchange must gain this share of the score (A) or this much of its logarithm (D)."""
 MOST_PASSES = 20
+"""Of exchanges over all runs; it ends earlier when none is better."""
 
 
 def score(criterion: str, covariance: Array, wish: Array) -> Array:

@@ -25,7 +25,10 @@ from .rules import cycles_rule, swing_sensitivity, transient_rule
 from .setting import Setting, TowPlan
 
 NORMAL_95 = 1.959964
+"""97.5 % quantile of the normal distribution, to six decimals: half of a two-sided 95 % interval."""
 HULL_LENGTH_LBP, BREADTH_LBP = 1.05, 0.15
+"""Length overall and breadth of a usual merchant hull, where the plan does not state them (the MARINER's breadth:
+1/6.9)."""
 
 
 def guessed_hull(request: PlanRequest, folder: Path) -> Hull:

@@ -20,6 +20,7 @@ from .kept import tows
 from .setting import Setting, TowPlan
 
 RELEASES_DEG = (3.0, 6.0, 9.5, 13.0, 19.0)
+"""Line angles that are compared: a choice, from a few degrees to where few tanks have room."""
 
 
 def release_rows(

@@ -12,8 +12,11 @@ from .kept import tows
 from .setting import Setting, TowPlan
 
 CYCLES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0)
+"""Lengths of record that are compared, in swings: a choice."""
 DROPPED_S = (0.0, 5.0, 10.0, 20.0)
+"""Beginnings of the record that are left out in comparison: a choice."""
 COMPLEX_STEP = 1e-30
+"""Step of the complex derivative: so small that it is exact to rounding, as nothing is subtracted."""
 
 
 def swing_sensitivity(setting: Setting, plan: TowPlan) -> dict[str, float]:

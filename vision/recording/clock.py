@@ -16,11 +16,13 @@ TRUNCATED_SHARE = 0.01
 LONGEST_STEP_S = 10.0
 """No two frames are further apart, unless the recording's own step is that long (a time lapse: a few of its steps)."""
 LONGEST_STEPS = 5.0
+"""How many of the recording's own steps two frames of a time lapse may lie apart: a choice."""
 LEAST_EVEN, LONGEST_UNEVEN = 3, 4
 """Frames in a row that make a beat; frames in a row off it that are doubted, not the beat."""
 STRIKES = 3
 """So many times up to ``LONGEST_UNEVEN`` timestamps off the beat: the recording's beat is not even, no more is made of them."""
 _HALF = Fraction(1, 2)
+"""The most that rounding moves a timestamp, ticks."""
 FORGIVEN_AFTER = 1000
 """Frames in a row on the beat after which earlier strikes do not count."""
 

@@ -14,7 +14,9 @@ from typing import Any
 MOST_REORDERED = 16
 """No picture is shown further than this from its place in decoding order (the decoded picture buffer of H.264 and HEVC)."""
 LONGEST_STEPS = 1.5
+"""Packets further apart than this many usual steps have lost one between them."""
 _INTRA = 1
+"""FFmpeg's AV_PICTURE_TYPE_I."""
 
 
 @dataclass(slots=True, eq=False)

@@ -14,7 +14,9 @@ _INTERLEAVED = {"yuyv422": 0, "yvyu422": 0, "uyvy422": 1}
 """8 bits with chroma between: where the first luma stands."""
 _COLOURS = re.compile(r"yuvj|gbr|pal|0?rgb|0?bgr|argb|abgr|mono")
 _FULL_RANGE = 2
+"""FFmpeg's AVCOL_RANGE_JPEG: levels from 0 to 255."""
 WHITE_LIMITED_DN, WHITE_FULL_DN = 235, 255
+"""White of 8 bits in limited range (ITU-R BT.601, BT.709) and in full range."""
 
 
 def luma(raw: Any) -> NDArray[np.uint8]:

@@ -9,11 +9,13 @@ import zlib
 from pathlib import Path
 
 _CLUSTER, _SEGMENT, _CRC = 0x1F43B675, 0x18538067, 0xBF
+"""Element IDs of the Matroska specification (RFC 9559): Cluster, Segment; and EBML's CRC-32 (RFC 8794)."""
 _TIMING = (0x1549A966, 0x1654AE6B)
 """Info (unit of time) and Tracks."""
 _OTHERS = (0x114D9B74, 0x1C53BB6B, 0x1043A770, 0x1941A469, 0x1254C367, 0xEC)
 """What else stands beside the clusters: SeekHead, Cues, Chapters, Attachments, Tags, Void."""
 _CRC_BYTES = 6
+"""A CRC-32 element: one byte of ID, one of size, four of the sum."""
 
 
 class MatroskaSums:

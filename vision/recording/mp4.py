@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 _BOXES_WITHIN = (b"trak", b"edts", b"mdia", b"minf", b"stbl")
 _LARGEST_INDEX_BYTES = 1 << 28
+"""256 MiB: a `moov` box stated to be larger is not read; hours of film have a few MiB."""
 _MOST_BOXES = 1 << 18
 """Beside the index: fragments bring two each, one or more a second."""
 STEPS_APART = 1.5

@@ -41,6 +41,7 @@ READ_ERRORS = 50
 FRAME_THREADS_FROM_PX = 400_000
 """Smaller pictures are decoded faster than they can be used by one thread, and at less cost."""
 MOST_THREADS = 8
+"""Of a decoder: a choice; each one more holds back one more picture."""
 HASTE = ("h264",)
 """Decoders that report every kind of damage as an error, when asked to."""
 HELD_BACK = 8

@@ -11,6 +11,7 @@ import re
 from dataclasses import dataclass
 
 _SLICE, _SLICE_IDR, _SPS = 1, 5, 7
+"""H.264's types of NAL units (table 7-1): a slice, a slice of an IDR picture, a sequence parameter set."""
 _HEAD_BYTES = 48
 """The fields read here lie within this much of a slice."""
 _SCAN_BYTES = 1 << 16
@@ -19,6 +20,7 @@ _FORBIDDEN = (b"\0\0\0", b"\0\0\1", b"\0\0\2")
 _WIPED = re.compile(rb"\x00\x00\x00+[^\x00\x01]|\x00\x00\x02")
 """The same between start codes, where zeros may only lead up to the next one."""
 _HIGH_PROFILES = (100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134, 135)
+"""H.264's `profile_idc` whose sequence parameter sets state the chroma format (7.3.2.1.1)."""
 
 
 @dataclass(frozen=True)

@@ -33,15 +33,21 @@ from .model import (
 )
 
 STEPS = 30
+"""Gauss-Newton steps at most, damped ones included."""
 CONVERGED_PX = 5e-4
 """Gauss-Newton converges quadratically here: after a step this small the next one is below 1e-5 px."""
 CONVERGED_VARIANCES = 0.01
 """... and no parameter was farther than a tenth of its own standard deviation from where the step took it."""
 NEARLY_PX = 0.05
+"""A fit that ran out of steps counts if its last one was shorter than this: a choice."""
 SHARPEST = 12.0
+"""Largest power of a flat top (1: a Gaussian): beyond it its edge is sharper than a pixel can show."""
 DISC_WIDTHS = 2.6
+"""The residuals are judged within so many widths of the spot, where a Gaussian has fallen to 3 % of its height."""
 WHITE_MARGIN_DN = 1.5
+"""A pixel so near to white is taken as clipped: rounding, and a codec's ringing."""
 LEAST_PIXELS = 20
+"""A fit on fewer usable pixels of a window does not count: a choice."""
 
 
 def fit_spots(

@@ -28,18 +28,23 @@ STRETCH_FRAMES = 64
 PROBATION_FRAMES = 8
 """A set of spots that loses one of its members within this many frames was not the set of marks."""
 REFERENCE_FRAMES = 16
+"""A mark's brightness is the median over its last so many frames: a choice."""
 DOUBT_FRAMES = 4
 """What does not look like the mark for so many frames is judged at once."""
 REACQUIRE_FRAMES = 10
+"""While marks are lost, the whole frame is searched every so many frames: a choice, for its cost."""
 SEARCH_SOON = (2, 5)
+"""When all marks are lost at once, it is searched after so many frames too."""
 KNOCK_PX, KNOCK_PX_S = 30.0, 100.0
 """A mark that is lost is looked for on the whole frame, about where it was seen last: a knocked camera, and its own way since."""
 SEEN_FRAMES = 10
+"""What the user says of where a mark is seen holds for so many frames of the search."""
 ACQUIRE_WIDTHS_PX = (2.0, 4.0, 7.0)
 """Spot widths tried one after the other while nothing is known."""
 ACQUIRE_EVERY_FRAME = 20
 """While nothing has been found: every frame at first, then ..."""
 ACQUIRE_STRIDE = 15
+"""... every so many frames: a choice, half a second of usual film."""
 
 
 class SpotFollower:

@@ -14,28 +14,36 @@ from ...record.schema import Marker
 from .candidates import Array, Candidates
 
 DISTANCE_SD_M = 0.004
+"""The part of it that does not grow with the distance; the next line's does."""
 DISTANCE_SD_SHARE = 0.004
 """How far a seen marker distance may stand from the stated one: places on deck, heights and camera, standard deviation."""
 LINE_SD_M = 0.02
+"""The part of it that does not grow with the line's length; the next line's does."""
 LINE_SD_SHARE = 0.02
 """The same for the taut line (the post's place comes in)."""
 HEADING_LIMIT_RAD = np.radians(80.0)
 """A towed model never heads across the tank beyond this (the equations of motion end at 90 degrees)."""
 SEEN_SD_PX = 6.0
+"""How far the user's rough pick may lie from the mark, standard deviation: a choice."""
 CONTRAST_WEIGHT = 4.0
+"""Cost of a dimmer spot: by the square of the logarithm, as if contrasts scattered by a factor of e^(1/2), 1.65."""
 STRETCH_WEIGHT = 0.5
+"""Cost of a spot longer than 1.3 of its width, by the square of the excess: a choice."""
 MISSING_COST = 30.0
 """A marker without a spot costs as much as one that stands 5.5 standard deviations off."""
 ACCEPT_COST = 25.0
 """Largest cost per pair of markers of an assignment that is believed: 5 standard deviations."""
 NEAR_PX = 4.0
+"""Two spots so near to each other may be one; the same for a spot and where it was."""
 TINTS = {"blue": (1, 0, 0), "green": (0, 1, 0), "red": (0, 0, 1), "yellow": (0, 1, 1), "white": (1, 1, 1)}
 """(blue, green, red) of the colours that run.toml names."""
 TINT_SD_RAD = 0.25
+"""Angle between a spot's colour and the mark's, in (blue, green, red), standard deviation: a choice."""
 WASHED_OUT_COST = 4.0
 """A coloured light that looks white: two standard deviations. A small light's colour is lost in a full pixel, in chroma of half
 the resolution, in a codec that has no bits for it; another colour is not."""
 WASHED_STEPS = 9
+"""Steps from the full colour to white that are compared: a choice."""
 
 
 @dataclass(frozen=True)

@@ -19,15 +19,21 @@ from .stretch import Found, Mark
 JUMP_PX = 3.0
 """Largest surprise of a spot's place beyond four standard deviations of the prediction."""
 JUMP_SD = 4.0
+"""Those standard deviations: 1 in 3000 by chance in two directions."""
 BRIGHTNESS_RANGE = (0.4, 2.5)
+"""Of a spot over its mark's usual brightness; outside it is covered, or something else. Choices."""
 COMMON_SPREAD, SAME_SPREAD = 1.5, 1.12
 """Marks whose brightness changes by factors this close to each other saw a change of exposure."""
 WIDTH_RANGE = (0.55, 1.8)
+"""Of a spot's width over its mark's usual width: the same."""
 COVERED_RANGE = (0.8, 1.25)
 """Motion blur spreads a mark's light and leaves its sum; a spot that looks odd and lacks light is partly covered."""
 LARGEST_SIGMA_PX = 0.5
+"""A place known less well than this is none: a choice."""
 DISTANCE_MEMORY = 0.3
+"""Share of a new stretch in what is known of the distance of two marks: a choice."""
 DISTANCE_GATE = 6.0
+"""A distance off by more than this many standard deviations, beside identity's tolerance, is not the body's."""
 
 
 def judge(marks: Sequence[Mark | None], found: Found, width: Array, excess: Array, flux: Array) -> Array:

@@ -15,6 +15,7 @@ from .candidates import Array
 SEARCH_PX = 4.0
 """A spot is looked for this far beyond three standard deviations of its prediction."""
 SEARCH_LIMIT_PX = 40.0
+"""A spot is never looked for farther than this, however long it was unseen; beyond, the whole frame is searched."""
 COARSE_SD_PX = 0.3
 """Of the strongest pixel's place with a parabola through its neighbours."""
 ACCELERATION_PX_S2 = 300.0
@@ -29,8 +30,12 @@ NEAR_WEIGHT = 0.5
 """How much (of the mark's height) a spot at the edge of the search counts less than one at the middle."""
 
 BRIGHTER = 1.1
+"""What is brighter than the mark's own height by more than this factor counts no more than that."""
 HEIGHT_MEMORY = 0.2
+"""Share of a new frame in the mark's usual height: a choice, so that five frames carry it."""
 LIKE = 0.75
+"""A height within this factor of the usual, either way, is the mark's: others raise doubt, and lower ones are not
+learnt."""
 
 
 class Filter:

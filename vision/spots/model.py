@@ -19,8 +19,12 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 
 GROUND, SLOPE_U, SLOPE_V, HEIGHT, U, V, P_UU, P_UV, P_VV, POWER = range(10)
+"""Columns of the parameter table: ground and its slopes, DN; height, DN; centre, px; the entries of the inverse
+covariance, 1/px2; power of the flat top."""
 HEIGHT_2, U_2, V_2, Q_UU, Q_UV, Q_VV = range(10, 16)
+"""The same of a second spot, the reflection."""
 PARAMETERS = 16
+"""All columns."""
 TAPER_WIDTHS = 2.2
 """With a taper the window is weighed down beyond this many widths from the centre, so that a neighbour pulls less."""
 RIM_WIDTHS = 1.4
@@ -61,7 +65,10 @@ TAPERED = Model("shared width, tapered", _BARE, taper=True)
 ELLIPSE = Model("ellipse", _ELLIPSE)
 SLOPED = Model("sloping ground", (*_ELLIPSE, SLOPE_U, SLOPE_V), taper=True)
 PLATEAU = Model("flat top", (*_ELLIPSE, SLOPE_U, SLOPE_V, POWER), taper=True, rim_px=1.2)
+"""A spot with an edge: its window fades out within little more than a pixel beyond (a choice), where a Gaussian's
+tail would be."""
 PLATEAU_SHARED = Model("flat top, shared shape", _BARE, taper=True, rim_px=1.2)
+"""The same with the shape that was learnt."""
 _SECOND = (HEIGHT_2, U_2, V_2)
 REFLECTION_SHARED = Model("reflection, shared widths", (*_BARE, *_SECOND), taper=True)
 REFLECTION = Model("reflection, shared width", (*_BARE, *_SECOND, Q_UU, Q_UV, Q_VV), taper=True)

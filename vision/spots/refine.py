@@ -62,10 +62,12 @@ MARGIN = {
     PLATEAU_SHARED.name: 0.05,
     PLATEAU.name: 0.08,
 }
+"""The models without a reflection; those with one follow."""
 MARGIN |= {REFLECTION_SHARED.name: 0.30, REFLECTION.name: 0.33, REFLECTION_FREE.name: 0.38}
 """How much a step must lower the logarithm of the residual variance below the first step's to be taken: an ellipse costs the
 centre nothing, a free slope 6-14 % of its sd, a reflection more, and on a codec's residuals every parameter gains something."""
 GATE_SD = 5.0
+"""With the share below: 5 standard deviations of a variance of so many degrees of freedom."""
 GATE_SHARE = 1.3
 """A frame's residual variance beyond this many of its standard deviations and this share above the usual tries other steps."""
 SHAPE_LIMIT = 5.0
@@ -74,15 +76,19 @@ REFLECTED = tuple(m.name for m in (REFLECTION_SHARED, REFLECTION, REFLECTION_FRE
 MODEL_SHARE = 0.5
 """Of the squared difference between the places that two models give to a partly covered or blurred mark."""
 REFLECTION_WIDTHS = 1.5
+"""In widths of the mark; with the spread below."""
 REFLECTION_SPREAD_PX = 1.5
 """Nearer than this many widths of the mark, or wandering about it by more than this, a second spot is not a reflection but the
 fit's way round a mark that is no Gaussian."""
 MEMORY = 0.15
 """Share of a new stretch in what is known of the mark, once several have been seen."""
 LEAST_NOISE_DN2 = 0.05
+"""Variance of a level's rounding is 1/12 DN2; a codec smooths some of it away. A floor, so that no weight runs
+off."""
 MOST_SLOPE_DN = 0.5
 """Largest variance per grey value: 2 electrons a DN."""
 LEAST_GOOD = 0.6
+"""Share of a stretch's frames that a model must fit to be taken as its model: a choice."""
 LEAST_INSIDE = 0.6
 """A window that lies farther outside the picture is not fitted."""
 

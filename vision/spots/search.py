@@ -12,6 +12,7 @@ from .candidates import Array, Candidates, find_candidates, with_tint
 from .identity import TINTS, Assignment, assign
 
 STATIC_PX = 1.0
+"""A spot within this of where it was seen before stands still."""
 MOVED_PX = 8.0
 """A spot that stands while the marks move this far is a lamp or a glare, and never a mark."""
 

@@ -27,6 +27,7 @@ from .snap import Snapped, as_clicked, snapped
 from .worker import Worker
 
 DIGITS = 4
+"""Decimals of a place in pixels that are written into run.toml."""
 
 
 @dataclass

@@ -23,7 +23,9 @@ from ..record.typed import linked, sweep, write_typed
 from .toml_text import Where, value_at, with_row, with_value, without
 
 MOST_UNDO = 500
+"""Steps that can be undone: a choice."""
 MOST_ASIDE = 100
+"""Texts that are kept beside run.toml when another program has changed it: a choice."""
 MOST_BYTES = 1 << 20
 """A run.toml larger than this is no run.toml."""
 

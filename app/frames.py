@@ -26,9 +26,11 @@ from ..vision.recording.luma import luma, white_dn
 MOST_BYTES = 1 << 30
 """Of the temporary file; frames beyond it are decoded when they are asked for."""
 QUALITY = 90
+"""Of the JPEGs that are shown (0 to 100): a choice; what is measured is decoded again."""
 EXACT = 6
 """Exact frames kept."""
 WAIT_S = 20.0
+"""A frame is waited for this long at most."""
 CLOCK_S = 1e-6
 """A frame that is read again has its time to within this."""
 

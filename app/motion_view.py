@@ -22,6 +22,7 @@ CURVES = (
     ("beta_rad", "sigma_beta_rad", "β, heading", "deg", 180 / np.pi),
     ("y_cg_m", "sigma_y_cg_m", "y_CG, to starboard", "mm", 1e3),
 )
+"""Column, its sigma, what the axis is called, its unit, and the factor to it."""
 
 
 @dataclass(frozen=True)

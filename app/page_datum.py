@@ -12,9 +12,11 @@ from .page_parts import Typed, bullets, button, keys_line, say
 from .sight import arrows_of, grid_of
 
 FIELDS = {str(field.where[-1]): field for field in row_fields("datum")}
+"""The schema's fields of a datum point, by key: the last part of their place."""
 NUMBER = FormField(("marker", "depth_m"), "m", "", "number", False, "")
 """What one coordinate may be."""
 DEPTH = 2
+"""Place of the depth in tank_m."""
 X_INK, Y_INK = "#6fd3ff", "#7dffa0"
 EVERY_POINT = 8
 """Of a grid line, so many of its points are drawn."""

@@ -15,7 +15,9 @@ from .page_parts import Viewer, add_head, button, typed_in
 from .snap import Snapped
 
 TICK_S = 0.2
+"""The page looks for news so often."""
 LARGE_STEP = 25
+"""Frames to a large step, as its keys and buttons say."""
 
 
 class Step:

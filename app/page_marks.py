@@ -16,6 +16,7 @@ from .page_parts import Typed, button, choose, colour_of, keys_line, say
 from .sight import Detected
 
 FIELDS = {str(field.where[-1]): field for field in row_fields("marker")}
+"""The schema's fields of a marker, by key: the last part of their place."""
 
 
 class MarksStep(Step):

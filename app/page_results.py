@@ -17,6 +17,7 @@ from .places import page_file, places_below
 
 FORMS = {"full sine and kinematics": "full", "linear": "linear"}
 MOST_RUNS = 40
+"""Of the runs beside the one that is open so many are offered: what a list can show."""
 
 
 class ResultsStep(Step):

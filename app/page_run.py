@@ -13,6 +13,7 @@ from .page_parts import button, keys_line, say
 from .places import Place, places_below
 
 STEP_OF = {"datum": 2, "marker": 3}
+"""Where on the page what is missing in run.toml is filled in: the step's place in the row, from 0."""
 
 
 class RunStep(Step):

@@ -14,7 +14,9 @@ from ..record.sources import VIDEOS, recordings_in
 MOST_FOLDERS = 4000
 """Folders looked into for runs."""
 MOST_RUNS = 200
+"""Found in one search at most: what a list can show."""
 DEEPEST = 6
+"""Levels of folders below that are searched."""
 NUMBERS = re.compile(r"[^/\\\0]+/[^/\\\0]+\.csv")
 LEFT_OUT = ("out", "truth", "node_modules", "__pycache__")
 

@@ -24,7 +24,9 @@ MOST_FRAMES = 10**8
 BACKLOG = 64
 """Connections that are taken at once; they are looked at before the next ones."""
 EXIT_TERMINATED = 143
+"""A shell's code for an end by SIGTERM: 128 + 15."""
 TRIES, TRY_S = 400, 0.05
+"""The page's address is told when it answers: asked so often, at such intervals, for 20 s."""
 WARM = (
     "geometry",
     "vision.datum_find",

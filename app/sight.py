@@ -24,6 +24,7 @@ from ..vision.spots.follow import ACQUIRE_WIDTHS_PX
 from ..vision.spots.search import Search
 
 LEAST_POINTS = 4
+"""A plane's homography has eight numbers: four points."""
 VIEW_PX = 380.0
 """Of the longer side of the view from above."""
 

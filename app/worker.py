@@ -16,6 +16,7 @@ from .jobs import Found
 GRACE_S = 3.0
 """A job that does not heed the wish to stop within this is ended with its process; what it wrote is whole or absent."""
 TELL_EVERY_S = 0.1
+"""Between two reports of a job: ten a second, no more than an eye follows."""
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 WINDOW_S = 2.0
+"""Of the Savitzky-Golay filter that differentiates the motion: a choice."""
 EVERY_S = 0.4
 """Samples of a smoothed derivative are kept this far apart, so that their errors are nearly independent."""
 STRUCK = 0.08

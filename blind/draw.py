@@ -34,6 +34,7 @@ from .truth.sizes import (
 NULLS, UNKNOWN, PAIRS = 0.25, 0.15, 0.10
 """Shares of the cases with nothing, with something in no library, with two effects; the rest hold one effect."""
 COLOURED = 0.5
+"""Share of the cases whose picture noise has a colour."""
 SMALL = {"tension_n": 0.004, "tow_point_m": 0.0005, "line_m": 0.0005, "speed_m_s": 0.001}
 """Standard deviations of the settings: tension and speed as shares, lengths in metres."""
 MASS_SD = 0.003
@@ -47,13 +48,17 @@ STIFFNESS_N_M, LINE_DAMPING = (20000.0, 60000.0), (0.05, 0.3)
 45 kN/m. At 20 kN/m a tow differs from that on a line without stretch by a chi-square of 3 to 25 after all refitting, at 6 kN/m by
 30 to 310: that would be a soft line, and no null."""
 HISTORY = 0.1
+"""Share of the cases, beside those with a clock's delay, that give the tension as a history."""
 FAINT = 0.3
 """Share of the cases with one effect whose size is not that of a tank but near the limit of what can be told."""
 FAINT_D, FAINT_OUTSIDE_D = (2.0, 300.0), (30.0, 3000.0)
+"""Ranges of D (logarithmically even) to which a faint effect, of the library or outside it, is made smaller."""
 SCATTER = 0.03
 """Of a hull's numbers from case to case."""
 LONGEST = 1.4
+"""The longest line of a case, over the hull's own."""
 LARGEST_GROWTH_1_S = 0.012
+"""A hull whose tows grow faster than this is drawn again: over a record of a minute twice as large, no more."""
 REACH_M, FILLED = 0.5, 0.94
 """How far marks may stray sideways on a hull of 2.66 m, and the share of the picture that all of it fills."""
 PULLED = {"tension_variation", "constant_tension"}

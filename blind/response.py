@@ -11,10 +11,13 @@ from .truth.lanes import Array, Lane, Lanes
 from .truth.motion import STATES, Path, X, Y, instant
 
 STEP_S = 0.08
+"""Longest step on which the linear equations are carried along: well below any of a tow's times."""
 BODY = 6
 """x, y, heading, u, v, r; no effect's own state is driven."""
 NUDGE = 1e-6
+"""Of the one-sided differences that make the equations linear, in the state's own units."""
 SEEN = [X, Y, 2]
+"""Places in the state of what a camera sees: x, y and heading."""
 
 
 def pose_covariance(

@@ -10,10 +10,13 @@ import numpy as np
 from .judge import NO_GAP, NONE, TOLD_APART, UNKNOWN, Call, Judged
 
 STRATA = (("D > 20", TOLD_APART, np.inf), ("D 5-20", 5.0, TOLD_APART), ("D < 5", -np.inf, 5.0))
+"""Strata of the true D to the nearest rival: told apart surely, likely, hardly."""
 SURE = 0.9
+"""A statement with more than this probability counts as sure."""
 GROSS = 2.0
 """A gap of this size is one that anybody sees; its shrink is a number with few per cent of noise."""
 BINS = 10
+"""Of the stated probabilities in the calibration."""
 TOWLINE = "towline"
 
 

@@ -25,7 +25,9 @@ from .truth.motion import ROLL, B, Path, X, Y, swim
 BLOCK = 8
 """Frames to a mean."""
 SMALL = 0.05
+"""Effects are made this small, as a share, for their derivative: their signature is taken as linear."""
 STEP_S = 0.04
+"""Step of the motion: twice the truth's (blind/truth/motion.py says what that changes)."""
 SETTINGS = {"tension": (0.005, True), "line": (0.0007, False), "x_t": (0.0007, False), "speed": (0.0015, True)}
 """What a diagnosis grants a run (standard deviation, as a share of the value or not): the defaults of [priors]."""
 SURGE = {"surge_mass": (0.03, 0), "x_vr": (0.26, 0), "x_vv": (1.2, -1), "x_rr": (0.02, 1)}
@@ -33,9 +35,11 @@ SURGE = {"surge_mass": (0.03, 0), "x_vr": (0.26, 0), "x_vv": (1.2, -1), "x_rr": 
 POWER = 0.1
 """Of the growth of resistance, plainly."""
 PLACE_M, HEADING_RAD = 0.0015, 0.0016
+"""What it grants each run beside these: a constant error of place across the tank and of heading, standard deviations."""
 START = {"y_release": 0.01, "beta_release": 0.01, "v_release": 0.01, "r_release": 0.01}
 """Steps of the start's derivatives; the start is free."""
 FREE_SD = 30.0
+"""What is free may be off by so many of its steps: as good as unknown."""
 STRENGTH: dict[str, tuple[str, ...]] = {
     "crossflow_drag": ("drag_m",),
     "cubic_damping": ("side", "turn"),

@@ -9,6 +9,7 @@ from .judge import NO_GAP, NONE, Call, Judged
 from .scores import Score
 
 WIDE = 21
+"""Letters to a column of the table."""
 
 
 def score_text(outcome: Outcome) -> str:

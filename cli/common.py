@@ -11,6 +11,7 @@ from typing import Any
 PIPE_WIDTH = 130
 """Columns of a table that does not go to a terminal."""
 EXIT_OK, EXIT_ERROR, EXIT_USAGE, EXIT_SOME_FAILED, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
+"""docs/commands.md has them; 130 is a shell's code for an end by SIGINT, 128 + 2."""
 
 
 def add_runs(sub: argparse.ArgumentParser) -> None:

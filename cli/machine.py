@@ -19,9 +19,11 @@ from typing import Literal
 Status = Literal["ok", "missing", "old", "low"]
 
 PYTHON = (3, 11)
+"""The oldest that is supported, as in pyproject.toml."""
 MEMORY_BYTES, DISK_BYTES = 1 << 30, 1 << 30
 """Less than this is said to be low. A short run takes 0.3 GiB of memory from video to page; many runs take more."""
 GIB = 1 << 30
+"""Bytes: 2^30."""
 PURPOSES = {
     "av": "reads and writes videos",
     "matplotlib": "pictures on the pages",

@@ -26,7 +26,11 @@ from .spread import Spread, one_by_one
 P_NO_GAP, P_SINGLE, P_PAIR, P_UNKNOWN = 0.5, 0.36, 0.07, 0.07
 """Prior shares."""
 TRIED_SINGLE, TRIED_PAIR, SIBLINGS = 6, 3, 3
+"""The best by their scores are fitted in full: single effects, second ones of a pair, and of their kin. Choices, for
+time."""
 BASE_STEPS, OPEN_STEPS, REFIT_STEPS, GROSS_STEPS = 8, 3, 3, 5
+"""Gauss-Newton turns: of the base fit, of those with paths left open, of a refit, and of an effect's first, gross
+steps."""
 AT_MOST = 0.9
 """Random forces within this of the most that counts as noise explain nothing."""
 FIRM_SHARE = 0.05

@@ -27,6 +27,7 @@ Verdict = Literal["no_gap", "effect", "unknown"]
 SHOWN = 8
 """Rows of the ranking that are worked out in full."""
 LARGEST_D = 1000.0
+"""Beyond this a distance is said as "over": a choice."""
 DOUBT = 0.2
 """No gap is called while its probability is above this: half as many campaigns without any are then called faulty as at one half,
 and one effect in 170 that can be told apart is passed over (docs/blind.md).

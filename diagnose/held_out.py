@@ -12,8 +12,11 @@ from .inference import Fitted, Inference
 from .noise import Forces
 
 BLOCKS_TOGETHER = 12
+"""Means that are drawn together, so that neighbours stay neighbours (a block bootstrap): a choice."""
 DRAWS = 400
+"""Of the bootstrap: a choice."""
 LOW, HIGH = 5.0, 95.0
+"""Percentiles of a 90 % interval."""
 
 
 @dataclass(frozen=True)

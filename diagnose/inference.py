@@ -27,8 +27,12 @@ from .spread import Spread, one_by_one
 LARGEST_SHARE = 0.4
 """No shared number changes by more than this share in a step."""
 SHORTER = 0.3
+"""A step that does not improve is tried again at this share."""
 FORCE_TRIALS = 16
+"""Evaluations of the search for the random forces' sizes, for each of their times: a choice, for time."""
 SMALLER_TRIED, LEAST_TRIED = (1.0, 0.25, 0.06, 0.015), 3e-4
+"""Shares of the forces it began with at which that search may begin, and the force, N or N m, below which none is
+tried."""
 ALL_TIMES = tuple(range(len(TIMES_S)))
 GROUPS = 2
 """Hypotheses are fitted in so many groups at the same time."""

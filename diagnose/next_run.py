@@ -18,12 +18,15 @@ from .tow_rates import OWN
 from .tow_start import straight_pull
 
 LINES = (0.55, 1.0, 1.6)
+"""Lengths of line, over the campaign's usual one, that are tried for the next run."""
 SPEEDS = (0.7, 1.0, 1.4)
+"""The same of the speed."""
 RELEASES = ((0.15, 0.0), (0.30, 0.0), (0.45, 0.0), (0.0, 0.05))
 """Where the tow point is across the tank, m, and heading rad at release. Far out brings out what grows faster than linearly;
 let go with 6 degrees of heading on a straight line, a bare hull turns over before its line pulls it back.
 """
 POINT_SHIFTS_M = (-0.1, 0.1)
+"""Tow points that are tried: so much before the foremost and behind the aftmost."""
 STEEPEST_RAD = 0.6
 """Of line and heading: beyond, a line no longer pulls as a tow's (and a model let go there may turn over)."""
 

@@ -16,12 +16,15 @@ from scipy.linalg import block_diag, solve_triangular, toeplitz
 from ..simulate.model import Array
 
 TIMES_S = (0.6, 2.0, 6.0)
+"""Correlation times that random forces may have: a decade. Choices."""
 FORCE_SD_N, MOMENT_SD_N_M = 0.01, 0.01
 """Usual sizes; their logarithms have the prior standard deviation LOG_SD about these."""
 LOG_SD = 2.0
+"""A factor of e^2, 7.4, up and down: little is known beforehand."""
 EDGE = 0.02
 """Width (logarithm) of the edge above which no random force goes."""
 SMALLEST = 1e-5
+"""Force, N, and moment, N m, as good as none: their logarithms need a floor."""
 UNSEEN = 1e-3
 """Of the measurement's variance: where forces show less, they are left out."""
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from .inference import Fitted
 
 STEP_Z = 8.0
+"""A step is looked at as a turned camera when it stands this many standard deviations out: many times are tried. A
+choice."""
 EDGE = 4
 """Blocks before or after a step."""
 NEAR = 6

@@ -16,12 +16,15 @@ import numpy as np
 from ..simulate.model import Array
 
 BLOW_UP = 1e3
+"""States are held within this (m, rad, m/s, rad/s), so that a motion that grows stays a number."""
 CLOSE = 1e-4
 """A path whose Newton step is smaller than this (m, rad, m/s, rad/s) is closed by one step more to its square."""
 HOPELESS = 3.0
 """A path that Newton moves by more is integrated step by step instead."""
 MOST_CLOSINGS = 8
+"""Newton steps of the paths, at most."""
 STATE_STEP = 1e-6
+"""Of the one-sided differences by the state, m, rad, m/s, rad/s: a choice between rounding and curvature."""
 STEPS_BETWEEN = 2
 """Nodes stand 0.17 s apart: one step there errs by up to a tenth of a mean's noise, and as one in all runs."""
 Rates = Callable[[Any, Array], Array]

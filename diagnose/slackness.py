@@ -17,10 +17,13 @@ if TYPE_CHECKING:
     from .inference import Fitted
 
 SLACK_Z = 8.0
+"""A window is one when it stands this many standard deviations out: many windows are tried. A choice."""
 LIKE_THE_MOST = 0.3
 """A fit without the slack line errs in all runs: windows below this share of the clearest one's significance are that."""
 LEAST_BLOCKS = 10
+"""Means that a run must have for it: a choice."""
 SLACK_LENGTHS_S = (1.0, 2.0, 3.0, 4.5, 7.0)
+"""Windows whose fit begins the search; it then finds the length itself."""
 
 
 def slack_effects(runs: Sequence[TowRun], base: Fitted) -> list[Effect]:

@@ -26,11 +26,13 @@ if TYPE_CHECKING:
 LINE = 2
 """The channel."""
 LEAST_BLOCKS = 20
+"""Means that a run must have for it: a choice."""
 RATES_HZ = (0.12, 0.45)
 """Of the blocks' own rate: slower is the swing itself, faster is not seen."""
 BAND_HZ = (0.25, 0.45)
 """Of a whole course: from this frequency to this share of the blocks' rate."""
 DECAYS_S = (0.02, 0.08, 0.3)
+"""Decay rates, 1/s, that are tried."""
 CLEAR = 30.0
 """What a bounce in all runs must explain of the whitened square, beside two numbers a run."""
 COURSE_FORM = 0.003

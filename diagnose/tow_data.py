@@ -22,12 +22,15 @@ from ..simulate.model import Array
 
 CHANNELS = ("y", "beta", "line", "distance")
 MOST_BLOCKS = 130
+"""Means to the longest run: a choice, for the time of all that follows."""
 SHORTEST_S = 0.3
+"""Of a mean: no tow moves faster."""
 SLOW_PX = 0.015
 """Slow error of a mark's place that no record shows (codec, texture, the pixels' grid)."""
 SLOW_UNSEEN_PX = 0.12
 """The same where no static record says what the codec does."""
 SLOW_S = 4.0
+"""Correlation time of those slow errors: a choice."""
 LINE_SD_M = 2e-4
 """A taut line's length is not steadier than this."""
 

@@ -15,6 +15,7 @@ from .tow_numbers import SIX
 from .tow_rates import OWN
 
 SMALLEST_N = 1e-3
+"""A tension below this is taken as this: the linear form of a tow needs one."""
 
 
 def tow_noise(runs: Sequence[TowRun], hypothesis: Hypothesis, speed_m_s: float) -> Noise:

@@ -31,7 +31,9 @@ from .tow_numbers import COMPLIANCE, SIX, rudder_history, rudder_is_over
 OWN = ("alpha", "beta", "v", "r", "y_b", "beta_b", "tension", "tow_point", "line", "speed")
 """Each run's own numbers; tension: T of a line that keeps it, R of one that keeps its length."""
 LARGEST_ANGLE = 1.4
+"""Line angle and alpha + beta are held within this, rad (80 degrees): beyond, the equations have no answer."""
 SMALLEST_COSINE = 0.05
+"""So is the cosine of alpha + beta that they divide by."""
 SOON_S = 0.05
 """An effect on the carriage's speed is differentiated over so long to either side."""
 

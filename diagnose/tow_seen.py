@@ -16,6 +16,7 @@ from .tow_rates import SMALLEST_COSINE, Fields, Numbers, TowRates, columns_of, t
 from .variations import Variations, joined
 
 POINTS, MIDDLE = 6, 2.5
+"""Of Lagrange's interpolation, quintic, and their middle."""
 LAGRANGE = np.linalg.inv(np.vander(np.arange(POINTS) - MIDDLE, POINTS, increasing=True)).T
 """(points, powers): the polynomial that is 1 at a point and 0 at the others, in powers of the place from their middle."""
 ALONG_SHARE = 0.01

@@ -18,7 +18,9 @@ from .tow_data import TowRun
 from .tow_model import BEYOND
 
 SAMPLES = 250
+"""Of a record that the rough start takes, at most about twice so many: a choice."""
 LARGEST_SINE = 0.95
+"""Of the line's angle from the measured places: noise may give more than 1."""
 SMOOTH_S, SMOOTH_ORDER = 3.0, 3
 """A tow's motion is a cubic over so long."""
 USUAL_RESISTANCE = 7e-4

@@ -15,6 +15,7 @@ from .effects import Effect, Parameter, Seen, Situation
 V_M_S, R_RAD_S, Y_M, BETA_RAD = 0.1, 0.05, 0.2, 0.15
 """Usual sizes of a tow's motion."""
 SHARP = 0.3
+"""Of a change of side, in usual sizes: the hyperbolic tangent is smooth over this."""
 ACROSS_PER_M, TURNED_PER_RAD = np.arange(2.0, 17.0, 2.0), np.arange(4.0, 17.0, 4.0)
 """Waves to a metre across the tank and to a radian of heading: together any force that depends on place or heading, down to 6 cm
 and 4 degrees.
@@ -22,8 +23,11 @@ and 4 degrees.
 CHANGES = (0.25, 0.4, 0.55, 0.7)
 """Of a run's duration: when something may have changed."""
 CHANGE_S = 1.0
+"""... and how long the change takes."""
 SIZES_N = (0.01, 0.07)
+"""Prior standard deviations of such forces: faint and plain. Choices."""
 SIZES_M = (0.0005, 0.003)
+"""The same of such faults of what is seen."""
 CHANNELS = ("x", "y", "b", "d")
 SHAKES = 4
 """Frequencies that are tried."""

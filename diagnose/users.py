@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .inference import Fitted, Inference
 
 STEP_SHARE = 1e-4
+"""Of the one-sided differences by a user's numbers, as a share of the number, at least of its usual size."""
 Numbers = dict[str, Array]
 Simulate = Callable[["UsersRun", Numbers, dict[str, tuple[Array, ...]]], Array]
 """(run, name -> (k,) numbers, effect name -> its numbers (k,) each) -> (n, c, k): k simulations of a run, side by side."""

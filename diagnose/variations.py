@@ -14,13 +14,18 @@ from .tow_numbers import COMPLIANCE
 from .tow_rates import OWN, Active, Numbers
 
 STEPS = {"alpha": 1e-5, "beta": 1e-5, "v": 1e-5, "r": 1e-5, "y_b": 1e-4, "beta_b": 1e-4}
+"""Of the one-sided differences by a run's own numbers: start in m, rad, m/s, rad/s; biases in m and rad."""
 RELATIVE_STEP = 1e-4
+"""The same of the others, as a share of the number."""
 IN_RATES = tuple(OWN.index(name) for name in ("tension", "tow_point", "line", "speed"))
 SEEN = tuple(OWN.index(name) for name in ("y_b", "beta_b", "tension", "tow_point", "line", "speed"))
 """Which of the runs' own numbers change the rates, and which show beside the motion itself."""
 PROBE_N = 1e-3
+"""Of the one-sided differences by a force, N, a moment, N m, and a tension, N."""
 _PROBE = Effect("probe", "sway", (), "", "", force=lambda s, side, moment: (side + 0.0 * s.v_m_s, moment))
+"""The force and the moment ..."""
 _PULL = Effect("pull", "line", (), "", "", tension=lambda s, change: change + 0.0 * s.v_m_s)
+"""... and the tension, as effects."""
 PROBES = 3
 """A force and a moment of PROBE_N (m) each, and as much more tension."""
 

@@ -33,8 +33,11 @@ from .stages import fit_run_datum, track_run
 UNLIKELY = 1e-4
 """A joint fit less probable than this, after its noise is scaled, holds something that is not right."""
 GRID = 9
+"""Points along either side of the map of uncertainty."""
 EFFECT_FRAMES = 300
+"""Frames at which a fault's effect on the motion is computed: about as many of each run, evenly."""
 SURE = 14.0
+"""Log Bayes factor, odds of a million to one, above which the fault stands for sure."""
 WORTH_SAYING = 1.0
 """Per cent of a derivative."""
 Progress = Callable[[str], None]

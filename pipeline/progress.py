@@ -13,7 +13,9 @@ Progress = Callable[[str, int, int | None], None]
 """Called with what is going on, how far, and out of how much (None = unknown)."""
 
 CALL_EVERY_S = 0.1
+"""Between two calls of a caller's own progress: ten a second, no more than an eye follows."""
 LINE_EVERY_S = 1.0
+"""Between two lines where there is no terminal."""
 RATE_OVER_S = 3.0
 """A rate is that of the last seconds, so that it follows a recording that gets harder."""
 

@@ -15,6 +15,7 @@ from ..record.thorough_file import CheckedDerivative, ThoroughFile
 from .analysis import Identified
 
 STARTS, DRAWS = 10, 100
+"""Other starts, and records drawn from the fitted model: choices; more take in proportion longer."""
 WIDER = 1.25
 """A bootstrap's standard deviation of 100 draws is known to 7 %: beyond three times that it is another."""
 

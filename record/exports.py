@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MAT_SCHEMA, MAT_VERSION = "towline/mat", 1
+"""What a .mat says it is, and the version of its layout, raised when a name in it changes."""
 STATUS_CODES = {"lost": 0.0, "predicted": 1.0, "measured": 2.0}
+"""A .mat holds numbers: the states of a row of motion.csv or tracks.csv."""
 UNIT_NAMES = {
     "m_minus_y_vdot": "kg",
     "i_minus_n_rdot": "kg_m2",

@@ -22,8 +22,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _BLOCK_BYTES = 1 << 20
+"""Files are read and hashed in pieces of 1 MiB."""
 MIB = 1 << 20
+"""Bytes: 2^20."""
 TOML_BYTES, PYTHON_BYTES, JSON_BYTES = 4 * MIB, 4 * MIB, 256 * MIB
+"""Largest files that are read, here and in the next line: far above any of their kind, so that a wrong one is
+refused. Choices."""
 TABLE_BYTES, PICTURE_BYTES, ARRAY_BYTES = 512 * MIB, 512 * MIB, 1024 * MIB
 """No file of its kind that towline reads is larger; videos may be of any size, they are never held whole."""
 ABSENT = "no such file"

@@ -25,8 +25,11 @@ from .schema import (
 from .toml import Table
 
 _Several = Annotated[tuple[PositiveLength, ...], Field(max_length=100)]
+"""A list of lengths that is tried one by one: not too many."""
 TENSION_SD_REL = 0.01
+"""Scatter of T and X_T from run to run where the plan states none: choices."""
 TOW_POINT_SD_M = 0.001
+"""The same of the tow point."""
 
 
 class TankTable(Table):

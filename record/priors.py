@@ -10,6 +10,7 @@ from pydantic import Field
 from .toml import Table, read_toml
 
 _Sd = Annotated[float, Field(ge=0)]
+"""A standard deviation: 0 or more."""
 _Value = float
 DERIVATIVE_NAMES = ("m_minus_y_vdot", "i_minus_n_rdot", "y_v", "y_r_minus_mu", "n_v", "n_r")
 """The six linear derivatives, in the order of every parameter vector: m-Y_vdot, I-N_rdot, Y_v, Y_r-mU, N_v, N_r."""

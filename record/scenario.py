@@ -28,6 +28,7 @@ from .schema import Marker as RunMarker
 from .toml import Table
 
 LevelDn = Annotated[float, Field(ge=0, le=4095)]
+"""A level in DN: up to what a sensor of 12 bits gives."""
 
 
 class TimeTable(Table):

@@ -39,6 +39,7 @@ def _within(low: float, high: float, unit: str, hint: str):
 
 Number = float
 """A float; in TOML an integer will do."""
+# Ranges, so wide that what lies outside them is a slip of unit: each says which (the sentence after the unit).
 Length = Annotated[Number, _within(-100.0, 100.0, "m", "is it in mm?")]
 Depth = Annotated[Number, _within(-20.0, 20.0, "m", "is it in mm?")]
 PositiveLength = Annotated[Number, _within(1e-4, 1000.0, "m", "a positive length; is it in mm?")]
@@ -57,6 +58,7 @@ NineNotNegative = tuple[
 ]
 Pixel = tuple[Number, Number]
 Span = tuple[Number, Number]
+# A name: one that fits a table's cell and a page.
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 
 

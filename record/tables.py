@@ -24,11 +24,14 @@ TRACK_COLUMNS = ("frame", "t_s", "marker", "u_px", "v_px", "sigma_u_px", "sigma_
 MARK_COLUMNS = ("t_s", "marker", "x_m", "y_m", "sigma_x_m", "sigma_y_m", "status")
 MOTION_COLUMNS = ("t_s", "y_cg_m", "beta_rad", "alpha_rad")
 FOUND_LETTERS, SHOWN_LETTERS = 300, 100
+"""Of a bad line and of a bad cell, as many are shown in a message."""
 CELL_BYTES = 8
+"""Of a number in memory: float64."""
 _FORMULA = re.compile(r"(^|[;\t\r\n])(?='*[=+\-@\t\r\uff1d\uff0b\uff0d\uff20])")
 _NO_FORMULA = re.compile(r"(^|[;\t\r\n])'(?='*[=+\-@\t\r\uff1d\uff0b\uff0d\uff20])")
 _HASH_PREFIX = "# inputs sha256 "
 _HASH_LETTERS = 200
+"""The first line of a table, where its hash stands, is no longer."""
 
 
 def read_table(path: str | Path, needed: tuple[str, ...]) -> pd.DataFrame:

@@ -17,6 +17,7 @@ from .sections import derivatives_section, failed_box
 from .steady_section import steady_section
 
 COLUMNS, PANEL_IN = 4, (1.65, 1.15)
+"""Small pictures side by side, and the size of each, inches: four fill WIDTH_IN."""
 SHOWN = (
     ("duration", "duration (s)", 1.0, 1),
     ("measured_share", "measured (%)", 100.0, 1),

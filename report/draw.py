@@ -28,9 +28,11 @@ MARKER_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, BLACK, SKY)
 MARKER_SHAPES = ("o", "s", "^", "D", "v", "P", "X")
 
 WIDTH_IN = 6.6
+"""Width of every figure, inches: the page's column."""
 DOTS_PER_INCH = 140  # of the rasterised clouds inside an SVG
 VECTOR_LIMIT = 300  # more points than this are drawn as pixels
 TEXT_PT = 9.5
+"""Letters in a figure, points; labels half a point more, legends one less."""
 _MARGINS_IN = (0.82, 0.14, 0.48, 0.16)  # left, right, bottom, top
 
 

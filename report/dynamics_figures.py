@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from ..simulate.model import Hull, Tow
 
 LOWEST_RAD_S, HIGHEST_RAD_S, POINTS = 0.05, 5.0, 200
+"""Range and number of the frequencies drawn: a choice about a towed model's swing."""
 STEP = 1e-5
 """Relative step of the central differences behind the Bode diagram's band."""
 

@@ -12,7 +12,10 @@ from ..record.results import Derivative, DerivativesFile, Measured, SteadyFile
 
 NONE = "-"
 STD_DIGITS = 2
+"""Significant digits of a standard deviation; the value stands to the same decimal (the GUM, JCGM 100, 7.2.6: two at
+most)."""
 _PLAIN_DECIMALS = range(-5, 8)
+"""Numbers with so many decimals are written out; others with an exponent."""
 
 SYMBOLS_TEXT = {
     "m_minus_y_vdot": "m - Y_vdot",

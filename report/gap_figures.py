@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ..record.gap_file import GapFile
 
 ROWS = 6
+"""Hypotheses in the picture: the most probable ones."""
 
 
 def ladder_figure(file: GapFile) -> Html:

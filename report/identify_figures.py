@@ -22,7 +22,9 @@ LARGEST_PERCENT = 60.0
 ROOMY = 12
 """Of more runs each gets less height, and every fourth its number."""
 LAG_S = 6.0
+"""Cross-correlation with the input is drawn up to so many seconds either way ..."""
 LAGS = 30
+"""... at so many lags."""
 
 
 def consistency_figure(fit: Fit, found: Consistency, shown: tuple[int, ...]) -> Html:

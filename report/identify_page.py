@@ -37,7 +37,9 @@ ALL_DRAWN = 8
 STRANGEST = 2
 """... and of more, those of the strangest; of all the others a strip of their residuals."""
 FAR = 2.0
+"""A difference of more standard deviations is printed bold: about the 95 % interval (1.96)."""
 UNLIKELY = 0.01
+"""A test less probable than this says that the runs do not agree, or that residuals are not white."""
 
 
 @dataclass(frozen=True)

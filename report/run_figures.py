@@ -41,7 +41,9 @@ from .series import (
 )
 
 LAGS = 40
+"""Of the residuals' autocorrelation, in samples: a choice."""
 BINS = np.arange(-4.0, 4.01, 0.5)
+"""Of the residuals' histogram, in their own root mean square."""
 
 
 def markers_of(tracks: pd.DataFrame) -> list[str]:

@@ -21,7 +21,9 @@ SAMPLES = 400
 ARROW_PX, MOST_ENLARGED = 50.0, 1000.0
 """The largest residual's arrow is at most so long; no residual is enlarged more."""
 X_INK, Y_INK, PICK_INK, ARROW_INK = (255, 220, 120), (140, 255, 160), (255, 255, 255), (60, 200, 255)
+"""Colours, BGR: lines of equal x and y, picks, and the arrows of their residuals."""
 _SHIFT = 4
+"""Fractional bits of OpenCV's drawing coordinates: sixteenths of a pixel."""
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from .series import Array, Residuals
 WIDTH, LANE, GAP = 420, 30, 4
 """Pixels: of the strip, of a channel's lane, between the lanes."""
 COLUMNS = 210
+"""Stretches of a strip: what a strip's width shows."""
 REACH = 5.0
 """Sigmas from the middle of a lane to its edge."""
 

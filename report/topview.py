@@ -24,10 +24,15 @@ LARGEST_PX = 4000
 MARGIN = 0.04
 """Added around what is to be seen, as a share of its extent."""
 FINEST_MM = 0.1
+"""No picture is finer than this to the pixel."""
 INK = (255, 255, 255)
+"""White, over a black rim."""
 TICK_PX, TICKS = 7, 8
+"""Length of a tick, and about how many the longer side gets."""
 _BORDER_POINTS = 60
+"""Points to a side of the picture's border that are projected: the lens bends it."""
 _SAMPLES = 12
+"""Points along either side of the area at which the scale is judged: a choice."""
 
 
 @dataclass(frozen=True)

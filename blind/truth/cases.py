@@ -15,6 +15,7 @@ from .noise import wandering
 
 CAMERA_NAMES = ("lens_distortion", "deck_height", "camera_shift", "datum_scale", "frame_rate", "rolling_shutter")
 PICK_PX = 0.15
+"""How well the datum's points are picked, standard deviation along u and v: a choice."""
 CELL_HZ, CELL_SD = 10.0, 0.005
 """Samples of the load cell, and the standard deviation of one as a share of R."""
 CELL_BEFORE_S = 3.0

@@ -12,7 +12,9 @@ from .cases import Case
 from .lanes import Array
 
 SPOT_PX = 2.0
+"""Width of a mark's light, the Gaussian's standard deviation."""
 HALF = 12
+"""Half the side of the square in which a mark is drawn: six of its widths."""
 
 
 def write_film(path: Path, case: Case, pixel: Array, rng: np.random.Generator) -> None:

@@ -12,9 +12,11 @@ import numpy as np
 from .lanes import Array, Lanes
 
 STRIPS = 24
+"""Of a hull over its length, for the crossflow's integral: a choice."""
 WALLS = 4
 """Images of the hull behind each wall."""
 _MIDDLES = (np.arange(STRIPS) + 0.5) / STRIPS - 0.5
+"""Of the strips, in Lpp ahead of midship."""
 
 
 @dataclass(frozen=True)

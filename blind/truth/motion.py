@@ -27,9 +27,13 @@ SLACK_STEP_S, BOUNCES_S = 0.005, 8.0
 SLIDES_M_S = 0.002
 """Dry friction of a pulley has turned over at this speed of the line."""
 X, Y, B, U, V, R = range(6)
+"""Places in the state: place of LCG (m), heading (rad), and speeds in the hull's axes."""
 LAG = slice(6, 10)
+"""Lagging parts of v and r: each by a fast and a slow time."""
 PULL, PULL_RATE, ROLL, ROLL_RATE, SLOSH, SLOSH_RATE = range(10, 16)
+"""Tension of a winch, roll and sloshing water, each with its rate."""
 STATES = 16
+"""All of them."""
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ ROLL_FORM = 0.01
 ROLLS_S = (0.6, 0.8, 1.0, 1.25, 1.55, 1.9, 2.4)
 """Roll periods where a fit may begin; models of 1 to 4 m have these."""
 SHORTEST_ROLL_S = 0.3
+"""A fit's period is held above this, half the shortest of these."""
 RULE_M = 1e-3
 """How well a height or a place is measured by rule."""
 PICKED_RAD = 2e-4
@@ -218,6 +219,8 @@ ROLLING = tuple(
     )
     for period in ROLLS_S
 )
+"""One variant for each period at which a fit may begin; the numbers are prior standard deviations, `none` where they
+begin."""
 SHUTTER = Effect(
     "rolling_shutter",
     "clock",

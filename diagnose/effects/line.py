@@ -85,6 +85,7 @@ LAW = replace(
     needs=_no_length,
     variant="instead of the line's length",
 )
+"""A tension that a winch makes; `none` of the power is that of R/cos(alpha)."""
 ELASTIC = Effect(
     "elastic_line",
     "line",
@@ -119,6 +120,7 @@ FRICTION = Effect(
 
 
 STIFFNESS = Parameter("stiffness_n_m", "N/m", 200.0, one_sided=True)
+"""Of a soft line's spring, beside what its compliance says: prior standard deviation, a choice."""
 
 
 def springing(bounce: Callable[[Any], Any], variant: str, cost: float, form: float) -> Effect:

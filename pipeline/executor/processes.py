@@ -25,6 +25,7 @@ Done = Callable[[Iterable[Job]], Iterator[Any]]
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """What tells the linear algebra how many threads to use."""
 ORPHAN_S = 0.5
+"""So often a process looks whether its parent is still there."""
 GRACE_S = 3.0
 """How long a worker that is told to end may take to clear up."""
 

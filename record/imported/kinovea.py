@@ -20,6 +20,7 @@ from .text import number, read_sheet, read_text
 TIMECODE = re.compile(r"^(?:(\d{1,6}):)?(\d{1,6}):(\d{1,6})[:.,](\d{1,9})$")
 PAIR = re.compile(r"^(?P<name>.*?)[/ _]?(?P<axis>[xy])(?:\s*\(.*\))?$", re.IGNORECASE)
 UNITS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "us": 1e-6}
+"""Seconds to the unit that a Kinovea file names."""
 NEAR = 0.2
 """A time unit fits a frame rate where the usual step is one frame to within this share."""
 LATE = "time unit taken as {}: the usual step is then one frame"

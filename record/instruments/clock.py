@@ -22,6 +22,7 @@ ALIKE = 0.5
 AMBIGUOUS = 0.02
 """Two matches that differ by less than this share of the variance cannot be told apart (a swing of constant amplitude)."""
 RIDGE = 1e-9
+"""Keeps a scaled normal matrix invertible where the data leave a number open: of the size of its rounding."""
 
 
 @dataclass(frozen=True)

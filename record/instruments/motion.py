@@ -25,6 +25,7 @@ ITERATIONS, REACH = 30, 0.9995
 SMOOTH_S = 0.5
 """The readings' rates are averaged over this time."""
 SLOWER = 1.5
+"""A channel whose step is longer than the output's by more than this factor is named as slow: a choice."""
 FREE = 1e-3
 """A reading that the fit follows to all but this share has no residual to judge it by."""
 

@@ -33,6 +33,7 @@ class DatumStep(Step):
         self.grid = True
 
     def build(self) -> None:
+        """Draw the panel of datum points."""
         desk = self.desk
         self._what = ui.label("").classes("big")
         self._said = say("", "soft", lines=1)

@@ -61,6 +61,7 @@ class FactsStep(Step):
     with_viewer = False
 
     def build(self) -> None:
+        """Draw the panel of facts: model, tow, water and the rest of run.toml."""
         self._errors: dict[str, ui.label] = {}
         self._typed: dict[str, tuple[Typed, FormField]] = {}
         self._chosen: list[tuple[ui.select, FormField]] = []

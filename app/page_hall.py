@@ -85,6 +85,7 @@ class Hall:
 
     @property
     def step(self) -> Step:
+        """The step that is shown."""
         return self._steps[self.number]
 
     def build(self) -> None:

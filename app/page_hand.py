@@ -23,6 +23,7 @@ class HandStep(Step):
         self.sigma_px = SIGMA_PX
 
     def build(self) -> None:
+        """Draw the panel of marks by hand."""
         try:
             hand = self.desk.hand()
         except InputError as error:

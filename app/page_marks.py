@@ -35,6 +35,7 @@ class MarksStep(Step):
         self._before = 0
 
     def build(self) -> None:
+        """Draw the panel of markers."""
         desk = self.desk
         self._what = ui.label("").classes("big")
         self._said = say("", "soft", lines=1)

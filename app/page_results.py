@@ -27,6 +27,7 @@ class ResultsStep(Step):
     with_viewer = False
 
     def build(self) -> None:
+        """Draw the panel of results: runs, commands, and the pages they write."""
         self._number, self._running = -1, False
         self._picked: dict[Path, ui.checkbox] = {}
         here = self.desk.doc.folder

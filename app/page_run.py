@@ -23,6 +23,7 @@ class RunStep(Step):
     with_viewer = False
 
     def build(self) -> None:
+        """Draw the panel of the run: open, begin, what is missing."""
         desk = self.desk
         ui.html("<h2>Open a folder</h2>", sanitize=False)
         say("A run is a folder with a run.toml and a video. A folder with only a video becomes a new run.", "soft")

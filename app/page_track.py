@@ -51,6 +51,7 @@ class TrackStep(Step):
     title = "Track"
 
     def build(self) -> None:
+        """Draw the panel of tracking."""
         with ui.row().style("gap: 10px; align-items: center"):
             self._go = button("Track", self._start, "main", "Track")
             self._stop = button("Stop", self.desk.worker.stop, "stop", "Stop")

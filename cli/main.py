@@ -33,13 +33,19 @@ class Parser(argparse.ArgumentParser):
     """Remembers what was wrong, to be said as JSON as well."""
 
     def error(self, message: str) -> NoReturn:
+        """Print usage and message, and raise ``WrongUsage`` with the message."""
         self.print_usage(sys.stderr)
         print(f"{self.prog}: error: {message}", file=sys.stderr)
         raise WrongUsage(self.prog.partition(" ")[2], message)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code (0 done, 1 error, 2 usage, 3 done but some runs failed, 130 interrupted)."""
+    """Run one command; returns the exit code (0 done, 1 error, 2 usage, 3 done but some runs failed, 130 interrupted).
+
+    Parameters
+    ----------
+    arguments : words of the command line; None: those of this process
+    """
     # many small matrices: one thread each is faster, and leaves the other cores to those who work side by side
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")

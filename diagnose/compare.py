@@ -30,6 +30,11 @@ class MotionError:
 def motion_error(measured: pd.DataFrame, reference: pd.DataFrame) -> MotionError:
     """Compare a measured motion with a reference (truth, or a simulation), interpolated to the measured times.
 
+    Parameters
+    ----------
+    measured : motion table
+    reference : motion table that is taken as true
+
     Raises
     ------
     TowlineError : the two have no time in common

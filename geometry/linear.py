@@ -55,6 +55,7 @@ def linear_camera(source: Array, pixel: Array) -> Array:
 
 
 def camera_matrix(tank: Array, pixel: Array) -> Array:
+    """Camera matrix (3, 4) by the linear equations of points ``tank (n, 3)`` m and ``pixel (n, 2)``, scaled to be ahead of it."""
     left, right = normaliser(pixel), normaliser(tank)
     source = np.column_stack([tank, np.ones(len(tank))]) @ right.T
     target = (np.column_stack([pixel, np.ones(len(pixel))]) @ left.T)[:, :2]
@@ -62,6 +63,7 @@ def camera_matrix(tank: Array, pixel: Array) -> Array:
 
 
 def plane_matrix(xy: Array, pixel: Array) -> Array:
+    """Homography (3, 3) by the linear equations of points ``xy (n, 2)`` m of a plane and ``pixel (n, 2)``, scaled alike."""
     left, right = normaliser(pixel), normaliser(xy)
     source = np.column_stack([xy, np.ones(len(xy))]) @ right.T
     target = (np.column_stack([pixel, np.ones(len(pixel))]) @ left.T)[:, :2]

@@ -43,7 +43,13 @@ class Motion:
 
 
 def run_datum(run: Run, image_size_px: tuple[int, int] | None) -> DatumFit:
-    """Fit the camera of a run; ``image_size_px`` of its video, if it has one."""
+    """Fit the camera of a run; ``image_size_px`` of its video, if it has one.
+
+    Parameters
+    ----------
+    run : the run folder as read
+    image_size_px : width and height of its video, or None
+    """
     file = run.file
     size = file.camera.image_size_px if file.camera else image_size_px
     depths = [m.depth_m for m in file.marker]
@@ -71,7 +77,14 @@ def lens_covariance(run: Run) -> Array | None:
 
 
 def run_mapping(run: Run, fit: DatumFit, method: str) -> Mapping:
-    """The mapping of a run by ``method``, one of ``METHODS``."""
+    """The mapping of a run by ``method``, one of ``METHODS``.
+
+    Parameters
+    ----------
+    run : the run folder as read
+    fit : of its datum, from ``run_datum``
+    method : one of ``METHODS``
+    """
     if method == "exact":
         return fit.mapping
     if method not in METHODS:

@@ -77,6 +77,11 @@ def trapezoid_from_datum(points: Sequence[DatumPoint], exact: ProjectiveMapping)
 
     The drops come from points at a second depth below the corners where they are given, else from the ``exact`` camera.
 
+    Parameters
+    ----------
+    points : of the datum; those at depth 0 are the tank top's
+    exact : camera that says the drops where no points do
+
     Raises
     ------
     GeometryError : no four points at depth 0 form a rectangle along the tank

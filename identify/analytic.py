@@ -25,6 +25,10 @@ def phase_analysis(
     ----------
     omega_rad_s : w
     y0_over_beta0_m : amplitude ratio y0/b0, m/rad, positive
+    tension_n : T, N
+    tow_point_m : X_T, m ahead of LCG
+    line_length_m : L, m
+    speed_m_s : U, m/s
     k2_m2 : K^2 = I'/m', m2
 
     (8.4) is exact at zero damping; (8.8) is an empirical closure, on the ITTC hull off by +4 to -1 % (theory.md 6).

@@ -104,6 +104,7 @@ def run_data(
 
     Parameters
     ----------
+    run : the run folder as read
     motion : as ``record.read_motion`` gives or ``geometry.motion_from_tracks`` makes
     common : (k, n, 3) of ``geometry.Motion``, rows as ``motion``; None = none known
     priors : instead of the run's own
@@ -271,5 +272,6 @@ def stated_covariance(rows: pd.DataFrame) -> tuple[Array, bool]:
 
 
 def common_key(run: Run) -> str:
+    """The same for runs that share camera, datum and markers, and with them the camera's common errors."""
     file = run.file
     return sha256_of_texts(repr(file.camera), repr(file.datum), repr(file.marker))

@@ -80,6 +80,22 @@ def search(
     reduced: bool,
     tolerance: float = 1e-12,
 ):
+    """Bounded least squares of a decay's rates by variable projection, from one start.
+
+    Parameters
+    ----------
+    t : (n,), s from the record's start
+    values : (n, 2)
+    weight : whitens residuals
+    start : (k,) rates
+    limits : lower and upper, (k,) each
+    reduced : one exponential less
+    tolerance : of cost and step
+
+    Returns
+    -------
+    scipy's result
+    """
     inside = np.clip(start, limits[0] * (1 + 1e-6) + 1e-12, limits[1] - 1e-6 * np.abs(limits[1]) - 1e-12)
     last: list[tuple[Array, Array, Array]] = []
 
@@ -102,6 +118,20 @@ def search(
 
 
 def from_all_starts(t: Array, values: Array, weight: Whitener, limits: tuple[Array, Array], reduced: bool):
+    """The best of ``search`` from a grid of frequencies and dampings about the spectrum's peak, on a thinned record at first.
+
+    Parameters
+    ----------
+    t : (n,), s from the record's start
+    values : (n, 2)
+    weight : whitens residuals
+    limits : lower and upper, (k,) each
+    reduced : one exponential less
+
+    Returns
+    -------
+    rates (k,), how many of the starts reached them, and how many there were
+    """
     peak = _peak_rad_s(t, values)
     if not np.isfinite(peak):
         raise EstimationError(

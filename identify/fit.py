@@ -149,6 +149,7 @@ def fit_runs(
     runs : one or more; runs of one hull share the prime derivatives
     form : "full" (full sine and kinematics) or "linear" (exact matrix exponential); the full fit starts from the linear
     speed_m_s : at which the derivatives are quoted; default: the runs' mean
+    progress : is told in a sentence what is done
     start : (6,) derivatives to start from; default: the weak form's, no guess is needed
     extra : knowledge of derivatives beside the priors: (index, value, sd), at ``speed_m_s``
     hold : indices of derivatives that keep the value of ``start``

@@ -105,6 +105,7 @@ def free_data(
 
     Parameters
     ----------
+    run : the run folder as read
     motion : as ``record.read_motion`` gives or ``geometry.motion_from_tracks`` makes
     common, lag : (k, n, 3), (l, n, 3) of ``geometry.Motion``, rows as ``motion``; None = none known
     priors : instead of the run's own
@@ -172,6 +173,7 @@ def fit_free(
 
     Parameters
     ----------
+    runs : of one hull, from ``free_data``
     speed_m_s : at which all is quoted; None = the known ones' speed, or the runs' mean
     known : the six derivatives of tows of the same hull, (6,), their covariance (6, 6), and the speed of both
 
@@ -252,8 +254,14 @@ def free_file(
 
     Parameters
     ----------
+    fit : of ``fit_free_run``
     runs : as fitted
+    length_pp_m : LBP, m
+    mass_kg : of the model, kg
     density_kg_m3 : None where run.toml does not say it; ratios need none, and primes of forces are then left out
+    tool : version of towline, as the file states it
+    inputs : name of an input -> its SHA-256, as the file states them
+    failed : name of a run -> why it is left out
     truth : the hull that the runs were made from, or None
 
     Raises

@@ -13,7 +13,14 @@ _SPEED_POWER = {"m_minus_y_vdot": 0, "i_minus_n_rdot": 0, "y_v": 1, "y_r_minus_m
 
 
 def prime_factors(density_kg_m3: float, length_pp_m: float, speed_m_s: float) -> np.ndarray:
-    """Dimensional value of one prime unit of each of the six derivatives, (6,), in the order of ``DERIVATIVE_UNITS``."""
+    """Dimensional value of one prime unit of each of the six derivatives, (6,), in the order of ``DERIVATIVE_UNITS``.
+
+    Parameters
+    ----------
+    density_kg_m3 : of the water, kg/m3
+    length_pp_m : LBP, m
+    speed_m_s : U, m/s
+    """
     return np.array(
         [0.5 * density_kg_m3 * length_pp_m ** _LENGTH_POWER[n] * speed_m_s ** _SPEED_POWER[n] for n in DERIVATIVE_UNITS]
     )

@@ -53,8 +53,12 @@ def derivatives_file(
 
     Parameters
     ----------
+    fit : of ``fit_runs`` or ``fit_with_noise``
     runs : as fitted
     model, water : of the hull, for the prime system
+    tool : version of towline, as the file states it
+    inputs : name of an input -> its SHA-256, as the file states them
+    failed : name of a run -> why it is left out
     truth : the six true values at the fit's speed, or None
     """
     weighed = tension_from_motion(fit, runs)
@@ -266,6 +270,12 @@ def steady_file(
 
     Parameters
     ----------
+    fit : of ``fit_steady``
+    tows : as fitted
+    tool : version of towline, as the file states it
+    inputs : name of an input -> its SHA-256, as the file states them
+    failed : name of a run -> why it is left out
+    x_v_true_m : true X_v, m, or None
     stability : of every tow that was judged, settled or not; None: not judged
     """
     seen = stability or {}

@@ -75,7 +75,8 @@ class SteadyState:
     speed_sd_rel : error of U common to all tows, relative
     alpha_rad, beta_rad : means over the window
     covariance : (2, 2), of the two means, frame part (long-run variance)
-    common : (k, 2), change of (alpha, beta) with each unit-variance common mode; common_key: whose modes
+    common : (k, 2), change of (alpha, beta) with each unit-variance common mode
+    common_key : whose modes: runs with the same key share them
     span_s, settled : the window; False: it was not judged to be settled
     stability : what the record says of the tow's stability (3.2.3)
     whole : the window is the whole record: the tow was at rest from its beginning
@@ -147,7 +148,15 @@ class SteadyFit:
 
 
 def two_tow_x_v(force_a: float, x_t_a: float, force_b: float, x_t_b: float) -> float:
-    """X_v = (F_A X_TA - F_B X_TB)/(F_A - F_B)  (4.9), m; forces in any common unit."""
+    """X_v = (F_A X_TA - F_B X_TB)/(F_A - F_B)  (4.9), m; forces in any common unit.
+
+    Parameters
+    ----------
+    force_a : F of the first tow
+    x_t_a : X_T of the first tow, m
+    force_b : F of the second
+    x_t_b : X_T of the second, m
+    """
     if abs(force_a - force_b) <= CLOSEST_FORCES * max(abs(force_a), abs(force_b)):
         raise EstimationError(f"the two tows pull alike (F = {force_a:.4g} and {force_b:.4g}); (4.9) has no value")
     return (force_a * x_t_a - force_b * x_t_b) / (force_a - force_b)
@@ -241,6 +250,7 @@ def steady_state(run: Run, motion: pd.DataFrame, common: Array | None) -> Steady
 
     Parameters
     ----------
+    run : the run folder as read
     motion : with alpha_rad and beta_rad
     common : (k, n, 3) of ``geometry.Motion`` or None
 

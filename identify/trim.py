@@ -62,6 +62,14 @@ def trim_groups(trims: list[float | None]) -> list[list[int]]:
 
     Runs that state none go with the others where these make one group, else they are a group of their own, the last.
 
+    Parameters
+    ----------
+    trims : of each run, rad; None: not stated
+
+    Returns
+    -------
+    indices of the runs of each group
+
     >>> trim_groups([0.0, 0.0175, 0.0002, None])
     [[0, 2], [1], [3]]
     >>> trim_groups([0.0, 0.0002, None])

@@ -245,13 +245,25 @@ class TruthFile(ResultFile):
 
 
 def write_result(path: str | Path, result: ResultFile) -> None:
-    """Write a result file atomically."""
+    """Write a result file atomically.
+
+    Parameters
+    ----------
+    path : of the file
+    result : what is written
+    """
     content = result.model_dump(mode="json", by_alias=True)
     write_text(path, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def read_result(path: str | Path, kind: type[ResultT]) -> ResultT:
-    """Read a result file; InputError if it is absent, no JSON, or another schema."""
+    """Read a result file; InputError if it is absent, no JSON, or another schema.
+
+    Parameters
+    ----------
+    path : of the file
+    kind : class of the result that is expected
+    """
     path = Path(path)
     text = read_text(path, JSON_BYTES)
     try:

@@ -37,6 +37,11 @@ _HASH_LETTERS = 200
 def read_table(path: str | Path, needed: tuple[str, ...]) -> pd.DataFrame:
     """Read a CSV (comma, header row, UTF-8, ``#`` comments before the header) or a Parquet file.
 
+    Parameters
+    ----------
+    path : of the file
+    needed : columns that must be there
+
     Raises
     ------
     InputError : missing or empty file, no header, a needed column absent, or a value that is no number (row named).
@@ -98,7 +103,14 @@ def _first_line(error: Exception) -> str:
 
 
 def write_table(path: str | Path, table: pd.DataFrame, input_hash: str | None = None) -> None:
-    """Write CSV or Parquet (by the suffix) atomically; ``input_hash`` goes into a comment line before the header."""
+    """Write CSV or Parquet (by the suffix) atomically; ``input_hash`` goes into a comment line before the header.
+
+    Parameters
+    ----------
+    path : of the file
+    table : what is written
+    input_hash : what it was made from
+    """
     path = Path(path)
     with replacing(path) as temporary:
         if path.suffix == ".parquet":
@@ -153,6 +165,10 @@ def read_tracks(path: str | Path) -> pd.DataFrame:
     """Read pixel tracks: ``frame, t_s, marker, u_px, v_px`` and optionally sigmas and status.
 
     A point without u or v is ``lost``. Times rise strictly per marker, and the rows of one frame share their time.
+
+    Parameters
+    ----------
+    path : of the file
     """
     table = read_table(path, ("frame", "t_s", "marker", "u_px", "v_px")).copy()
     _numbers(path, table, ("frame", "t_s", "u_px", "v_px"))
@@ -180,7 +196,12 @@ def read_tracks(path: str | Path) -> pd.DataFrame:
 
 
 def read_motion(path: str | Path) -> pd.DataFrame:
-    """Read motion: ``t_s, y_cg_m, beta_rad`` and optionally alpha_rad, x_cg_m, tension_n, sigmas, status."""
+    """Read motion: ``t_s, y_cg_m, beta_rad`` and optionally alpha_rad, x_cg_m, tension_n, sigmas, status.
+
+    Parameters
+    ----------
+    path : of the file
+    """
     table = read_table(path, ("t_s", "y_cg_m", "beta_rad")).copy()
     for name in ("alpha_rad", "x_cg_m"):
         if name not in table:
@@ -197,7 +218,13 @@ def read_motion(path: str | Path) -> pd.DataFrame:
 
 
 def read_history(path: str | Path, column: str) -> pd.DataFrame:
-    """Read a history (``t_s`` and one ``column``) on its own clock; times rise strictly, no value is missing."""
+    """Read a history (``t_s`` and one ``column``) on its own clock; times rise strictly, no value is missing.
+
+    Parameters
+    ----------
+    path : of the file
+    column : its name
+    """
     table = read_table(path, ("t_s", column)).copy()
     _numbers(path, table, ("t_s", column))
     _no_gap(path, table, ("t_s", column))

@@ -12,13 +12,23 @@ if TYPE_CHECKING:
 
 
 def derivatives_table(result: DerivativesFile) -> Table:
-    """The derivatives with their standard deviations; the true columns appear where a run carries its truth."""
+    """The derivatives with their standard deviations; the true columns appear where a run carries its truth.
+
+    Parameters
+    ----------
+    result : of the fit
+    """
     title = f"Derivatives at {result.speed_m_s:g} m/s ({result.method}, {result.form} equations)"
     return _table(title, "derivative", derivative_rows(result), primes=True)
 
 
 def steady_table(result: SteadyFile) -> Table:
-    """What the steady tows give: X_v, the slope of the line, the rest where known, X_v of every two tows."""
+    """What the steady tows give: X_v, the slope of the line, the rest where known, X_v of every two tows.
+
+    Parameters
+    ----------
+    result : of the steady analysis
+    """
     title = f"Steady tows; X_v lies in {interval_text(*result.x_v_interval_m)} m (95 %)"
     return _table(title, "quantity", steady_rows(result), primes=False)
 

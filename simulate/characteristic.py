@@ -28,7 +28,13 @@ class Stability:
 
 
 def characteristic_coefficients(hull: Hull, tow: Tow) -> Array:
-    """A, B, C, D, E of (2.22), (5,); cross added masses are left out as in the thesis."""
+    """A, B, C, D, E of (2.22), (5,); cross added masses are left out as in the thesis.
+
+    Parameters
+    ----------
+    hull : the six derivatives and the speed at which they are quoted
+    tow : T, X_T, L, U of the tow
+    """
     if tow.tension_n is None:
         raise ValueError("the characteristic equation needs a constant tension_n")
     m, i, y_v, y_r, n_v, n_r = hull.six
@@ -45,7 +51,13 @@ def characteristic_coefficients(hull: Hull, tow: Tow) -> Array:
 
 
 def stability(hull: Hull, tow: Tow) -> Stability:
-    """Judge a tow of ``hull`` (at the tow's speed)."""
+    """Judge a tow of ``hull`` (at the tow's speed).
+
+    Parameters
+    ----------
+    hull : the six derivatives and the speed at which they are quoted
+    tow : T, X_T, L, U of the tow
+    """
     coefficients = characteristic_coefficients(hull, tow)
     a, b, c, d, e = coefficients
     roots = np.roots(coefficients)

@@ -444,6 +444,11 @@ def alpha_from_y(y_cg, beta, tow: Tow, post_y: Array | float = 0.0):
 def linear_system(hull: Hull, tow: Tow) -> tuple[Array, Array]:
     """The linear form (2.20, model B (8.26)): x' = A x + b with x = (y, beta, v, r), y measured from the post.
 
+    Parameters
+    ----------
+    hull : the six derivatives and the speed at which they are quoted
+    tow : T, X_T, L, U of the tow
+
     Returns
     -------
     A : (4, 4)

@@ -117,8 +117,12 @@ def simulate_full(
     Parameters
     ----------
     hull : quoted at any speed; taken to the tow's own
+    tow : T, X_T, L, U, and how the post moves
+    start : the state at the first time
     t_s : (n,) rising times, s; the first is the start
     free : without a line (kind = "free")
+    histories : what changes through the run
+    extra : force and moment beside the model's own
 
     Returns
     -------
@@ -337,7 +341,16 @@ def _free_x(t_s: Array, beta: Array, v: Array, tow: Tow) -> Array:
 def simulate_linear(hull: Hull, tow: Tow, start: Start, t_s: Array) -> pd.DataFrame:
     """The linear form, exact at every time by the matrix exponential; a moving post is an oscillator in the state.
 
-    Parameters, returns: as ``simulate_full``. alpha = (y_T - y_post)/L, x_CG at its mean.
+    Parameters
+    ----------
+    hull : the six derivatives and the speed at which they are quoted
+    tow : T, X_T, L, U of the tow
+    start : the state at the first time
+    t_s : (n,) rising times, s; the first is the start
+
+    Returns
+    -------
+    motion : columns as in ``simulate_full``; alpha = (y_T - y_post)/L, x_CG at its mean
     """
     t_s = np.asarray(t_s, dtype=float)
     hull = hull.at_speed(tow.speed_m_s)

@@ -22,13 +22,24 @@ USUAL_X_UDOT, USUAL_X_VR = -0.05, 0.5
 
 
 def read_scenario(path: str | Path, line: Line | None = None) -> ScenarioFile:
-    """Read and check a scenario.toml; ``line``: what its tow line keeps, instead of what it says."""
+    """Read and check a scenario.toml; ``line``: what its tow line keeps, instead of what it says.
+
+    Parameters
+    ----------
+    path : of the file
+    line : what its tow line keeps, "surge" or "constant", instead of what it says
+    """
     file = read_toml(path, ScenarioFile)
     return file if line is None else file.model_copy(update={"tow": file.tow.model_copy(update={"line": line})})
 
 
 def hull_of(file: ScenarioFile) -> Hull:
-    """The hull of a scenario; what is not said of its surge is usual for its mass (``HullTable``)."""
+    """The hull of a scenario; what is not said of its surge is usual for its mass (``HullTable``).
+
+    Parameters
+    ----------
+    file : the scenario as read
+    """
     table, mass = file.hull, file.model.mass_kg
     along = {
         "x_udot_kg": USUAL_X_UDOT * mass if table.x_udot_kg is None else table.x_udot_kg,
@@ -38,7 +49,12 @@ def hull_of(file: ScenarioFile) -> Hull:
 
 
 def tow_from_table(table: TowTable) -> Tow:
-    """The tow of a run.toml or scenario.toml; a model without a line gets one of no tension."""
+    """The tow of a run.toml or scenario.toml; a model without a line gets one of no tension.
+
+    Parameters
+    ----------
+    table : [tow] of the file
+    """
     resistance = getattr(table, "resistance_n", None)
     if table.line == "surge" and resistance is not None:
         table, resistance = table.model_copy(update={"tension_n": resistance}), None
@@ -88,9 +104,17 @@ def simulate_scenario(
     folder: Path,
     changed: Callable[[Hull, Tow], tuple[Hull, Tow, ExtraForce | None]] | None = None,
 ) -> pd.DataFrame:
-    """Simulate a scenario; histories are read from ``folder``. Columns: ``simulate_full``.
+    """Simulate a scenario; histories are read from ``folder``.
 
+    Parameters
+    ----------
+    file : the scenario as read
+    folder : where its histories lie
     changed : hull and tow -> the same with unmodelled effects, and their force
+
+    Returns
+    -------
+    motion : columns as in ``simulate_full``
     """
     hull, tow, times = hull_of(file), tow_from_table(file.tow), scenario_times(file)
     extra: ExtraForce | None = None
@@ -110,7 +134,12 @@ def simulate_scenario(
 
 
 def scenario_stability(file: ScenarioFile) -> Stability | None:
-    """The verdict on a scenario's tow; None without a line or without a constant tension."""
+    """The verdict on a scenario's tow; None without a line or without a constant tension.
+
+    Parameters
+    ----------
+    file : the scenario as read
+    """
     tow = tow_from_table(file.tow)
     if file.kind == "free" or tow.tension_n is None or file.tow.tension is not None:
         return None

@@ -42,8 +42,11 @@ def draw_overlay(
 
     Parameters
     ----------
+    picture : (h, w, 3) uint8, BGR
     places : marker -> (2,) px, or None where it is lost; their order gives the colours
+    datum : points that are crossed
     trails : marker -> its last places, px
+    caption : line at the foot
     reasons : marker -> why it is lost
     """
     canvas = picture.copy()

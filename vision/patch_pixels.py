@@ -74,6 +74,7 @@ class Cut:
 
 
 def cut_out(luma: Array, patch: Patch, start: Pose) -> Cut | None:
+    """The frame's pixels that a patch may cover at ``start``; None where less than ``LEAST_INSIDE`` of them are in the picture."""
     height, width = luma.shape
     grown = min(axes_of(start.shape)[0], LARGEST_GROWTH)
     disc, whole = _disc(int(np.ceil((patch.radius_px + 0.5 * SOFT_PX) * grown + 0.5)))
@@ -103,10 +104,12 @@ class Linear:
 
     @property
     def jacobian(self) -> Array:
+        """(8, m), of the model by the pose's unknowns."""
         return self.whole[:PARAMETERS]
 
     @property
     def residual(self) -> Array:
+        """(m,), DN."""
         return self.whole[PARAMETERS]
 
 

@@ -48,7 +48,7 @@ class Case:
     kind : effect, pair, null, unknown
     effects : names
     numbers : ``effect.number`` -> value; ``effect.number@3`` holds for run 3 alone
-    hull : name and numbers of ``hulls``, as drawn
+    hull_name, hull : name and numbers of ``hulls``, as drawn
     camera : numbers of ``camera_of``
     marks : name -> (ahead m, depth m, height above the roll axis m)
     datum : stated points (x, y, depth), m
@@ -58,6 +58,7 @@ class Case:
     history : a load cell's record of the pull (tension.csv) instead of R
     video : films instead of tracks
     told : inputs that run.toml tells, as ``numbers``
+    extra : anything else that is to be kept with a case; nothing reads it
     """
 
     name: str
@@ -106,7 +107,18 @@ def run_numbers(numbers: Mapping[str, float], index: int) -> dict[str, float]:
 
 
 def lane_of(case: Case, index: int, effects: bool = True) -> dict[str, float]:
-    """A run's numbers for ``swim``; with its small deviations from what run.toml says."""
+    """A run's numbers for ``swim``; with its small deviations from what run.toml says.
+
+    Parameters
+    ----------
+    case : as drawn
+    index : of the run in it
+    effects : False: without what the simulator does not hold
+
+    Returns
+    -------
+    name of a number -> its value, as ``swim`` takes it
+    """
     run = case.runs[index]
     true = {name: run.stated[name] + run.small.get(name, 0.0) for name in run.stated}
     lane: dict[str, float] = {name: value for name, value in case.hull.items() if isinstance(value, float)}

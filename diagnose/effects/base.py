@@ -200,6 +200,10 @@ class Effect:
 def load_effects(path: str | Path) -> tuple[Effect, ...]:
     """Effects of a user's own Python file: every ``Effect`` it defines at its top level.
 
+    Parameters
+    ----------
+    path : of the Python file
+
     Raises
     ------
     InputError : the file cannot be run, or defines none

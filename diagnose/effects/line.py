@@ -163,6 +163,11 @@ def slack(windows: Sequence[tuple[float, float] | None], wave: bool = False) -> 
     """A slack line in a window of each run (or none); the engine finds the windows in the taut-line residual.
 
     The carriage slows for a while (half sines), or a wave carries the model ahead: there and back smoothly, without any pull.
+
+    Parameters
+    ----------
+    windows : begin and end of each run's window, s from its start, or None
+    wave : a wave carries the model ahead, instead of the carriage slowing
     """
     begin, end = (np.array([[np.nan if w is None else w[k]] for w in windows]) for k in range(2))
 

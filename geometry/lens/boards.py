@@ -104,6 +104,8 @@ def find_board(luma: Array, board: Board, name: str = "", window_px: int | None 
     Parameters
     ----------
     luma : (h, w) uint8
+    board : which pattern, how many corners, how large
+    name : of the picture, for reports
     window_px : half-width of the refinement window for all corners; None = by each corner's nearest neighbour
 
     Raises
@@ -122,7 +124,13 @@ def find_board(luma: Array, board: Board, name: str = "", window_px: int | None 
 
 
 def other_size(luma: Array, board: Board) -> tuple[int, int] | None:
-    """The chessboard's inner corners if it is a row or column larger or smaller than stated, else None."""
+    """The chessboard's inner corners if it is a row or column larger or smaller than stated, else None.
+
+    Parameters
+    ----------
+    luma : (h, w) uint8
+    board : as stated
+    """
     if board.dictionary:
         return None
     columns, rows = board.columns, board.rows

@@ -41,7 +41,8 @@ class ViewFit:
     Attributes
     ----------
     name : of the picture
-    corners : used of it; corners_out : left out as clearly wrong
+    corners : used of it
+    corners_out : left out of it as clearly wrong
     rms_px : root mean square distance of its corners from the final lens, its pose free
     expected_px : what its corners miss a lens by that was fitted without them
     ratio : expected_px over the median of the other views'
@@ -115,6 +116,8 @@ def calibrate(
 
     Parameters
     ----------
+    views : of the board, from ``find_board``
+    image_size_px : width and height
     coefficients : how many of k1 k2 p1 p2 k3 are free: 0, 1, 2, 4 or 5
     square_pixels : fx = fy
     leave_out : leave out views and corners that are clearly wrong; else they are only named

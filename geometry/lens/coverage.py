@@ -64,7 +64,12 @@ class Coverage:
 
 
 def coverage(calibration: Calibration) -> Coverage:
-    """Cells, corners and accuracy of a calibration."""
+    """Cells, corners and accuracy of a calibration.
+
+    Parameters
+    ----------
+    calibration : from ``calibrate``
+    """
     size = calibration.image_size_px
     corners, covered = covered_cells(calibration.seen, size)
     return Coverage(size, corners, covered, mapping_sd_px(calibration.lens, calibration.covariance, size, covered))
@@ -116,7 +121,15 @@ def mapping_sd_px(lens: Lens, covariance: Array, size: tuple[int, int], covered:
 
 
 def differ_px(one: Lens, other: Lens, size: tuple[int, int], covered: Array) -> float:
-    """Largest distance, px, of two lenses over the covered cells, after the best turn of the camera."""
+    """Largest distance, px, of two lenses over the covered cells, after the best turn of the camera.
+
+    Parameters
+    ----------
+    one : a lens
+    other : the lens that it is compared with
+    size : width and height of the picture, px
+    covered : (rows, columns), of ``Coverage``
+    """
     middle = _middles(size)[covered.ravel()]
     ideal, _ = one.normalise(middle)
     _, by_turn = _by_lens_and_turn(one, ideal)
@@ -127,7 +140,13 @@ def differ_px(one: Lens, other: Lens, size: tuple[int, int], covered: Array) -> 
 
 
 def uncovered(found: Coverage, box_px: tuple[float, float, float, float]) -> list[str]:
-    """Which parts of a box (left, top, right, bottom) px lie in cells that are not covered, in words; empty = none."""
+    """Which parts of a box (left, top, right, bottom) px lie in cells that are not covered, in words; empty = none.
+
+    Parameters
+    ----------
+    found : from ``coverage``
+    box_px : left, top, right, bottom
+    """
     rows, columns = found.covered.shape
     width, height = found.image_size_px
     left, top, right, bottom = box_px

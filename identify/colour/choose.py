@@ -41,8 +41,12 @@ def fit_with_noise(
 
     Parameters
     ----------
+    runs : as in ``fit_runs``
+    form : as in ``fit_runs``
+    speed_m_s : as in ``fit_runs``
     noise : "output": output error, colour whitened by an autoregression; "innovations": a coloured force on the hull;
         "auto": output error, unless its residuals are coloured and a force on the hull explains them better (BIC)
+    progress : is told in a sentence what is done
     each : does what is one run's, here or by workers
 
     Where runs have a static record the measurement's colour is that record's, in both; what is looked for is what it leaves.

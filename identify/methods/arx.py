@@ -58,12 +58,23 @@ class ArxFit:
 
 
 def suggested_decimation(step_s: float, fastest_root_per_s: float) -> int:
-    """Samples per ARX step for a fastest expected root (about U/Lpp times 2.4 for MARINER: 1.2 1/s at 1.28 m/s)."""
+    """Samples per ARX step for a fastest expected root (about U/Lpp times 2.4 for MARINER: 1.2 1/s at 1.28 m/s).
+
+    Parameters
+    ----------
+    step_s : between samples, s
+    fastest_root_per_s : size of the root, 1/s
+    """
     return max(1, round(BEST_STEP_PER_ROOT / fastest_root_per_s / step_s))
 
 
 def continuous_coefficients(a: Array, step_s: float) -> Array:
     """(b, c, d, e) of the continuous characteristic equation from a1..a4: s_i = ln(z_i)/h (theory.md 9.6).
+
+    Parameters
+    ----------
+    a : (4,), of z^4 + a1 z^3 + .. + a4
+    step_s : h, s
 
     Raises
     ------
@@ -95,6 +106,7 @@ def fit_arx(
     Parameters
     ----------
     y : (n,) or (n, channels), evenly sampled
+    step_s : between samples, s
     u : (n,), an outside input held between samples; None = a free motion with a constant in each channel
     decimation : d; the lags are d samples, all d phases are used
     method : "ls", or "iv" with instruments from the fitted model's simulated response
@@ -202,7 +214,14 @@ def _covariance(rows: Array, instruments: Array, residual: Array, channels: int,
 
 
 def discrete_tow(hull: Hull, tow: Tow, step_s: float) -> tuple[Array, Array]:
-    """a1..a4 and b1..b4 of (y, beta), (2, 4), of a tow under a lateral force at X_T held over each step: (5.22)."""
+    """a1..a4 and b1..b4 of (y, beta), (2, 4), of a tow under a lateral force at X_T held over each step: (5.22).
+
+    Parameters
+    ----------
+    hull : the six derivatives and the speed at which they are quoted
+    tow : T, X_T, L, U of the tow
+    step_s : h, s
+    """
     from scipy.linalg import expm
 
     here = hull.at_speed(tow.speed_m_s)
@@ -222,7 +241,13 @@ def discrete_tow(hull: Hull, tow: Tow, step_s: float) -> tuple[Array, Array]:
 
 
 def arx_derivatives(fits: Sequence[ArxFit], tows: tuple[Tow, Tow]) -> SixEstimate:
-    """Six derivatives from ARX fits at two tow points through (9.3), the poles' covariance propagated."""
+    """Six derivatives from ARX fits at two tow points through (9.3), the poles' covariance propagated.
+
+    Parameters
+    ----------
+    fits : of the two tows
+    tows : of one T, L, U
+    """
     covariance = np.zeros((8, 8))
     covariance[:4, :4], covariance[4:, 4:] = fits[0].coefficient_covariance, fits[1].coefficient_covariance
     return derivatives_from_coefficients(fits[0].coefficients, fits[1].coefficients, tows, covariance)
@@ -232,7 +257,18 @@ def arx_derivatives(fits: Sequence[ArxFit], tows: tuple[Tow, Tow]) -> SixEstimat
 def arx_of_records(
     records: tuple[Record, Record], decimation: int, method: Literal["ls", "iv"] = "iv"
 ) -> tuple[tuple[ArxFit, ArxFit], SixEstimate]:
-    """ARX-4 of two free tows (y and beta share A) and the derivatives that follow."""
+    """ARX-4 of two free tows (y and beta share A) and the derivatives that follow.
+
+    Parameters
+    ----------
+    records : of two free tows at two tow points, evenly sampled
+    decimation : samples to a lag
+    method : "ls" or "iv", as in ``fit_arx``
+
+    Returns
+    -------
+    the two fits, and the six derivatives with their covariance
+    """
     first, second = (
         fit_arx(np.column_stack([r.y_m, r.beta_rad]), r.step_s, decimation=decimation, method=method) for r in records
     )

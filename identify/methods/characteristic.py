@@ -27,6 +27,10 @@ USELESS_SHARE = 0.5
 def coefficients_from_roots(roots: Array) -> Array:
     """(b, c, d, e) of s^4 + b s^3 + c s^2 + d s + e, (4,) real, from four roots closed under conjugation.
 
+    Parameters
+    ----------
+    roots : (4,) complex, 1/s
+
     Raises
     ------
     EstimationError : not four roots, or complex ones without their conjugates
@@ -44,6 +48,11 @@ def roots_from_coefficients(coefficients: Array, covariance: Array) -> tuple[Arr
     """Four roots of s^4 + b s^3 + .. + e and the sd of each as (real part, imaginary part), (4,) complex and (4, 2).
 
     To first order: d s = -(s^3 db + s^2 dc + s dd + de)/P'(s); near a double root it has no meaning.
+
+    Parameters
+    ----------
+    coefficients : (4,), b, c, d, e
+    covariance : (4, 4), theirs
     """
     polynomial = np.concatenate([[1.0], coefficients])
     roots = np.roots(polynomial)
@@ -54,7 +63,13 @@ def roots_from_coefficients(coefficients: Array, covariance: Array) -> tuple[Arr
 
 
 def monic_coefficients(hull: Hull, tow: Tow) -> Array:
-    """(b, c, d, e) = (B, C, D, E)/A of a known hull, (4,)."""
+    """(b, c, d, e) = (B, C, D, E)/A of a known hull, (4,).
+
+    Parameters
+    ----------
+    hull : the six derivatives and the speed at which they are quoted
+    tow : T, X_T, L, U of the tow
+    """
     full = characteristic_coefficients(hull.at_speed(tow.speed_m_s), tow)
     return full[1:] / full[0]
 
@@ -118,7 +133,15 @@ def derivatives_from_coefficients(
 def derivatives_from_roots(
     first: Array, second: Array, tows: tuple[Tow, Tow], coefficient_covariance: Array | None = None
 ) -> SixEstimate:
-    """``derivatives_from_coefficients`` of four roots each, (4,) complex."""
+    """``derivatives_from_coefficients`` of four roots each, (4,) complex.
+
+    Parameters
+    ----------
+    first : (4,) complex, roots at the first tow point, 1/s
+    second : the same at the second
+    tows : the two, of one T, L, U
+    coefficient_covariance : (8, 8), of the coefficients made from them, or None
+    """
     return derivatives_from_coefficients(
         coefficients_from_roots(first), coefficients_from_roots(second), tows, coefficient_covariance
     )
@@ -163,6 +186,7 @@ def appendix_one(
     tows : the three, of one T, L, U
     inertia_kg_m2 : I', assumed
     sd : of each z and w, 1/s, one number or (6,) for (z1, z2, z3, w1, w2, w3)
+    inertia_sd_kg_m2 : standard deviation of I', kg m2
 
     Raises
     ------

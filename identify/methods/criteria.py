@@ -63,7 +63,11 @@ def fit_criterion(
 
     Parameters
     ----------
+    runs : as in ``fit_runs``
+    criterion : "trace" or "determinant"
     s : (2, 2), S of tr(S Q); default: inverse of the mean stated covariance
+    form : as in ``fit_runs``
+    speed_m_s : as in ``fit_runs``
 
     Raises
     ------

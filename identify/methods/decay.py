@@ -153,6 +153,9 @@ def fit_decay(
 
     Parameters
     ----------
+    t_s : (n,) times, s
+    y_m : (n,) y_CG, m
+    beta_rad : (n,) heading, rad
     reduced : A1 = c1 = 0, the form the thesis used for most runs
     sign : of the pair's damping: "stable" l3 > 0, "unstable" l3 < 0, "free" either (the thesis's constraints of (8.22))
     sigma : of y and beta to begin with; their scatter and colour are then measured

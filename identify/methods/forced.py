@@ -48,12 +48,29 @@ class Swing:
 
 
 def swing_from_alpha(tow: Tow, omega_rad_s: float, alpha: complex, beta: complex, post_m: complex) -> Swing:
-    """A forced swing from alpha's and beta's amplitudes and phases (5.23, 5.28); all relative to one time origin."""
+    """A forced swing from alpha's and beta's amplitudes and phases (5.23, 5.28); all relative to one time origin.
+
+    Parameters
+    ----------
+    tow : T, X_T, L, U of the tow
+    omega_rad_s : w, rad/s
+    alpha : complex amplitude, rad
+    beta : complex amplitude, rad
+    post_m : complex amplitude of the post's motion, m
+    """
     return Swing(tow, 1j * omega_rad_s, tow.line_length_m * alpha - tow.tow_point_m * beta + post_m, beta, post_m)
 
 
 def forced_response(hull: Hull, tow: Tow, omega_rad_s: float, post_m: complex = 1.0) -> Swing:
-    """The steady linear answer to y_o = post_m e^(iwt) (3.11): solves (i w - A) x = -A_y y_o."""
+    """The steady linear answer to y_o = post_m e^(iwt) (3.11): solves (i w - A) x = -A_y y_o.
+
+    Parameters
+    ----------
+    hull : the six derivatives and the speed at which they are quoted
+    tow : T, X_T, L, U of the tow
+    omega_rad_s : w, rad/s
+    post_m : complex amplitude of the post's motion, m
+    """
     matrix, _ = linear_system(hull.at_speed(tow.speed_m_s), tow)
     state = np.linalg.solve(1j * omega_rad_s * np.eye(4) - matrix, -matrix[:, 0] * post_m)
     return Swing(tow, 1j * omega_rad_s, complex(state[0]), complex(state[1]), post_m)

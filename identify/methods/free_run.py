@@ -122,6 +122,7 @@ def fit_free_run(
 
     Parameters
     ----------
+    runs : free runs of one hull
     hull : the six linear derivatives, known or to start from, and the speed at which all is quoted; its rudder is the start
     covariance : (6, 6), of the six as the tows gave it: they may move within it, and it comes through to the rudder's errors.
         Zeros hold them. None holds m' and I' and lets Y_v, Y_R, N_v, N_r free altogether.

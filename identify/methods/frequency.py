@@ -55,8 +55,13 @@ def measure_response(
 
     Parameters
     ----------
+    t_s : (n,) times, s
+    y_m : (n,) y_CG, m
+    beta_rad : (n,) heading, rad
+    tow : T, X_T, L, U of the tow
     inputs : (n,), y_o in m or the lateral force in N, taken as exact
     omega_rad_s : (k,), of the sines; all are fitted together with a constant and a trend
+    source : what ``inputs`` are: "post" or "force"
 
     Raises
     ------
@@ -101,6 +106,7 @@ def fit_frequency_response(
 
     Parameters
     ----------
+    responses : of one hull
     start : (6,); default: least squares on the equations of motion at all frequencies (``modal_derivatives``)
     reference_speed_m_s : at which the derivatives are quoted; default: the first tow's
 

@@ -23,7 +23,9 @@ def with_stern_force(hull: Hull, force_n_s_m: float, length_pp_m: float) -> Hull
 
     Parameters
     ----------
+    hull : the six derivatives and the speed at which they are quoted
     force_n_s_m : F, N s/m, positive = less stabilising force aft (7.0, 10.76, 15.85 in Table 3.2)
+    length_pp_m : LBP, m
     """
     arm = X_DELTA_SHARE * length_pp_m
     return replace(
@@ -36,7 +38,13 @@ def with_stern_force(hull: Hull, force_n_s_m: float, length_pp_m: float) -> Hull
 
 
 def neutral_stern_force(hull: Hull, length_pp_m: float) -> float:
-    """F that brings X_r and X_v together (Table 3.2's case 3), N s/m: linear, because F's own part of the criterion is 0."""
+    """F that brings X_r and X_v together (Table 3.2's case 3), N s/m: linear, because F's own part of the criterion is 0.
+
+    Parameters
+    ----------
+    hull : the six derivatives and the speed at which they are quoted
+    length_pp_m : LBP, m
+    """
     at_0 = _criterion(hull.six)
     slope = _criterion(with_stern_force(hull, 1.0, length_pp_m).six) - at_0
     if slope == 0:
@@ -47,7 +55,16 @@ def neutral_stern_force(hull: Hull, length_pp_m: float) -> float:
 def to_prime(
     six: Array, density_kg_m3: float, length_pp_m: float, speed_m_s: float, covariance: Array | None = None
 ) -> dict[str, Measured]:
-    """The six derivatives in the prime system with standard deviations (theory.md 2; Tables 3.1, 8.2)."""
+    """The six derivatives in the prime system with standard deviations (theory.md 2; Tables 3.1, 8.2).
+
+    Parameters
+    ----------
+    six : (6,), SI
+    density_kg_m3 : of the water, kg/m3
+    length_pp_m : LBP, m
+    speed_m_s : at which they are quoted, m/s
+    covariance : (6, 6) of the six, or None
+    """
     unit = prime_factors(density_kg_m3, length_pp_m, speed_m_s)
     sd = np.zeros(6) if covariance is None else np.sqrt(np.diag(covariance))
     return {
@@ -57,7 +74,15 @@ def to_prime(
 
 
 def from_prime(prime: Array, density_kg_m3: float, length_pp_m: float, speed_m_s: float) -> Hull:
-    """A hull from the six prime values, (6,), quoted at ``speed_m_s``."""
+    """A hull from the six prime values, (6,), quoted at ``speed_m_s``.
+
+    Parameters
+    ----------
+    prime : (6,), in the order of ``DERIVATIVE_UNITS``
+    density_kg_m3 : of the water, kg/m3
+    length_pp_m : LBP, m
+    speed_m_s : at which the derivatives are quoted, m/s
+    """
     return Hull(*(np.asarray(prime) * prime_factors(density_kg_m3, length_pp_m, speed_m_s)), speed_m_s=speed_m_s)
 
 
@@ -110,7 +135,15 @@ def straight_line_stability(six: Array, covariance: Array) -> StraightLine:
 
 
 def probability_by_sampling(six: Array, covariance: Array, rng: np.random.Generator, draws: int = 20_000) -> Measured:
-    """Share of normal draws of the derivatives whose criterion is above 0, with its binomial standard deviation."""
+    """Share of normal draws of the derivatives whose criterion is above 0, with its binomial standard deviation.
+
+    Parameters
+    ----------
+    six : (6,), the derivatives
+    covariance : (6, 6)
+    rng : that draws
+    draws : how many
+    """
     drawn = rng.multivariate_normal(six, covariance, draws)
     share = float(np.mean(_criterion(drawn.T) > 0))
     return Measured(value=share, std=float(np.sqrt(max(share * (1 - share), 1 / draws) / draws)))

@@ -39,6 +39,12 @@ class LeastSquares:
 def least_squares_svd(regressors: Array, target: Array, rcond: float = RCOND) -> LeastSquares:
     """theta of ``regressors (n, k) @ theta = target (n,)`` (6.12), columns scaled, by SVD.
 
+    Parameters
+    ----------
+    regressors : (n, k)
+    target : (n,)
+    rcond : singular values below this share of the largest count as 0
+
     Raises
     ------
     EstimationError : fewer rows than columns, or values that are not finite

@@ -29,7 +29,12 @@ OWN = ("y", "beta", "v", "r", "beta_b")
 
 @dataclass(frozen=True)
 class OpenLoopFit(SixEstimate):
-    """Result of ``fit_open_loop``: the six, and the fit behind them."""
+    """Result of ``fit_open_loop``: the six, and the fit behind them.
+
+    Attributes
+    ----------
+    fit : the output-error fit
+    """
 
     fit: OutputError | None = None
 
@@ -51,6 +56,7 @@ def fit_open_loop(
     force_sd_n : white noise of each force sample; it moves the model that is compared, so errors wander: whitened by their
         full covariance (dense: time grows with the cube of the samples)
     start : (6,); default: the weak form of the towed equations
+    reference_speed_m_s : at which the derivatives are quoted; default: the first record's
 
     Raises
     ------

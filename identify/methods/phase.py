@@ -51,7 +51,15 @@ class Amplitudes:
 
 
 def complex_amplitudes(t_s: Array, y_m: Array, beta_rad: Array, rate: complex) -> Amplitudes:
-    """Least-squares complex amplitudes of (y, beta) at a known complex rate s, with a constant in each channel."""
+    """Least-squares complex amplitudes of (y, beta) at a known complex rate s, with a constant in each channel.
+
+    Parameters
+    ----------
+    t_s : (n,) times, s
+    y_m : (n,) y_CG, m
+    beta_rad : (n,) heading, rad
+    rate : s = damping + i w, 1/s
+    """
     t = np.asarray(t_s) - t_s[0]
     wave = np.exp(rate * t)
     basis = np.column_stack([wave.real, -wave.imag, np.ones_like(t)])
@@ -88,8 +96,14 @@ def phase_derivatives(
 
     Parameters
     ----------
+    omega_rad_s : w, rad/s
     ratio_m : y0/b0 of y = -y0 cos wt, beta = b0 sin wt, m/rad, positive
     tow : T, X_T, L, U
+    k2_m2 : K^2 = I'/m', m2
+    omega_sd_rad_s : standard deviation of w
+    ratio_sd_m : of y0/b0
+    tension_sd_n : of T
+    k2_sd_m2 : of K^2
 
     Raises
     ------
@@ -119,6 +133,14 @@ def phase_from_amplitudes(
     """Phase analysis from complex amplitudes: y0/b0 = -Im(Y/B), and |Re/Im| of Y/B as the damping neglected (9.11).
 
     For y = -y0 cos wt, beta = b0 sin wt: Y = -y0, B = -i b0, so Y/B = -i y0/b0.
+
+    Parameters
+    ----------
+    amplitudes : of y and beta, from ``complex_amplitudes``
+    tow : T, X_T, L, U of the tow
+    k2_m2 : K^2 = I'/m', m2
+    omega_sd_rad_s : standard deviation of w
+    tension_sd_n : of T
     """
 
     def parts(values: Array) -> Array:

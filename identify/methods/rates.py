@@ -43,13 +43,23 @@ class Rates:
 
 @dataclass(frozen=True)
 class RatesEstimate(SixEstimate):
-    """Result of ``regression_on_rates``: the six, and the condition of the sway and of the yaw regression."""
+    """Result of ``regression_on_rates``: the six, and how well the regressors are told apart.
+
+    Attributes
+    ----------
+    condition : condition numbers of the sway and of the yaw regression
+    """
 
     condition: tuple[float, float] = (np.nan, np.nan)
 
 
 def smooth_rates(record: Record, window_s: float) -> Rates:
     """Savitzky-Golay smoothing and derivatives (quartic over ``window_s``); v = y' - U beta, v' = y'' - U beta'.
+
+    Parameters
+    ----------
+    record : evenly sampled
+    window_s : of the filter, s
 
     Raises
     ------
@@ -86,6 +96,7 @@ def regression_on_rates(
 
     Parameters
     ----------
+    records : evenly sampled
     window_s : of the differentiating filter
     full_sine : sin(alpha + beta) with alpha from y and beta (2.10), or its linear form (2.17)
     bias : a constant in each equation of each record takes datum errors, Y* and N*

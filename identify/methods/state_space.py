@@ -42,7 +42,13 @@ class StateSpace:
 
 
 def model_b(hull: Hull, tow: Tow) -> StateSpace:
-    """(8.26): state (v, y, beta', beta); input: the lateral force at the tow point beside the line, N."""
+    """(8.26): state (v, y, beta', beta); input: the lateral force at the tow point beside the line, N.
+
+    Parameters
+    ----------
+    hull : the six derivatives and the speed at which they are quoted
+    tow : T, X_T, L, U of the tow
+    """
     here = hull.at_speed(tow.speed_m_s)
     matrix, _ = linear_system(here, tow)
     a = matrix[np.ix_(ORDER_B, ORDER_B)]
@@ -51,19 +57,41 @@ def model_b(hull: Hull, tow: Tow) -> StateSpace:
 
 
 def model_a(hull: Hull, tow: Tow) -> StateSpace:
-    """(8.25): state (y', y, beta', beta); the same motion as model B in other coordinates."""
+    """(8.25): state (y', y, beta', beta); the same motion as model B in other coordinates.
+
+    Parameters
+    ----------
+    hull : the six derivatives and the speed at which they are quoted
+    tow : T, X_T, L, U of the tow
+    """
     return transformed(model_b(hull, tow), b_to_a(tow), ("y_rate", "y", "beta_rate", "beta"))
 
 
 def b_to_a(tow: Tow) -> Array:
-    """S of x_A = S x_B: y' = v + U beta, the rest alike (2.12)."""
+    """S of x_A = S x_B: y' = v + U beta, the rest alike (2.12).
+
+    Parameters
+    ----------
+    tow : T, X_T, L, U of the tow
+
+    Returns
+    -------
+    (4, 4)
+    """
     change = np.eye(4)
     change[0, 3] = linear_system(_PLAIN, tow)[0][0, 1]
     return change
 
 
 def transformed(model: StateSpace, change: Array, states: tuple[str, ...]) -> StateSpace:
-    """The model in the state S x: S A S^-1, S B, C S^-1."""
+    """The model in the state S x: S A S^-1, S B, C S^-1.
+
+    Parameters
+    ----------
+    model : in the state x
+    change : (4, 4), S
+    states : names of the new state
+    """
     back = np.linalg.inv(change)
     return StateSpace(states, model.inputs, change @ model.a @ back, change @ model.b, model.c @ back)
 
@@ -73,6 +101,8 @@ def open_loop(hull: Hull, tow: Tow, form: str = "b") -> StateSpace:
 
     Parameters
     ----------
+    hull : the six derivatives and the speed at which they are quoted
+    tow : T, X_T, L, U of the tow
     form : "a" or "b", whose state it takes
     """
     free = replace(tow, tension_n=0.0)
@@ -82,13 +112,28 @@ def open_loop(hull: Hull, tow: Tow, form: str = "b") -> StateSpace:
 
 
 def feedback(tow: Tow) -> Array:
-    """(1, 2): the line force T sin(alpha+beta) ~ T [y/L + (1 + X_T/L) beta] on (y, beta); closes (8.27) to (8.25) or (8.26)."""
+    """(1, 2): the line force T sin(alpha+beta) ~ T [y/L + (1 + X_T/L) beta] on (y, beta); closes (8.27) to (8.25) or (8.26).
+
+    Parameters
+    ----------
+    tow : T, X_T, L, U of the tow
+    """
     length = tow.line_length_m
     return constant_tension(tow) * np.array([[1 / length, 1 + tow.tow_point_m / length]])
 
 
 def closed(model: StateSpace, tow: Tow) -> Array:
-    """State matrix of an open loop with its line attached: A + B K C."""
+    """State matrix of an open loop with its line attached: A + B K C.
+
+    Parameters
+    ----------
+    model : an open loop
+    tow : T, X_T, L, U of the tow
+
+    Returns
+    -------
+    (4, 4)
+    """
     return model.a + model.b @ feedback(tow) @ model.c
 
 

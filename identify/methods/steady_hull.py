@@ -213,6 +213,11 @@ def _result(
 def damping_from_known_point(tows: Sequence[SteadyState], x_delta_m: float) -> tuple[Measured, Measured]:
     """(Y_v, N_v = X_v Y_v) of tows with measured T and a known X_delta (4.10, 5.7), through ``identify.fit_steady``.
 
+    Parameters
+    ----------
+    tows : settled, with T
+    x_delta_m : X_delta, m ahead of LCG
+
     Raises
     ------
     EstimationError : no tension

@@ -53,38 +53,94 @@ class Bode:
 
 
 def bode(function: TransferFunction, omega_rad_s: Array) -> Bode:
-    """Gain in dB and unwrapped phase in degrees at the frequencies."""
+    """Gain in dB and unwrapped phase in degrees at the frequencies.
+
+    Parameters
+    ----------
+    function : of a response
+    omega_rad_s : (n,) circular frequencies, rad/s
+    """
     omega = np.asarray(omega_rad_s, dtype=float)
     value = function(1j * omega)
     return Bode(omega, 20 * np.log10(np.abs(value)), np.degrees(np.unwrap(np.angle(value))))
 
 
 def rudder_transfer(hull: Hull, tow: Tow) -> dict[str, TransferFunction]:
-    """y, beta, v, r over the rudder angle of a towed model (2.37)."""
+    """y, beta, v, r over the rudder angle of a towed model (2.37).
+
+    Parameters
+    ----------
+    hull : with a rudder
+    tow : T, X_T, L, U of the tow
+
+    Returns
+    -------
+    name of the output -> transfer function
+    """
     column = sway_yaw_acceleration(hull.at_speed(tow.speed_m_s), 0.0, 0.0, *_rudder(hull, tow))
     return _towed(hull, tow, np.array([0.0, 0.0, *column]))
 
 
 def line_force_transfer(hull: Hull, tow: Tow) -> dict[str, TransferFunction]:
-    """y, beta, v, r over a lateral force at the tow point, the line attached (5.22, 8.31), per N."""
+    """y, beta, v, r over a lateral force at the tow point, the line attached (5.22, 8.31), per N.
+
+    Parameters
+    ----------
+    hull : the six derivatives and the speed at which they are quoted
+    tow : T, X_T, L, U of the tow
+
+    Returns
+    -------
+    name of the output -> transfer function
+    """
     column = sway_yaw_acceleration(hull.at_speed(tow.speed_m_s), 0.0, 0.0, 1.0, tow.tow_point_m)
     return _towed(hull, tow, np.array([0.0, 0.0, *column]))
 
 
 def post_transfer(hull: Hull, tow: Tow) -> dict[str, TransferFunction]:
-    """y, beta, v, r over the place of a moving post (3.7, 9.2), per m."""
+    """y, beta, v, r over the place of a moving post (3.7, 9.2), per m.
+
+    Parameters
+    ----------
+    hull : the six derivatives and the speed at which they are quoted
+    tow : T, X_T, L, U of the tow
+
+    Returns
+    -------
+    name of the output -> transfer function
+    """
     matrix, _ = linear_system(hull.at_speed(tow.speed_m_s), tow)
     return _towed(hull, tow, -matrix[:, 0])
 
 
 def open_loop_transfer(hull: Hull, tow: Tow) -> dict[str, TransferFunction]:
-    """y, beta, v, r over a lateral force at the tow point, no line (8.27): the line's force is the input; double root at 0."""
+    """y, beta, v, r over a lateral force at the tow point, no line (8.27): the line's force is the input; double root at 0.
+
+    Parameters
+    ----------
+    hull : the six derivatives and the speed at which they are quoted
+    tow : T, X_T, L, U of the tow
+
+    Returns
+    -------
+    name of the output -> transfer function
+    """
     column = sway_yaw_acceleration(hull.at_speed(tow.speed_m_s), 0.0, 0.0, 1.0, tow.tow_point_m)
     return _towed(hull, replace(tow, tension_n=0.0), np.array([0.0, 0.0, *column]))
 
 
 def free_ship_transfer(hull: Hull, speed_m_s: float | None = None) -> dict[str, TransferFunction]:
-    """v and r over the rudder angle of a free ship (5.14); denominator P0 = m'I's^2 - (I'Y_v + m'N_r)s + Y_v N_r - N_v Y_R."""
+    """v and r over the rudder angle of a free ship (5.14); denominator P0 = m'I's^2 - (I'Y_v + m'N_r)s + Y_v N_r - N_v Y_R.
+
+    Parameters
+    ----------
+    hull : the six derivatives and the speed at which they are quoted
+    speed_m_s : U, m/s; default: the hull's own
+
+    Returns
+    -------
+    "v" and "r" -> transfer function
+    """
     speed = hull.speed_m_s if speed_m_s is None else speed_m_s
     tow = Tow(speed, 1.0, 0.0, 0.0)
     matrix, _ = linear_system(hull.at_speed(speed), tow)

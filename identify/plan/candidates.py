@@ -69,6 +69,14 @@ def gather(
 
     Where no releases are given, each tow is released as far aside as walls, line and angle allow, to the centimetre.
     Lines that keep their length: each release is a motion of its own, of the full form, many side by side.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    choices : tow points, lines, speeds and releases to combine
+    speeds_m_s : of the carriage, m/s
+    length_pp_m : LBP, m
+    show : is told (what, done, of how many)
     """
     points = choices.tow_points_m or default_tow_points(setting.hull.x_v_m, length_pp_m)
     lines = choices.line_lengths_m or tuple(round(share * length_pp_m, 2) for share in LINES_LBP)
@@ -102,7 +110,14 @@ def gather(
 
 
 def nearer(setting: Setting, found: Candidates, chosen: Sequence[int]) -> Candidates:
-    """``found`` and, behind them, its tows ``chosen`` released less far aside (``NEARER``); other motions, where T swings."""
+    """``found`` and, behind them, its tows ``chosen`` released less far aside (``NEARER``); other motions, where T swings.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    found : all candidates
+    chosen : indices of those that are to be released nearer
+    """
     judging = _Judged(setting)
     tried = [
         replace(p, release_y_m=round(p.release_y_m * share, 3))
@@ -199,6 +214,12 @@ def farthest_release(setting: Setting, plan: TowPlan, unit: UnitTow) -> float:
     """Largest y_CG of a release with the plan's heading that no limit forbids, to the centimetre below; at least 0.01 m.
 
     By the linear form; a line that keeps its length begins there and draws in (``drawn_in``).
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plan : of the tow
+    unit : the linear form's motion for releases of 1 m and 1 rad
     """
     high = min(setting.width_m / 2, plan.line_length_m)
     low = 0.0

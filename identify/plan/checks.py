@@ -55,7 +55,16 @@ class Conduct:
 
 
 def swing(tow: Towed) -> tuple[float | None, float]:
-    """Frequency (None: no oscillatory pair) and decay rate of the slowest pair, or of the slowest root."""
+    """Frequency (None: no oscillatory pair) and decay rate of the slowest pair, or of the slowest root.
+
+    Parameters
+    ----------
+    tow : its motion
+
+    Returns
+    -------
+    rad/s or None, and 1/s
+    """
     roots = np.linalg.eigvals(tow.matrix)
     pair = roots[roots.imag > 1e-9 * np.abs(roots).max()]
     if not len(pair):
@@ -65,7 +74,14 @@ def swing(tow: Towed) -> tuple[float | None, float]:
 
 
 def conduct(setting: Setting, plan: TowPlan, tow: Towed) -> Conduct:
-    """Judge one planned run."""
+    """Judge one planned run.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plan : of the tow
+    tow : its motion
+    """
     course = tow.course(setting, plan)
     limits = setting.limits
     duration = float(tow.times_s[-1])

@@ -19,6 +19,7 @@ def score(criterion: str, covariance: Array, wish: Array) -> Array:
 
     Parameters
     ----------
+    criterion : "A" or "D"
     covariance : (..., 6, 6), relative
     wish : (6,), relative standard deviations wished for
     """
@@ -37,6 +38,9 @@ def greedy(information: Array, prior: Array, wish: Array, criterion: str, count:
     ----------
     information : (candidates, k, k)
     prior : (k, k)
+    wish : (6,) relative standard deviations wished for
+    criterion : "A" or "D"
+    count : how many runs
     """
     chosen: list[int] = []
     have = prior
@@ -48,7 +52,20 @@ def greedy(information: Array, prior: Array, wish: Array, criterion: str, count:
 
 
 def exchange(chosen: list[int], information: Array, prior: Array, wish: Array, criterion: str) -> list[int]:
-    """Replace one run after another by a better candidate until none is (Fedorov); never worse than ``chosen``."""
+    """Replace one run after another by a better candidate until none is (Fedorov); never worse than ``chosen``.
+
+    Parameters
+    ----------
+    chosen : indices of the runs to begin with
+    information : (candidates, k, k) of each candidate
+    prior : (k, k), what is known before any run
+    wish : (6,) relative standard deviations wished for
+    criterion : "A" or "D"
+
+    Returns
+    -------
+    indices of the runs
+    """
     chosen = list(chosen)
     have = prior + information[chosen].sum(axis=0)
     here = float(score(criterion, relative_covariance(have), wish))
@@ -66,7 +83,20 @@ def exchange(chosen: list[int], information: Array, prior: Array, wish: Array, c
 
 
 def best_campaigns(information: Array, prior: Array, wish: Array, criterion: str, most: int) -> list[list[int]]:
-    """The best campaign found of 1, 2, ... ``most`` runs: greedy with exchange, and the last one with a run more."""
+    """The best campaign found of 1, 2, ... ``most`` runs: greedy with exchange, and the last one with a run more.
+
+    Parameters
+    ----------
+    information : (candidates, k, k) of each candidate
+    prior : (k, k), what is known before any run
+    wish : (6,) relative standard deviations wished for
+    criterion : "A" or "D"
+    most : runs of the largest campaign
+
+    Returns
+    -------
+    of each campaign the indices of its runs
+    """
     order = greedy(information, prior, wish, criterion, most)
     campaigns: list[list[int]] = []
     for count in range(1, most + 1):

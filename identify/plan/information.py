@@ -162,7 +162,14 @@ def _line_share(setting: Setting, plan: TowPlan, states: Array, rates: Array) ->
 
 
 def unit_tow(setting: Setting, plan: TowPlan, duration_s: float | None = None) -> UnitTow:
-    """The unit tow of a plan's X_T, L and U; ``duration_s`` instead of the tank's."""
+    """The unit tow of a plan's X_T, L and U; ``duration_s`` instead of the tank's.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plan : of the tow
+    duration_s : of the record instead of the tank's, s
+    """
     grid, tow = grid_of(setting, plan, duration_s), setting.tow(plan)
     times = grid.times_s
     starts = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, -plan.speed_m_s, 0.0]])
@@ -213,6 +220,8 @@ def run_information(setting: Setting, plan: TowPlan, tow: Towed, from_s: float =
 
     Parameters
     ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plan : of the tow
     tow : of the plan's X_T, L and U; on a line that keeps its length, of its release
     from_s : samples before are dropped (what a late start of the record costs)
     """
@@ -262,7 +271,12 @@ def run_information(setting: Setting, plan: TowPlan, tow: Towed, from_s: float =
 
 
 def prior_information(setting: Setting) -> Array:
-    """Information (6 + c, 6 + c) that is there before any run: priors on derivatives and on what all runs share."""
+    """Information (6 + c, 6 + c) that is there before any run: priors on derivatives and on what all runs share.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    """
     shared = commons(setting)
     matrix = np.zeros((6 + len(shared), 6 + len(shared)))
     for i, name in enumerate(DERIVATIVE_NAMES):
@@ -284,5 +298,10 @@ def whole_covariance(information: Array) -> Array:
 
 
 def relative_covariance(information: Array) -> Array:
-    """Covariance (..., 6, 6) of the relative derivatives from information (..., 6 + c, 6 + c), priors included."""
+    """Covariance (..., 6, 6) of the relative derivatives from information (..., 6 + c, 6 + c), priors included.
+
+    Parameters
+    ----------
+    information : (..., 6 + c, 6 + c)
+    """
     return whole_covariance(information)[..., :6, :6]

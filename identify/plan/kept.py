@@ -55,7 +55,14 @@ class KeptTow:
 
 
 def tows(setting: Setting, plans: Sequence[TowPlan], durations_s: Sequence[float] | None = None) -> list[Towed]:
-    """Each plan's tow as the setting's line makes it; ``durations_s`` instead of the tank's."""
+    """Each plan's tow as the setting's line makes it; ``durations_s`` instead of the tank's.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plans : the tows, in their order
+    durations_s : of each record instead of the tank's, s
+    """
     spans = [None] * len(plans) if durations_s is None else list(durations_s)
     if setting.line == "constant":
         return [unit_tow(setting, p, s) for p, s in zip(plans, spans, strict=True)]
@@ -69,6 +76,8 @@ def kept_tows(
 
     Parameters
     ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plans : the releases
     durations_s : of each record instead of the tank's
     """
     spans = [None] * len(plans) if durations_s is None else durations_s

@@ -34,6 +34,11 @@ HULL_LENGTH_LBP, BREADTH_LBP = 1.05, 0.15
 def guessed_hull(request: PlanRequest, folder: Path) -> Hull:
     """The guess for the plan's model, water and mass, quoted at choices.tension_speed_m_s.
 
+    Parameters
+    ----------
+    request : the content of plan.toml
+    folder : where paths of the request begin
+
     Raises
     ------
     InputError : the named file cannot be used
@@ -54,7 +59,13 @@ def guessed_hull(request: PlanRequest, folder: Path) -> Hull:
 
 
 def setting_of(request: PlanRequest, folder: Path) -> Setting:
-    """What the request asks the plan to be made for."""
+    """What the request asks the plan to be made for.
+
+    Parameters
+    ----------
+    request : the content of plan.toml
+    folder : where paths of the request begin
+    """
     model, choices = request.model, request.choices
     tension = choices.tension_n
     if tension is None:
@@ -89,7 +100,10 @@ def make_plan(
 
     Parameters
     ----------
+    request : the content of plan.toml
     path : of plan.toml; files that it names start at its folder
+    tool : version of towline, as the file states it
+    inputs : name of an input -> its SHA-256, as the file states them
     show : (what, done, of how many)
 
     Raises
@@ -156,7 +170,14 @@ def _best(setting: Setting, request: PlanRequest, found: Candidates, wish: Array
 
 
 def judged(setting: Setting, plans: Sequence[TowPlan], wish: Array | None = None) -> Campaign:
-    """A given campaign: what it is expected to give, and its warnings. ``wish``: relative sd (6,) asked for."""
+    """A given campaign: what it is expected to give, and its warnings. ``wish``: relative sd (6,) asked for.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plans : the tows, in their order
+    wish : (6,) relative standard deviations asked for, or None
+    """
     setting = replace(setting, unlike_speeds=len({p.speed_m_s for p in plans}) > 1)
     total = prior_information(setting)
     conducts = []
@@ -167,7 +188,13 @@ def judged(setting: Setting, plans: Sequence[TowPlan], wish: Array | None = None
 
 
 def thesis_rules(setting: Setting, plans: Sequence[TowPlan]) -> list[RuleTable]:
-    """The thesis's rules with the numbers of ``plans``, the first one alone and all together."""
+    """The thesis's rules with the numbers of ``plans``, the first one alone and all together.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plans : the tows, in their order
+    """
     first = plans[0]
     together = f"all {len(plans)} runs"
     rules = [

@@ -28,6 +28,12 @@ def release_rows(
 ) -> list[ReleaseRow]:
     """The campaign as planned, then with all its tows released at one line angle, heading 0.
 
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plans : the tows, in their order
+    releases_deg : line angles, degrees
+
     Example
     -------
     ``release_rows(setting, [TowPlan(1.548, 0.91, 1.28, 0.15)])[0].scale_sd_percent``
@@ -39,7 +45,13 @@ def release_rows(
 
 
 def released_at(plan: TowPlan, angle_deg: float) -> TowPlan:
-    """The tow released with its line at an angle and heading 0, on the plan's own side."""
+    """The tow released with its line at an angle and heading 0, on the plan's own side.
+
+    Parameters
+    ----------
+    plan : of the tow
+    angle_deg : of the line, degrees
+    """
     side = plan.release_y_m + plan.tow_point_m * np.sin(plan.release_beta_rad)
     lateral = float(np.copysign(plan.line_length_m * np.sin(np.radians(angle_deg)), side))
     return replace(plan, release_y_m=lateral, release_beta_rad=0.0)
@@ -49,6 +61,12 @@ def scale_sd(setting: Setting, plans: Sequence[TowPlan], towed: Sequence[Towed])
     """Standard deviation of the logarithm of the scale: from the motion alone, and with the gauge's readings beside it.
 
     A gauge tells the scale of n runs to sqrt(common^2 + scatter^2/n), as ``identify.tension`` takes it.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plans : the tows, in their order
+    towed : the motion of each
     """
     alone = without_gauge(setting, plans)
     at = 6 + [c.name for c in commons(alone)].index(SCALE)
@@ -66,7 +84,13 @@ def without_gauge(setting: Setting, plans: Sequence[TowPlan]) -> Setting:
 
 
 def release_rule(setting: Setting, rows: Sequence[ReleaseRow]) -> str:
-    """From which release on the model's mass tells T, in words, and how far the limits let it go."""
+    """From which release on the model's mass tells T, in words, and how far the limits let it go.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    rows : from ``release_rows``
+    """
     angles = [r for r in rows if r.release_deg is not None and r.scale_sd_percent is not None]
     told = [r for r in angles if r.scale_sd_percent is not None and r.scale_sd_percent < 100 * WEIGHED_LOG_SD]
     if not told:

@@ -23,6 +23,15 @@ def swing_sensitivity(setting: Setting, plan: TowPlan) -> dict[str, float]:
     """Frequency and decay of the swing and how L, X_T and U move the frequency; {} where it does not swing.
 
     Exact: d lambda = w'dA v/(w'v) of the pair's eigenvectors, dA by the complex step; T goes with U^2.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plan : of the tow
+
+    Returns
+    -------
+    name -> number
     """
     matrix = _matrix(setting, plan.line_length_m, plan.tow_point_m, plan.speed_m_s)
     roots, right = np.linalg.eig(matrix)
@@ -48,7 +57,15 @@ def _matrix(setting: Setting, length, x_t, speed) -> Array:
 
 
 def campaign_sd(setting: Setting, plans: Sequence[TowPlan], durations_s: Sequence[float], from_s: float = 0.0) -> Array:
-    """Relative standard deviations (6,) of a campaign whose records last ``durations_s`` and begin ``from_s`` after the release."""
+    """Relative standard deviations (6,) of a campaign whose records last ``durations_s`` and begin ``from_s`` after the release.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plans : the tows, in their order
+    durations_s : of each record, s
+    from_s : samples before are dropped, s from the release
+    """
     total = prior_information(setting)
     for plan, tow in zip(plans, tows(setting, plans, durations_s), strict=True):
         total = total + run_information(setting, plan, tow, from_s)
@@ -59,6 +76,12 @@ def cycles_rule(setting: Setting, plans: Sequence[TowPlan], cycles: Sequence[flo
     """Standard deviation in % of each derivative when every run's record holds so many cycles, whatever the tank.
 
     ``seconds`` are the first run's; [] where a run does not swing.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plans : the tows, in their order
+    cycles : lengths of record, in swings
     """
     swings = [swing_sensitivity(setting, p) for p in plans]
     if not all(swings):
@@ -73,7 +96,14 @@ def cycles_rule(setting: Setting, plans: Sequence[TowPlan], cycles: Sequence[flo
 def transient_rule(
     setting: Setting, plans: Sequence[TowPlan], dropped: Sequence[float] = DROPPED_S
 ) -> list[dict[str, float]]:
-    """Standard deviation in % of each derivative when the first seconds after the release are not recorded."""
+    """Standard deviation in % of each derivative when the first seconds after the release are not recorded.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plans : the tows, in their order
+    dropped : seconds that are left out, one row each
+    """
     spans = [setting.duration_s(p.speed_m_s) for p in plans]
     return [
         {"dropped_s": d, **_percents(campaign_sd(setting, plans, spans, d))} for d in dropped if d < 0.8 * min(spans)

@@ -181,6 +181,12 @@ def filled(points: Points) -> Points:
 def tracks_table(path: Path, points: Points, wanted: Wanted) -> pd.DataFrame:
     """Points -> tracks as in formats.md; a hole is a row with status lost, never a value.
 
+    Parameters
+    ----------
+    path : of the file that they come from, for messages
+    points : as the program has them
+    wanted : what the file does not say
+
     Raises
     ------
     InputError : a wanted name is not there, nothing is measured, or points lie outside a picture of ``image_height_px``

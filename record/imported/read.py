@@ -26,6 +26,14 @@ _PICKLES = (".pkl", ".pickle", ".p")
 def program_of(path: Path) -> str:
     """Which program's format a file has.
 
+    Parameters
+    ----------
+    path : of the file
+
+    Returns
+    -------
+    name of the program, a key of the readers
+
     Raises
     ------
     InputError : none of them, or a pickle

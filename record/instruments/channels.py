@@ -88,6 +88,16 @@ def read_channels(path: str | Path, setup: SetupFile, setup_path: str | Path = "
     Channels of different rates stand side by side with a column of times each; rows that a shorter channel does not fill are empty.
     A value missing beside its time is a hole.
 
+    Parameters
+    ----------
+    path : of the table
+    setup : which columns are wanted
+    setup_path : its file, for messages
+
+    Returns
+    -------
+    name -> channel
+
     Raises
     ------
     InputError : names file, row and column: no such column, no number, a value without a time, times that do not rise

@@ -70,6 +70,7 @@ def motion_from_channels(setup: SetupFile, channels: dict[str, Channel]) -> From
 
     Parameters
     ----------
+    setup : which channel measures what
     channels : by name, as ``read_channels`` gives them, on their own clocks
 
     Returns

@@ -154,6 +154,10 @@ class SetupFile(Table):
 def read_setup(path: str | Path) -> SetupFile:
     """Read setup.toml.
 
+    Parameters
+    ----------
+    path : of the file
+
     Raises
     ------
     InputError : names the key that is missing, unknown, out of range or at odds with another

@@ -95,6 +95,10 @@ class Frame:
 def video_info(path: str | Path) -> ClipInfo:
     """Read the container's header, and the first picture for the way it is turned.
 
+    Parameters
+    ----------
+    path : of the file
+
     Raises
     ------
     VideoError : no such file, empty, no video, no video stream
@@ -117,6 +121,20 @@ def video_frames(
     """Decode the frames in ``span_s`` one by one, as ``source.read_frames`` has it, when they are asked for.
 
     Read in haste; at the first sign of damage begin again with care, and go on where haste had come to.
+
+    Parameters
+    ----------
+    path : of the file
+    span_s : first and last time wanted, s, in the recording's own time: as stamped, before ``exposure_s`` moves it; None = all
+    frame_rate_hz : replaces the container's timestamps by index/rate
+    exposure_s : exposure time; half of it is added to the stamped time, which is taken as the exposure's start
+    decode_threads : decoder threads; None = as many as help. Where several would hide damage (HEVC; H.264 with B frames once an
+        error has shown) one works
+
+    Raises
+    ------
+    VideoError : it cannot be read, holds no frame, ends before its stated end (or the span's), or its times are not plausible:
+        they do not rise, jump, or leave the stated length
     """
     given = 0
     try:

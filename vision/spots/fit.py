@@ -66,8 +66,10 @@ def fit_spots(
     values : (b, n, n) grey values, NaN = not in the picture
     corner : (b, 2) of the windows' first pixels
     start : (b, 16) parameters to begin from
+    model : what is free
     noise : variance of a grey value mu is noise[0] + noise[1] max(mu, 0), DN^2
     white_dn : the sensor's or codec's largest value; such pixels may truly be brighter
+    backend : numpy or a graphics card
     """
     problem = _Problem(values, corner, model, noise, white_dn, backend)
     return problem.solve(start)

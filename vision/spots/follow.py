@@ -66,6 +66,7 @@ class SpotFollower:
 
     @property
     def never_found(self) -> bool:
+        """No marker was measured in two frames or more."""
         measured = np.array([(found.reason == "").sum(axis=1) for found in self.done]).sum(axis=0)
         return not (measured >= 2).any()
 

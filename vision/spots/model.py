@@ -153,6 +153,12 @@ def width_of(theta: Array) -> Array:
 def windows(luma: NDArray[np.uint8], centres_px: Array, radius_px: int) -> tuple[Array, Array]:
     """Cut square windows about the nearest pixels of ``centres_px (b, 2)``.
 
+    Parameters
+    ----------
+    luma : (h, w) uint8
+    centres_px : (b, 2)
+    radius_px : half a window's side, n = 2 radius + 1
+
     Returns
     -------
     values : (b, n, n), NaN beyond the picture's edge, n = 2 radius + 1
@@ -171,7 +177,15 @@ def windows(luma: NDArray[np.uint8], centres_px: Array, radius_px: int) -> tuple
 
 
 def start_of(values: Array, start_px: Array, start_width_px: Array, dark: bool = False) -> Array:
-    """Where a fit begins: round spots of the given width, ground and height by order statistics; ``(b, 16)``."""
+    """Where a fit begins: round spots of the given width, ground and height by order statistics; ``(b, 16)``.
+
+    Parameters
+    ----------
+    values : (b, n, n) grey values
+    start_px : (b, 2), in the windows
+    start_width_px : (b,)
+    dark : dark spots on light ground
+    """
     data = values.reshape(len(values), -1)
     usable = np.isfinite(data)
     some = np.asarray(usable.any(axis=1))

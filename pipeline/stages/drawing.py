@@ -22,6 +22,8 @@ def draw_tracks(
 
     Parameters
     ----------
+    found : of a run with a video
+    progress : as in ``track_run``
     overlay, sheet : write out/overlay.mp4 (all frames), out/worst.png (the worst frames on one sheet)
 
     Returns

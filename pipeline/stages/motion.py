@@ -31,6 +31,7 @@ class RunMotion:
 
     Attributes
     ----------
+    run : whose it is
     motion : motion table
     common, lag : (k, n, 3), (l, n, 3), modes of (y_cg, beta, alpha) as in ``geometry.Motion``; None where the motion came from
         outside
@@ -49,7 +50,15 @@ class RunMotion:
 def compute_run_motion(
     run: Run, method: str = "exact", progress: Progress | None = None, fresh: bool = False
 ) -> RunMotion:
-    """Motion of a run, from its own file, from out/ or from its tracks."""
+    """Motion of a run, from its own file, from out/ or from its tracks.
+
+    Parameters
+    ----------
+    run : with a video, tracks or motion
+    method : "exact", or the thesis's "trapezoid", "trapezoid_corners" (4.2)
+    progress : as in ``track_run``
+    fresh : make tracks and motion again even where out/ is up to date
+    """
     if run.file.source.motion is not None:
         return RunMotion(run, _in_span(run, read_motion(run.source_path)), None, None, None)
     found = track_run(run, progress, fresh)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def read_truth(run: Run) -> TruthFile | None:
-    """truth/derivatives.json of a rendered run, or None; a broken one is as good as none."""
+    """truth/derivatives.json of a rendered ``run``, or None; a broken one is as good as none."""
     path = run.folder / "truth" / "derivatives.json"
     if not path.is_file():
         return None
@@ -30,7 +30,7 @@ def read_truth(run: Run) -> TruthFile | None:
 
 
 def read_true_motion(run: Run) -> pd.DataFrame | None:
-    """truth/motion.csv of a rendered run (truth.csv beside run.toml is read as well), or None."""
+    """truth/motion.csv of a rendered ``run`` (truth.csv beside run.toml is read as well), or None."""
     for path in (run.folder / "truth" / "motion.csv", run.folder / "truth.csv"):
         if path.is_file():
             try:
@@ -41,7 +41,14 @@ def read_true_motion(run: Run) -> pd.DataFrame | None:
 
 
 def make_run_page(m: RunMotion, fitted: pd.DataFrame | None, problem: str | None) -> RunPage:
-    """What a page shows of a run: its picture, tracks and motion beside a fit, or why there is none."""
+    """What a page shows of a run.
+
+    Parameters
+    ----------
+    m : its picture, tracks and motion
+    fitted : t_s, y_cg_m, beta_rad of the fit to it; None without
+    problem : why there is none, in words
+    """
     from ...report import RunPage
 
     return RunPage(
@@ -57,7 +64,14 @@ def make_run_page(m: RunMotion, fitted: pd.DataFrame | None, problem: str | None
 
 
 def draw_picture(run: Run, tracks: pd.DataFrame | None, share: float = 0.15) -> np.ndarray | None:
-    """A frame of the run with its marks drawn, (h, w, 3) BGR; None without a video."""
+    """A frame of a run with its marks drawn, (h, w, 3) BGR; None without a video.
+
+    Parameters
+    ----------
+    run : with a video
+    tracks : its tracks
+    share : of the way through the record at which the frame is taken
+    """
     if run.file.source.video is None or tracks is None or tracks.empty:
         return None
     from ...vision import draw_overlay, read_frames

@@ -34,6 +34,7 @@ class RunTracks:
 
     Attributes
     ----------
+    run : whose they are
     table : tracks, with ``reason`` (why lost) where they are towline's own
     anew : they come from the video, now; else they were read from a file
     notes : for the user; only where tracked anew
@@ -50,6 +51,8 @@ def track_run(run: Run, progress: Progress | None = None, fresh: bool = False, d
 
     Parameters
     ----------
+    run : with a video or tracks
+    progress : told words, frames done and frames in all, now and then
     fresh : track again even where out/ is up to date
     device : "cpu" or "cuda": where the fits run
 
@@ -82,6 +85,11 @@ def track_run(run: Run, progress: Progress | None = None, fresh: bool = False, d
 def track_static(run: Run, progress: Progress | None = None) -> pd.DataFrame | None:
     """Tracks of the model held still ([noise] static): the run's own table, or of the video, kept in out/; None without one.
 
+    Parameters
+    ----------
+    run : whose ``[noise] static`` is meant
+    progress : as in ``track_run``
+
     Raises
     ------
     TowlineError : the table or the video cannot be used
@@ -102,7 +110,13 @@ def track_static(run: Run, progress: Progress | None = None) -> pd.DataFrame | N
 
 
 def compute_static_motion(run: Run, progress: Progress | None = None) -> pd.DataFrame | None:
-    """Motion of the model held still, seen by the run's camera; None without a static record, or where the run came as motion."""
+    """Motion of the model held still, seen by the run's camera; None without a static record, or where the run came as motion.
+
+    Parameters
+    ----------
+    run : whose ``[noise] static`` is meant
+    progress : as in ``track_run``
+    """
     if run.file.source.motion is not None or run.file.noise is None:
         return None
     tracks = track_static(run, progress)
@@ -144,7 +158,17 @@ def frames_of(run: Run) -> Iterator[Frame]:
 
 
 def fit_run_datum(run: Run, info: ClipInfo | None = None) -> DatumFit:
-    """The fitted datum of a run; ``info`` of its video, if it has one."""
+    """Fit the camera to a run's datum points.
+
+    Parameters
+    ----------
+    run : with ``[[datum]]``
+    info : of its video, where that was asked for already
+
+    Raises
+    ------
+    InputError : ``camera.image_size_px`` is not the video's
+    """
     from ...geometry import run_datum
 
     if run.file.source.video is None:

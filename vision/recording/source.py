@@ -20,6 +20,7 @@ from .decode import ClipInfo, Frame, video_frames, video_info
 from .luma import luma, white_dn
 
 FRAMES_AHEAD = 40
+"""Frames decoded ahead of their use at most (less where they are large: the next line): a choice."""
 BYTES_AHEAD = 64 << 20
 """Decoded frames waiting to be used: so many, and no more than this."""
 
@@ -119,6 +120,10 @@ def clip_info(path: str | Path) -> ClipInfo:
     """What a recording says of itself: size, rate, length, codec. Of a video file the header is read, and the first picture for
     the way it is turned.
 
+    Parameters
+    ----------
+    path : what a registered source takes: a video file, or what was registered beside it
+
     Raises
     ------
     VideoError : no such file, empty, no video, no video stream
@@ -140,6 +145,7 @@ def read_frames(
 
     Parameters
     ----------
+    path : as in ``clip_info``
     span_s : first and last time wanted, s, in the recording's own time: as stamped, before ``exposure_s`` moves it; None = all
     frame_rate_hz : replaces the recording's timestamps by index/rate
     exposure_s : exposure time; half of it is added to the stamped time, which is taken as the exposure's start
@@ -186,7 +192,14 @@ def timed_frames(
 
 
 def frame_of(picture: NDArray[Any], index: int, t_s: float) -> Frame:
-    """A frame of a picture in memory: (h, w) uint8 or uint16 grey, or (h, w, 3) uint8 BGR."""
+    """A frame of a picture in memory.
+
+    Parameters
+    ----------
+    picture : (h, w) uint8 or uint16 grey, or (h, w, 3) uint8 BGR
+    index : its number, from 0
+    t_s : its time
+    """
     import av
 
     kind = "bgr24" if picture.ndim == 3 else "gray16le" if picture.dtype == np.uint16 else "gray"

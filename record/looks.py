@@ -1,12 +1,12 @@
-"""Looks: what a mark of run.toml may look like. One table that the schema, the tracker, the app and the reference page ask.
+"""Looks: what marks and datum points of run.toml may look like. Tables that schema, tracker, app and reference page ask.
 
-A look of one's own is registered together with what follows it (``vision.looks``; docs/developer/look.md).
+A look of one's own is registered together with what follows it, or finds it (``vision.looks``; docs/developer/look.md).
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from .registry import Registry
@@ -21,6 +21,7 @@ class Look:
     name : as pages and errors write it: "led", "aruco:N"
     pattern : regular expression of the whole value in run.toml; "": the name as it stands
     words : what it is, for the reference page; "": the name says it
+    limits : of what its name stands for, for errors: "(0..3)"
     needs : keys of [[marker]] that it cannot be without, each with what it holds ("the place of the patch in the first frame")
     spot : a spot: the app's detector sees it in a single frame, and ``towline render`` draws it
     example : a value that the app offers; "": the name
@@ -30,6 +31,7 @@ class Look:
     name: str
     pattern: str = ""
     words: str = ""
+    limits: str = ""
     needs: Mapping[str, str] = field(default_factory=dict)
     spot: bool = False
     example: str = ""
@@ -41,16 +43,19 @@ class Look:
 
 
 LOOKS: Registry[Look] = Registry("towline.looks")
+"""Of marks, followed from frame to frame."""
+DATUM_LOOKS: Registry[Look] = Registry("towline.looks")
+"""Of datum points, which ``towline datum`` finds."""
 
 
-def register_look(look: Look) -> None:
-    """Take a look into the table, behind those that are there; one of its name is replaced."""
-    LOOKS.add(look.name, look)
+def register_look(look: Look, table: Registry[Look] = LOOKS) -> None:
+    """Take a look into a table, behind those that are there; one of its name is replaced."""
+    table.add(look.name, look)
 
 
-def look_of(value: str) -> Look | None:
+def look_of(value: str, table: Registry[Look] = LOOKS) -> Look | None:
     """The first look that takes run.toml's ``value``; None: there is none."""
-    return next((look for look in LOOKS.all() if look.takes(value)), None)
+    return next((look for look in table.all() if look.takes(value)), None)
 
 
 def is_spot(value: str) -> bool:
@@ -59,19 +64,24 @@ def is_spot(value: str) -> bool:
     return look is not None and look.spot
 
 
-def listed() -> str:
+def listed(table: Registry[Look] = LOOKS) -> str:
     """The looks as the reference page has them: "led | disc | aruco:N", with what they are where the names do not say it."""
-    return " | ".join(f"{look.name} ({look.words})" if look.words else look.name for look in LOOKS.here())
+    return " | ".join(f"{look.name} ({look.words})" if look.words else look.name for look in table.here())
 
 
-def named(wanted: Callable[[Look], bool] = lambda _: True) -> list[str]:
-    """Names of the looks that are ``wanted``."""
-    return [look.name for look in LOOKS.here() if wanted(look)]
+def named(table: Registry[Look] = LOOKS) -> list[str]:
+    """Names of the looks, each with its limits."""
+    return [f"{look.name} {look.limits}".strip() for look in table.here()]
+
+
+def needing(key: str) -> list[str]:
+    """Names of the looks of marks that need a key."""
+    return [look.name for look in LOOKS.here() if key in look.needs]
 
 
 def spot_names() -> list[str]:
-    """Names of the looks that are spots."""
-    return named(lambda look: look.spot)
+    """Names of the looks of marks that are spots."""
+    return [look.name for look in LOOKS.here() if look.spot]
 
 
 def in_words(names: Sequence[str], last: str = " or ") -> str:
@@ -87,5 +97,24 @@ for _look in (
     Look("apriltag:N", r"apriltag:\d+", example="apriltag:0"),
 ):
     register_look(_look)
+for _look in (
+    Look("mark", words="dot or cross near pixel_px"),
+    Look("aruco:N:CORNER", r"aruco:\d+:[0-3]"),
+    Look("apriltag:N:CORNER", r"apriltag:\d+:[0-3]", limits="(0..3)"),
+    Look("checker:COLSxROWS:I,J", r"checker:\d+x\d+:\d+,\d+", words="inner corners"),
+):
+    register_look(_look, DATUM_LOOKS)
 
-__all__ = ["LOOKS", "Look", "in_words", "is_spot", "listed", "look_of", "named", "register_look", "spot_names"]
+__all__ = [
+    "DATUM_LOOKS",
+    "LOOKS",
+    "Look",
+    "in_words",
+    "is_spot",
+    "listed",
+    "look_of",
+    "named",
+    "needing",
+    "register_look",
+    "spot_names",
+]

@@ -7,20 +7,18 @@ Ranges are wide; they are there to catch a value in the wrong unit (mm for m, de
 from __future__ import annotations
 
 import math
-import re
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from .looks import in_words, listed, look_of, named
+from .looks import DATUM_LOOKS, in_words, listed, look_of, named, needing
 from .priors import Priors
 from .toml import Table, Words
 
 Line = Literal["surge", "constant"]
 Kind = Literal["tow", "forced", "free"]
 Colour = Literal["red", "green", "blue", "white", "yellow", "bright", "dark"]
-DATUM_LOOK = re.compile(r"^(mark|(aruco|apriltag):\d+:[0-3]|checker:\d+x\d+:\d+,\d+)$")
 
 SAME_PLACE_M = 1e-3
 """Two markers (or datum points) nearer than this cannot be told apart in any picture."""
@@ -119,6 +117,10 @@ class CameraTable(Table):
     )
 
 
+def _found_by() -> str:
+    return f"what towline datum finds it by: {listed(DATUM_LOOKS)}"
+
+
 class DatumPoint(Table):
     """A point of known place, picked in the picture."""
 
@@ -132,26 +134,19 @@ class DatumPoint(Table):
         default=0.0, description="how well tank_m is known, standard deviation along each axis; 0: exact"
     )
     track: bool = Field(default=False, description="re-found in every frame (shaken camera); false: stands as picked")
-    look: str | None = Field(
-        default=None,
-        description="what towline datum finds it by: mark (dot or cross near pixel_px) | aruco:N:CORNER | "
-        "apriltag:N:CORNER | checker:COLSxROWS:I,J (inner corners)",
-    )
+    look: Annotated[str | None, Words(_found_by)] = Field(default=None, description=_found_by())
 
     @model_validator(mode="after")
     def _below_datum(self) -> DatumPoint:
         if self.tank_m[2] < 0:
             raise ValueError(f"tank_m depth {self.tank_m[2]:g} m lies above the datum plane; depth is >= 0")
-        if self.look is not None and not DATUM_LOOK.match(self.look):
-            raise ValueError(
-                f"look = {self.look!r}; expected mark, aruco:N:CORNER, apriltag:N:CORNER (0..3) or checker:COLSxROWS:I,J"
-            )
+        if self.look is not None and look_of(self.look, DATUM_LOOKS) is None:
+            raise ValueError(f"look = {self.look!r}; expected {in_words(named(DATUM_LOOKS))}")
         return self
 
 
 def _seen_at() -> str:
-    needing = in_words(named(lambda look: "seen_at_px" in look.needs), " and ")
-    return f"where it is in the first analysed frame: needed for {needing}, helps the others"
+    return f"where it is in the first analysed frame: needed for {in_words(needing('seen_at_px'), ' and ')}, helps the others"
 
 
 class Marker(Table):

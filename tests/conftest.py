@@ -8,6 +8,7 @@ import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from html.parser import HTMLParser
 from pathlib import Path
 from types import ModuleType
@@ -110,12 +111,15 @@ def cases(root: Path) -> ModuleType:
 @pytest.fixture
 def registries() -> Iterator[None]:
     """Looks and sources that the test registers are forgotten behind it."""
-    from towline.record.looks import LOOKS
+    from towline.record.looks import DATUM_LOOKS, LOOKS
     from towline.record.sources import KINDS
+    from towline.vision.datum_find import FINDERS
     from towline.vision.looks import TRACKERS
     from towline.vision.recording.source import OPENED_BY
 
-    with LOOKS.kept(), TRACKERS.kept(), KINDS.kept(), OPENED_BY.kept():
+    with ExitStack() as stack:
+        for table in (LOOKS, TRACKERS, DATUM_LOOKS, FINDERS, KINDS, OPENED_BY):
+            stack.enter_context(table.kept())
         yield
 
 

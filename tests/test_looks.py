@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 import towline
 from towline.cli import main
-from towline.record import InputError, TrackingError
+from towline.record import DatumPoint, InputError, TrackingError
 from towline.record.looks import look_of
 from towline.record.reference import reference_page
 from towline.vision import Frame, Look, Rows, register_tracker
+from towline.vision.datum_find import find_datum, register_finder
 
 WIDTH, HEIGHT, RATE_HZ, FRAMES = 240, 180, 25.0, 50
 RADIUS_PX, HALF_WIDTH_PX, GROUND_DN, INK_DN, NOISE_DN = 7.0, 1.5, 190.0, 110.0, 2.0
@@ -178,6 +179,36 @@ def test_other_code_tracks_anew(ring: None, run: Path) -> None:
 
     towline.track(run)
     assert path.stat().st_mtime_ns > kept
+
+
+def test_a_datum_point_may_have_one_too(registries: None) -> None:
+    """Found within 4 standard deviations, in one frame, from a pick that is 3 px off."""
+
+    @register_finder(Look("ring", words="dark on bright ground"))
+    class RingPoints:
+        reason = "no ring near pixel_px"
+
+        def __init__(self, points, white_dn, lens) -> None:
+            self.near = [np.array(point.pixel_px) for point in points]
+
+        def look(self, number, luma):
+            nowhere = (np.full(2, np.nan),) * 2
+            found = [ring_near(luma, near) or nowhere for near in self.near]
+            return np.array([place for place, _ in found]), np.array([sigma for _, sigma in found])
+
+    truth = true_px("bow", 0.0)
+    picks = {"there": truth + np.array([2.0, -2.0]), "nowhere": np.array([30.0, 30.0])}
+    points = [
+        DatumPoint(name=name, pixel_px=(float(u), float(v)), tank_m=(0.0, 0.0, 0.0), look="ring")
+        for name, (u, v) in picks.items()
+    ]
+    there, nowhere = find_datum(points, pictures()[:1]).points
+    assert there is not None
+    assert np.abs(there.pixel_px - truth).max() < 4 * there.sigma_px < 0.4
+    assert nowhere is not None
+    assert nowhere.reason == "no ring near pixel_px"
+    with pytest.raises(ValueError, match=r"CORNER \(0\.\.3\), checker:COLSxROWS:I,J or ring"):
+        DatumPoint(name="x", pixel_px=(0.0, 0.0), tank_m=(0.0, 0.0, 0.0), look="rink")
 
 
 def test_an_installed_package_brings_it_to_the_command(run: Path, tmp_path: Path) -> None:

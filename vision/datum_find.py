@@ -7,9 +7,9 @@ still repeat their first error in every frame: there averaging is not believed, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,8 @@ from scipy.special import chdtri
 from ..geometry.camera import Lens
 from ..geometry.lens.boards import Board, find_board
 from ..record.errors import InputError
+from ..record.looks import DATUM_LOOKS, Look, look_of, register_look
+from ..record.registry import Registry
 from ..record.schema import DatumPoint
 from .fiducial import FiducialFollower
 from .scatter import STILL_FACTOR
@@ -90,6 +92,49 @@ class FoundDatum:
     moved: bool
 
 
+class Finder(Protocol):
+    """What finds datum points of some looks in the first frames that are analysed.
+
+    Attributes
+    ----------
+    reason : why a point that it does not find is not found
+    """
+
+    reason: str
+
+    def look(self, number: int, luma: NDArray[np.uint8]) -> tuple[Array, Array]:
+        """Places and sigmas (n, 2) px of its points in the next frame, luma (h, w); NaN where one is not found."""
+        ...
+
+
+Begin = Callable[[Sequence[DatumPoint], float, Lens | None], Finder]
+"""(points of these looks, luma of white, lens) -> what finds them."""
+BeginT = TypeVar("BeginT", bound=Begin)
+FINDERS: Registry[Begin] = Registry()
+"""By the name of the look."""
+
+
+def register_finder(*looks: Look | str) -> Callable[[BeginT], BeginT]:
+    """Say what finds the datum points of some looks; as ``looks.register_tracker`` for marks."""
+
+    def registered(begin: BeginT) -> BeginT:
+        for look in looks:
+            if isinstance(look, Look):
+                register_look(look, DATUM_LOOKS)
+            FINDERS.add(look.name if isinstance(look, Look) else look, begin)
+        return begin
+
+    return registered
+
+
+def _begin_of(value: str) -> Begin:
+    look = look_of(value, DATUM_LOOKS)
+    begin = None if look is None else FINDERS.get(look.name)
+    if begin is None:
+        raise InputError("run.toml", "datum.look", f"{value!r}: nothing that finds it is registered")
+    return begin
+
+
 def find_datum(
     points: Sequence[DatumPoint],
     frames: Sequence[NDArray[np.uint8]],
@@ -114,19 +159,15 @@ def find_datum(
     place = np.full((len(frames), len(points), 2), np.nan)
     sigma = np.full((len(frames), len(points), 2), np.nan)
     reason = dict.fromkeys(wanted, NOT_FOUND)
-    marks = [k for k, look in wanted.items() if look == "mark"]
-    tags = [k for k, look in wanted.items() if look.startswith(("aruco", "apriltag"))]
-    boards = [k for k, look in wanted.items() if look.startswith("checker")]
-    tag_places = _Tags([wanted[k] for k in tags], white_dn, lens) if tags else None
-    for number, luma in enumerate(frames):
-        for k in marks:
-            place[number, k], sigma[number, k] = _mark(luma, np.array(points[k].pixel_px, dtype=float))
-            reason[k] = SEVERAL_SHAPES
-        if tag_places is not None:
-            place[number, tags], sigma[number, tags] = tag_places.look(number, luma)
-        for size in dict.fromkeys(wanted[k].split(":")[1] for k in boards):
-            these = [k for k in boards if wanted[k].split(":")[1] == size]
-            place[number, these], sigma[number, these] = _board(luma, size, [points[k] for k in these])
+    begun = {k: _begin_of(look) for k, look in wanted.items()}
+    for begin in dict.fromkeys(FINDERS.here()):
+        these = [k for k in wanted if begun[k] is begin]
+        if not these:
+            continue
+        finder = begin([points[k] for k in these], white_dn, lens)
+        reason |= dict.fromkeys(these, finder.reason)
+        for number, luma in enumerate(frames):
+            place[number, these], sigma[number, these] = finder.look(number, luma)
     moved = _camera_moved(place)
     if moved:
         place, sigma = place[:1], sigma[:1]
@@ -169,6 +210,21 @@ def _camera_moved(place: Array) -> bool:
 # marks --------------------------------------------------------------------------------------------------------------
 
 
+@register_finder("mark")
+class _Marks:
+    """Dots and crosses near their rough picks."""
+
+    reason = SEVERAL_SHAPES
+
+    def __init__(self, points: Sequence[DatumPoint], *_: object) -> None:
+        self._near = [np.array(point.pixel_px, dtype=float) for point in points]
+
+    def look(self, number: int, luma: NDArray[np.uint8]) -> tuple[Array, Array]:
+        """Places and sigmas (n, 2) in the next frame."""
+        place, sigma = zip(*(_mark(luma, near) for near in self._near), strict=True)
+        return np.array(place), np.array(sigma)
+
+
 def _mark(luma: NDArray[np.uint8], near_px: Array) -> tuple[Array, Array]:
     """The bright or dark mark near a rough pick: place and sigma (2,), NaN where there is none."""
     for start, radius in _blobs(luma, near_px):
@@ -206,10 +262,14 @@ def _blobs(luma: NDArray[np.uint8], near_px: Array) -> list[tuple[Array, float]]
 # tags ---------------------------------------------------------------------------------------------------------------
 
 
+@register_finder("aruco:N:CORNER", "apriltag:N:CORNER")
 class _Tags:
     """The corners of printed tags, given as looks such as "aruco:7:2"."""
 
-    def __init__(self, looks: Sequence[str], white_dn: float, lens: Lens | None) -> None:
+    reason = NOT_FOUND
+
+    def __init__(self, points: Sequence[DatumPoint], white_dn: float, lens: Lens | None) -> None:
+        looks = [str(point.look) for point in points]
         self.corner = [int(look.rsplit(":", 1)[1]) for look in looks]
         self.tag = [look.rsplit(":", 1)[0] for look in looks]
         self._names = list(dict.fromkeys(self.tag))
@@ -244,6 +304,25 @@ class _Tags:
 
 
 # chessboards --------------------------------------------------------------------------------------------------------
+
+
+@register_finder("checker:COLSxROWS:I,J")
+class _Boards:
+    """Inner corners of chessboards, told apart by their sizes."""
+
+    reason = NOT_FOUND
+
+    def __init__(self, points: Sequence[DatumPoint], *_: object) -> None:
+        self._points = points
+        self._sizes = [str(point.look).split(":")[1] for point in points]
+
+    def look(self, number: int, luma: NDArray[np.uint8]) -> tuple[Array, Array]:
+        """Places and sigmas (n, 2) in the next frame."""
+        place, sigma = np.full((len(self._points), 2), np.nan), np.full((len(self._points), 2), np.nan)
+        for size in dict.fromkeys(self._sizes):
+            these = [k for k, other in enumerate(self._sizes) if other == size]
+            place[these], sigma[these] = _board(luma, size, [self._points[k] for k in these])
+        return place, sigma
 
 
 def _board(luma: NDArray[np.uint8], size: str, points: Sequence[DatumPoint]) -> tuple[Array, Array]:

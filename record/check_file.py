@@ -24,6 +24,18 @@ class FoundFault(_Part):
     sentence: str = Field(description="in words")
 
 
+class FoundMistake(_Part):
+    """A gross mistake that run.toml seems to hold."""
+
+    kind: str = Field(
+        description="y mirrored, wrong sign, exchanged, wrong unit, degrees, template, other picture, ..."
+    )
+    keys: list[str] = Field(
+        description="of run.toml that hold it; empty: something cannot be and no single mistake explains it"
+    )
+    sentence: str = Field(description="in words, with what explains the set-up as well")
+
+
 class PointCheck(_Part):
     """A datum point."""
 
@@ -60,9 +72,10 @@ class CheckFile(ResultFile):
     schema_name: Literal["towline/check"] = Field(default="towline/check", alias="schema", description="this file")
     version: int = Field(default=1, description="of the schema")
     runs: list[str] = Field(description="runs of this camera set-up")
-    verdict: Literal["sound", "fault", "unknown"] = Field(
-        description="sound: nothing is wrong beyond the tolerances; fault: the first of faults explains it; unknown: something "
-        "does not fit and nothing tried explains it"
+    verdict: Literal["sound", "fault", "unknown", "mistake"] = Field(
+        description="mistake: run.toml holds a gross mistake, no number here means anything until it is mended; sound: nothing is "
+        "wrong beyond the tolerances; fault: the first of faults explains it; unknown: something does not fit and nothing tried "
+        "explains it"
     )
     sentences: list[str] = Field(description="the verdict in words, what it rests on, what would tell more")
     faults: list[FoundFault] = Field(description="named: the fault and those that cannot be told from it")
@@ -82,6 +95,9 @@ class CheckFile(ResultFile):
     refined: list[Refined] = Field(description="only where asked for")
     refined_words: list[str] = Field(description="what the runs tell of these and what they do not")
     notes: list[str] = Field(description="assumptions and warnings")
+    mistakes: list[FoundMistake] = Field(
+        default_factory=list, description="gross mistakes of run.toml; where one is named, no fault is"
+    )
     gauges: dict[str, GaugeResult] = Field(
         default_factory=dict, description="load cells of lines that keep their length, against the motion, by run"
     )

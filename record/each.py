@@ -20,7 +20,14 @@ class Each(Protocol):
 
 
 def in_turn(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], tell: Tell | None = None) -> list[Any]:
-    """``Each`` in this process."""
+    """``Each`` in this process.
+
+    Parameters
+    ----------
+    call : what is called
+    arguments : of each call
+    tell : is told how far it is
+    """
     found: list[Any] = []
     for one in arguments:
         found.append(call(*one))

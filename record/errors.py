@@ -52,7 +52,13 @@ class EstimationError(TowlineError):
 
 @contextmanager
 def solvable(error: type[TowlineError], words: str = "the record does not fix what was asked of it") -> Iterator[None]:
-    """Numerics that break down (a matrix without inverse, an overflow) say ``words`` as ``error``; also a decorator."""
+    """Numerics that break down (a matrix without inverse, an overflow) say ``words`` as ``error``; also a decorator.
+
+    Parameters
+    ----------
+    error : class that is raised
+    words : what is said
+    """
     from numpy.linalg import LinAlgError
 
     try:

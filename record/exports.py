@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 MAT_SCHEMA, MAT_VERSION = "towline/mat", 1
 """What a .mat says it is, and the version of its layout, raised when a name in it changes."""
-STATUS_CODES = {"lost": 0.0, "predicted": 1.0, "measured": 2.0}
+STATUS_CODES = {"lost": 0.0, "predicted": 1.0, "measured": 2.0, "by_hand": 3.0}
 """A .mat holds numbers: the states of a row of motion.csv or tracks.csv."""
 UNIT_NAMES = {
     "m_minus_y_vdot": "kg",
@@ -123,7 +123,13 @@ def _plain_name(name: str) -> str:
 
 
 def write_mat(path: str | Path, content: Mapping[str, Any]) -> None:
-    """Write ``content`` as MATLAB 5 atomically; lists become cell arrays, dicts structs, 1-D arrays columns."""
+    """Write ``content`` as MATLAB 5 atomically; lists become cell arrays, dicts structs, 1-D arrays columns.
+
+    Parameters
+    ----------
+    path : of the file
+    content : names -> values
+    """
     from scipy.io import savemat
 
     with replacing(path) as temporary:
@@ -149,7 +155,15 @@ def mat_run(
 ) -> dict[str, Any]:
     """One run for ``write_mat``: name, settings, motion and tracks as structs of columns named as in formats.md.
 
-    ``status`` becomes ``status_code``: 0 lost, 1 predicted, 2 measured. Tracks are a cell array, a struct per marker.
+    ``status`` becomes ``status_code``: 0 lost, 1 predicted, 2 measured, 3 set by hand. Tracks are a cell
+    array, a struct per marker.
+
+    Parameters
+    ----------
+    name : of the run
+    settings : name -> number
+    motion : motion table, or None
+    tracks : tracks table, or None
     """
     run: dict[str, Any] = {"name": name, "settings": dict(settings)}
     if motion is not None:
@@ -197,7 +211,13 @@ def mat_derivatives(file: DerivativesFile) -> dict[str, Any]:
 
 
 def derivatives_covariance(file: DerivativesFile, names: Sequence[str] | None = None) -> np.ndarray:
-    """Covariance of the derivatives, in the order of ``names`` (default: the file's), SI."""
+    """Covariance of the derivatives, in the order of ``names`` (default: the file's), SI.
+
+    Parameters
+    ----------
+    file : a derivatives file
+    names : of the derivatives; None: the file's
+    """
     own = list(file.derivatives)
     std = np.array([one.std for one in file.derivatives.values()])
     covariance = np.array(file.correlation) * np.outer(std, std)

@@ -47,6 +47,7 @@ def refusal(path: str | Path, most: int | None = None) -> str | None:
 
     Parameters
     ----------
+    path : of the file
     most : bytes that it may have; None: any number
     """
     try:
@@ -73,6 +74,7 @@ def reading(path: str | Path, most: int | None = None) -> Iterator[BinaryIO]:
 
     Parameters
     ----------
+    path : of the file
     most : bytes that it may have; None: any number
 
     Raises
@@ -95,7 +97,13 @@ def reading(path: str | Path, most: int | None = None) -> Iterator[BinaryIO]:
 
 
 def read_bytes(path: str | Path, most: int) -> bytes:
-    """All bytes of a plain file; InputError as ``reading`` has it, or where it grew beyond ``most`` meanwhile."""
+    """All bytes of a plain file; InputError as ``reading`` has it, or where it grew beyond ``most`` meanwhile.
+
+    Parameters
+    ----------
+    path : of the file
+    most : bytes that it may have
+    """
     with reading(path, most) as stream:
         try:
             # block by block: memory for what is there, not for what might be
@@ -115,11 +123,21 @@ def _blocks(stream: BinaryIO) -> Iterator[bytes]:
 
 
 def read_text(path: str | Path, most: int) -> str:
-    """A plain file of UTF-8 text, without its byte order mark, its lines ended by LF; InputError as ``read_bytes``, or no text."""
+    """A plain file of UTF-8 text, without its byte order mark, its lines ended by LF; InputError as ``read_bytes``, or no text.
+
+    Parameters
+    ----------
+    path : of the file
+    most : bytes that it may have
+    """
+    content = read_bytes(path, most)
     try:
-        text = read_bytes(path, most).removeprefix(codecs.BOM_UTF8).decode("utf-8")
-    except UnicodeDecodeError:
-        raise InputError(path, "", "is not UTF-8 text") from None
+        text = content.removeprefix(codecs.BOM_UTF8).decode("utf-8")
+    except UnicodeDecodeError as error:
+        if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            raise InputError(path, "", "is not UTF-8 text but UTF-16; save it as UTF-8") from None
+        line = content.count(b"\n", 0, error.start) + 1
+        raise InputError(path, f"line {line}", "is not UTF-8 text; save the file as UTF-8") from None
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
@@ -171,6 +189,7 @@ def replacing(path: str | Path, lasting: bool = False) -> Iterator[Path]:
 
     Parameters
     ----------
+    path : of the file
     lasting : it survives a power cut from here on; for what nothing can work out again
     """
     target = Path(path)
@@ -217,13 +236,25 @@ def _of_the_target(error: OSError, temporary: Path, target: Path) -> OSError:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write ``text`` as UTF-8 atomically."""
+    """Write ``text`` as UTF-8 atomically.
+
+    Parameters
+    ----------
+    path : of the file
+    text : what is written
+    """
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors=BYTES_SHOWN, newline="\n")
 
 
 def write_array(path: str | Path, array: NDArray[Any]) -> None:
-    """Write numbers as .npy atomically; by Python's own writing, which says why where the disk is full."""
+    """Write numbers as .npy atomically; by Python's own writing, which says why where the disk is full.
+
+    Parameters
+    ----------
+    path : of the file
+    array : numbers
+    """
     import numpy as np
 
     content = io.BytesIO()

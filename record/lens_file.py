@@ -123,7 +123,13 @@ class LensFile(ResultFile):
 
 
 def write_lens(path: str | Path, lens: LensFile) -> None:
-    """Write lens.json atomically."""
+    """Write lens.json atomically.
+
+    Parameters
+    ----------
+    path : of the file
+    lens : the calibration
+    """
     write_result(path, lens)
 
 

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from .registry import Registry
+from .tags import dictionary_names, dictionary_pattern
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,7 @@ class Look:
     needs : keys of [[marker]] that it cannot be without, each with what it holds ("the place of the patch in the first frame")
     spot : a spot: the app's detector sees it in a single frame, and ``towline render`` draws it
     example : a value that the app offers; "": the name
+    numbered : each is known by a number that it shows; nobody needs to say where it is
     stamp : of the code that follows it, put in when that is registered: tracks are made anew when it changes; "": towline's own
     """
 
@@ -35,6 +37,7 @@ class Look:
     needs: Mapping[str, str] = field(default_factory=dict)
     spot: bool = False
     example: str = ""
+    numbered: bool = False
     stamp: str = ""
 
     def takes(self, value: str) -> bool:
@@ -89,16 +92,27 @@ def in_words(names: Sequence[str], last: str = " or ") -> str:
     return last.join([", ".join(names[:-1]), *names[-1:]] if len(names) > 1 else names)
 
 
+_ARUCO, _APRILTAG = dictionary_pattern("aruco"), dictionary_pattern("apriltag")
 for _look in (
     Look("led", spot=True),
     Look("disc", spot=True),
     Look("template", needs={"seen_at_px": "the place of the patch in the first analysed frame"}),
-    Look("aruco:N", r"aruco:\d+", example="aruco:0"),
-    Look("apriltag:N", r"apriltag:\d+", example="apriltag:0"),
+    Look("aruco:DICTIONARY:N", rf"aruco:{_ARUCO}:\d+", dictionary_names("aruco"), example="aruco:4x4:0", numbered=True),
+    Look(
+        "apriltag:DICTIONARY:N",
+        rf"apriltag:{_APRILTAG}:\d+",
+        dictionary_names("apriltag"),
+        example="apriltag:36h11:0",
+        numbered=True,
+    ),
+    Look("aruco:N", r"aruco:\d+", example="aruco:0", numbered=True),
+    Look("apriltag:N", r"apriltag:\d+", example="apriltag:0", numbered=True),
 ):
     register_look(_look)
 for _look in (
     Look("mark", words="dot or cross near pixel_px"),
+    Look("aruco:DICTIONARY:N:CORNER", rf"aruco:{_ARUCO}:\d+:[0-3]"),
+    Look("apriltag:DICTIONARY:N:CORNER", rf"apriltag:{_APRILTAG}:\d+:[0-3]"),
     Look("aruco:N:CORNER", r"aruco:\d+:[0-3]"),
     Look("apriltag:N:CORNER", r"apriltag:\d+:[0-3]", limits="(0..3)"),
     Look("checker:COLSxROWS:I,J", r"checker:\d+x\d+:\d+,\d+", words="inner corners"),

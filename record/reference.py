@@ -10,6 +10,7 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from .check_file import CheckFile
+from .corrections import Corrections
 from .gap_file import GapFile
 from .lens_file import LensFile
 from .plan_file import PlanFile, PlanRequest
@@ -22,6 +23,7 @@ from .toml import described
 
 _PAGES: tuple[tuple[str, type[BaseModel], str], ...] = (
     ("run.toml", RunFile, "The description of a run folder."),
+    ("corrections.toml", Corrections, "What was set right by hand in the tracks of a run's video."),
     ("priors.toml", Priors, "The same keys as run.toml's [priors], as a file of their own (`--priors`)."),
     ("scenario.toml", ScenarioFile, "What `towline simulate` and `towline render` make."),
     ("out/camera.json", CameraFile, "Written by `towline motion`."),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,8 +13,10 @@ from .looks import look_of
 from .schema import Line, ModelTable, RunFile, TowTable, WaterTable
 from .sources import file_hash, recording_hash, recording_refusal
 from .toml import read_toml
+from .toml_words import lost_backslash
 
 RUN_FILE = "run.toml"
+CORRECTIONS = "corrections.toml"
 RECORDINGS = ("source.video", "noise.static")
 """Keys that may name a recording of any kind; the others name plain files."""
 
@@ -78,14 +80,22 @@ class Run:
         return value
 
     def input_hashes(self) -> dict[str, str]:
-        """SHA-256 of run.toml and of every file or recording that it names, by their paths in the folder."""
+        """SHA-256 of run.toml, of every file or recording that it names, and of corrections.toml, by their paths in the folder."""
         named = [("", RUN_FILE), *_paths(self.file)]
+        if self.file.source.video is not None and (self.folder / CORRECTIONS).is_file():
+            named.append(("", CORRECTIONS))
         found = {name: (recording_hash if key in RECORDINGS else file_hash)(self.path(name)) for key, name in named}
         return {name: digest for name, digest in found.items() if digest is not None}
 
-    def input_hash(self, *stage: str) -> str:
-        """One hash over all inputs, the ``stage`` words (version, options) that an output depends on, and registered code."""
-        hashes = self.input_hashes()
+    def input_hash(self, *stage: str, without: Collection[str] = ()) -> str:
+        """One hash over all inputs, the ``stage`` words (version, options) that an output depends on, and registered code.
+
+        Parameters
+        ----------
+        stage : words
+        without : names of inputs that the output does not depend on
+        """
+        hashes = {name: digest for name, digest in self.input_hashes().items() if name not in without}
         found = {look.name: look.stamp for marker in self.file.marker if (look := look_of(marker.look)) and look.stamp}
         own = (f"look {name}={stamp}" for name, stamp in sorted(found.items()))
         return sha256_of_texts(*stage, *own, *(f"{name}={digest}" for name, digest in sorted(hashes.items())))
@@ -132,12 +142,19 @@ def read_run(folder: str | Path, line: Line | None = None) -> Run:
         wrong = (recording_refusal if key in RECORDINGS else refusal)(folder / name)
         if wrong is not None:
             written = name if name.isprintable() else repr(name)
-            raise InputError(path, key, f"{wrong}: {written}" if wrong == ABSENT else f"{written} {wrong}")
+            lost = lost_backslash(name) or ""
+            raise InputError(path, key, f"{wrong}: {written}{lost}" if wrong == ABSENT else f"{written} {wrong}")
     return run
 
 
 def with_line(run: Run, line: Line | None) -> Run:
-    """The run with another tow.line; None: as it is."""
+    """The run with another tow.line; None: as it is.
+
+    Parameters
+    ----------
+    run : the run folder as read
+    line : what the tow line keeps, "surge" or "constant"; None: what run.toml says
+    """
     if line is None or run.file.tow is None:
         return run
     tow = run.file.tow.model_copy(update={"line": line})
@@ -148,6 +165,13 @@ def stay_inside(path: Path, key: str, name: str, outside: bool) -> None:
     """Refuse a file that ``key`` of run.toml names out of the run folder, unless ``outside`` (true at the top) allows it.
 
     The one rule of the commands and of the app.
+
+    Parameters
+    ----------
+    path : of run.toml, for messages
+    key : that names the file
+    name : the path as written
+    outside : it may lead out
 
     Raises
     ------

@@ -64,12 +64,16 @@ class SourceTable(Table):
     """What was recorded: exactly one of video, tracks, motion."""
 
     video: str | None = Field(
-        default=None, description="the recording, any container OpenCV reads; path from the run folder"
+        default=None,
+        description="the recording: any container ffmpeg reads, a folder of numbered pictures, or a pattern of their names "
+        "(img_%04d.png, *.tif; img_{ms}.png: times in the names, in s, ms, us or ns); path from the run folder",
     )
     tracks: str | None = Field(default=None, description="pixel tracks (tracks.csv or .parquet) made elsewhere")
     motion: str | None = Field(default=None, description="motion (motion.csv or .parquet) from a tracking system")
     span_s: Span | None = Field(default=None, description="the part to analyse, in the source's own time")
-    frame_rate_hz: Positive | None = Field(default=None, description="replaces the container's own timestamps")
+    frame_rate_hz: Positive | None = Field(
+        default=None, description="replaces the recording's own timestamps; of numbered pictures the only ones"
+    )
     exposure_s: NotNegative = Field(
         default=0.0,
         description="exposure time of a frame of the video; t_s is shifted by half of it to the exposure's midpoint "
@@ -294,7 +298,9 @@ class RunFile(Table):
     datum: tuple[DatumPoint, ...] = Field(
         default=(), description="at least 4 points, not collinear (none if source.motion)"
     )
-    marker: tuple[Marker, ...] = Field(default=(), description="at least 2 (none if source.motion)")
+    marker: tuple[Marker, ...] = Field(
+        default=(), description="at least 2; 1 can be tracked, but gives no motion (none if source.motion)"
+    )
     tow: TowTable | None = Field(
         default=None, description="needed unless kind is free; of a free run identify takes speed and rudder"
     )
@@ -349,9 +355,12 @@ def check_datum(points: tuple[DatumPoint, ...]) -> None:
 
 
 def check_markers(markers: tuple[Marker, ...]) -> None:
-    """Raise ValueError unless at least 2 markers on the model stand at different places under different names."""
-    if len([m for m in markers if m.on == "model"]) < 2:
-        raise ValueError(f"marker: {len(markers)} on the model, at least 2 are needed")
+    """Raise ValueError unless markers stand at different places under different names, and at least 1 on the model.
+
+    One alone can be tracked; what a motion needs, ``geometry.poses`` asks for.
+    """
+    if not any(m.on == "model" for m in markers):
+        raise ValueError("marker: none on the model; a motion needs at least 2, tracks alone 1")
     for i in range(len(markers)):
         for j in range(i):
             a, b = markers[j], markers[i]

@@ -1,4 +1,4 @@
-"""Recordings on the disk: which files one is made of. A plain video file is built in; other kinds are registered.
+"""Recordings on the disk: which files one is made of. Video files and pictures are built in; other kinds are registered.
 
 How frames come out of one is ``vision.recording``'s; ``register_source`` there takes both in (docs/developer/source.md).
 """
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .files import ABSENT, refusal, sha256_of_file, sha256_of_texts
+from .picture_files import picture_files
 from .registry import Registry
 
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mts", ".mpg", ".webm", ".wmv")
@@ -36,6 +37,11 @@ class SourceKind:
 
 
 VIDEO_FILE = SourceKind("video file", lambda _: True, lambda path: [path])
+PICTURES = SourceKind(
+    "sequence of pictures",
+    lambda path: bool(picture_files(path)),
+    lambda path: [file.path for file in picture_files(path)],
+)
 KINDS: Registry[SourceKind] = Registry("towline.sources")
 
 
@@ -45,8 +51,8 @@ def register_kind(kind: SourceKind) -> None:
 
 
 def kind_of(path: str | Path) -> SourceKind:
-    """The first kind that takes ``path``, those of installed packages included; else it is a video file."""
-    return next((kind for kind in KINDS.all() if kind.takes(Path(path))), VIDEO_FILE)
+    """The first kind that takes ``path``, those of installed packages included, then pictures; else it is a video file."""
+    return next((kind for kind in (*KINDS.all(), PICTURES) if kind.takes(Path(path))), VIDEO_FILE)
 
 
 def recording_refusal(path: str | Path) -> str | None:
@@ -101,6 +107,7 @@ def _offered(path: Path) -> bool:
 
 __all__ = [
     "KINDS",
+    "PICTURES",
     "VIDEOS",
     "VIDEO_FILE",
     "SourceKind",

@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,13 @@ from .files import TABLE_BYTES, read_text, reading, replacing
 if TYPE_CHECKING:
     import pandas as pd
 
+BY_HAND = "by_hand"
+"""Status of a point that a person set in the tracks of a video (corrections.toml)."""
+SEEN = ("measured", BY_HAND)
+"""Statuses of a row of tracks whose place was seen, by the tracker or by a person."""
 STATUS = ("measured", "predicted", "lost")
+"""Of motion."""
+TRACK_STATUS = ("measured", BY_HAND, "predicted", "lost")
 TRACK_COLUMNS = ("frame", "t_s", "marker", "u_px", "v_px", "sigma_u_px", "sigma_v_px", "status")
 MARK_COLUMNS = ("t_s", "marker", "x_m", "y_m", "sigma_x_m", "sigma_y_m", "status")
 MOTION_COLUMNS = ("t_s", "y_cg_m", "beta_rad", "alpha_rad")
@@ -30,7 +36,8 @@ CELL_BYTES = 8
 _FORMULA = re.compile(r"(^|[;\t\r\n])(?='*[=+\-@\t\r\uff1d\uff0b\uff0d\uff20])")
 _NO_FORMULA = re.compile(r"(^|[;\t\r\n])'(?='*[=+\-@\t\r\uff1d\uff0b\uff0d\uff20])")
 _HASH_PREFIX = "# inputs sha256 "
-_HASH_LETTERS = 200
+_NOTE_PREFIX = "# note: "
+_HASH_LETTERS, _NOTE_LETTERS = 200, 4000
 """The first line of a table, where its hash stands, is no longer."""
 
 
@@ -102,14 +109,17 @@ def _first_line(error: Exception) -> str:
     return text.splitlines()[0] if text else type(error).__name__
 
 
-def write_table(path: str | Path, table: pd.DataFrame, input_hash: str | None = None) -> None:
-    """Write CSV or Parquet (by the suffix) atomically; ``input_hash`` goes into a comment line before the header.
+def write_table(
+    path: str | Path, table: pd.DataFrame, input_hash: str | None = None, notes: Sequence[str] = ()
+) -> None:
+    """Write CSV or Parquet (by the suffix) atomically; ``input_hash`` and ``notes`` go into comment lines before the header.
 
     Parameters
     ----------
     path : of the file
     table : what is written
     input_hash : what it was made from
+    notes : for the user
     """
     path = Path(path)
     with replacing(path) as temporary:
@@ -120,6 +130,7 @@ def write_table(path: str | Path, table: pd.DataFrame, input_hash: str | None = 
         with open(temporary, "w", encoding="utf-8", newline="") as stream:
             if input_hash is not None:
                 stream.write(f"{_HASH_PREFIX}{input_hash}\n")
+            stream.writelines(f"{_NOTE_PREFIX}{' '.join(note.split())}\n" for note in notes)
             for_people(table).to_csv(stream, index=False, float_format="%.10g", lineterminator="\n")
 
 
@@ -161,6 +172,25 @@ def input_hash_of(path: str | Path) -> str | None:
     return first.removeprefix(_HASH_PREFIX).strip() if first.startswith(_HASH_PREFIX) else None
 
 
+def notes_of(path: str | Path) -> tuple[str, ...]:
+    """The notes that ``write_table`` put into a CSV.
+
+    Parameters
+    ----------
+    path : of the file
+    """
+    notes = []
+    try:
+        with reading(path) as stream:
+            while (line := stream.readline(_NOTE_LETTERS)).startswith(b"#"):
+                text = line.decode("utf-8", "replace")
+                if text.startswith(_NOTE_PREFIX):
+                    notes.append(text.removeprefix(_NOTE_PREFIX).strip())
+    except (OSError, InputError):
+        return ()
+    return tuple(notes)
+
+
 def read_tracks(path: str | Path) -> pd.DataFrame:
     """Read pixel tracks: ``frame, t_s, marker, u_px, v_px`` and optionally sigmas and status.
 
@@ -179,7 +209,7 @@ def read_tracks(path: str | Path) -> pd.DataFrame:
             table[name] = np.nan
     if "status" not in table:
         table["status"] = "measured"
-    _known_status(path, table)
+    _known_status(path, table, TRACK_STATUS)
     absent = table[["u_px", "v_px"]].isna().any(axis=1)
     table.loc[absent, "status"] = "lost"
     _no_gap(path, table, ("frame", "t_s"))
@@ -193,6 +223,16 @@ def read_tracks(path: str | Path) -> pd.DataFrame:
         row = int(np.flatnonzero((table["frame"] == apart[0]).to_numpy())[-1])
         raise InputError(path, _row(row), f"frame {apart[0]:g} stands at two times; its rows must share one t_s")
     return table
+
+
+def seen_rows(table: pd.DataFrame) -> NDArray[np.bool_]:
+    """(n,) rows of tracks whose mark was seen: measured, or set by hand.
+
+    Parameters
+    ----------
+    table : tracks table
+    """
+    return table["status"].isin(SEEN).to_numpy()
 
 
 def read_motion(path: str | Path) -> pd.DataFrame:
@@ -265,11 +305,11 @@ def _number_or_nan(value: object) -> float:
         return math.nan
 
 
-def _known_status(path: str | Path, table: pd.DataFrame) -> None:
-    unknown = np.array([not (isinstance(status, str) and status in STATUS) for status in table["status"]], dtype=bool)
+def _known_status(path: str | Path, table: pd.DataFrame, known: tuple[str, ...] = STATUS) -> None:
+    unknown = np.array([not (isinstance(status, str) and status in known) for status in table["status"]], dtype=bool)
     if unknown.any():
         row = int(np.flatnonzero(unknown)[0])
-        raise InputError(path, _row(row), f"status {table['status'].iloc[row]!r}; expected {', '.join(STATUS)}")
+        raise InputError(path, _row(row), f"status {table['status'].iloc[row]!r}; expected {', '.join(known)}")
     table["status"] = table["status"].astype(str)
 
 

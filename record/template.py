@@ -49,6 +49,11 @@ def field_of(key: str) -> FieldInfo:
 def checked_value(key: str, value: Any) -> Any:
     """``value`` if the schema takes it for ``key``.
 
+    Parameters
+    ----------
+    key : dotted, as "tow.speed_m_s"
+    value : to be checked
+
     Raises
     ------
     ValueError : says what is wrong with it ("1280 is outside 0 .. 30 m/s (carriage speed; is it in mm/s?)")
@@ -85,6 +90,37 @@ def example_datum(size_px: tuple[int, int], ahead_m: float, behind_m: float, bes
                 }
             )
     return points
+
+
+def left_of_template(file: RunFile, size_px: tuple[int, int] | None) -> tuple[str, str] | None:
+    """Datum points that are still the example of ``towline init``: the key and words; None where they were picked.
+
+    Parameters
+    ----------
+    file : run.toml's content
+    size_px : of the video's picture, where there is one
+    """
+    for index, point in enumerate(file.datum, 1):
+        where = f'datum[{index} "{point.name}"]'
+        if point.name.startswith(PLACEHOLDER):
+            return (
+                where,
+                "is still the example of towline init, which nobody picked; put in real points and rename them",
+            )
+        if point.sigma_px == UNKNOWN_PX and point.tank_sd_m == UNKNOWN_M:
+            return (
+                f"{where}.sigma_px",
+                f"{UNKNOWN_PX:g}, and tank_sd_m = {UNKNOWN_M:g}, are still those of towline init's example; take them out, "
+                "or put in how well the point was picked",
+            )
+    size = size_px or (file.camera.image_size_px if file.camera else None)
+    if size is None:
+        return None
+    example = {tuple(point["pixel_px"]) for point in example_datum(size, 0.0, -1.0, 1.0)}
+    same = [i for i, p in enumerate(file.datum, 1) if tuple(p.pixel_px) in example]
+    if len(same) < len(example):
+        return None
+    return "datum.pixel_px", "the points lie where towline init's example has them; pick them in the picture"
 
 
 def run_text(content: Mapping[str, Any], assumed: Collection[str], size_px: tuple[int, int] | None = None) -> str:

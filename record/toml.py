@@ -14,6 +14,7 @@ from pydantic.fields import FieldInfo
 
 from .errors import InputError
 from .files import TOML_BYTES, read_text
+from .toml_words import comma_in_list, not_toml
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
 TOO_DEEP = "its lists or tables stand too deep in one another"
@@ -42,6 +43,11 @@ def described(field: FieldInfo) -> str:
 def read_toml(path: str | Path, model: type[ModelT]) -> ModelT:
     """Read ``path`` as ``model``.
 
+    Parameters
+    ----------
+    path : of the file
+    model : class of the file
+
     Raises
     ------
     InputError : the file is missing, is no plain file of at most ``TOML_BYTES``, is no TOML, or a key is unknown, missing, of the
@@ -54,12 +60,20 @@ def read_toml(path: str | Path, model: type[ModelT]) -> ModelT:
     except RecursionError:
         raise InputError(path, "", TOO_DEEP) from None
     except ValueError as error:  # TOMLDecodeError, and what a whole number of thousands of digits gives
-        raise InputError(path, "", f"is not valid TOML: {' '.join(str(error).split())[:300]}") from None
-    return check_tables(content, model, path)
+        raise InputError(path, *not_toml(text, error)) from None
+    return check_tables(content, model, path, text)
 
 
-def check_tables(content: dict[str, Any], model: type[ModelT], path: str | Path) -> ModelT:
-    """Check already parsed TOML ``content``; ``path`` is only quoted in errors."""
+def check_tables(content: dict[str, Any], model: type[ModelT], path: str | Path, text: str = "") -> ModelT:
+    """Check already parsed TOML ``content``; ``path`` is only quoted in errors.
+
+    Parameters
+    ----------
+    content : parsed TOML
+    model : class of the file
+    path : quoted in errors
+    text : that it was parsed from, for what the content no longer shows
+    """
     try:
         return model.model_validate(_lists_to_tuples(content))
     except RecursionError:
@@ -67,7 +81,7 @@ def check_tables(content: dict[str, Any], model: type[ModelT], path: str | Path)
     except OverflowError:
         raise InputError(path, "", "holds a whole number beyond 64 bits") from None
     except ValidationError as error:
-        where, message = _describe(error, model, content)
+        where, message = _describe(error, model, content, text)
         raise InputError(path, where, message) from None
 
 
@@ -82,7 +96,9 @@ def _lists_to_tuples(value: Any) -> Any:
     return value
 
 
-def _describe(error: ValidationError, model: type[BaseModel], content: dict[str, Any]) -> tuple[str, str]:
+def _describe(
+    error: ValidationError, model: type[BaseModel], content: dict[str, Any], text: str = ""
+) -> tuple[str, str]:
     faults = error.errors(include_url=False)
     # unknown keys first: a misspelt key also leaves its right name missing, and the misspelling is what the user must see
     fault = next((f for f in faults if f["type"] == "extra_forbidden"), faults[0])
@@ -90,11 +106,21 @@ def _describe(error: ValidationError, model: type[BaseModel], content: dict[str,
     kind = fault["type"]
     if kind == "extra_forbidden":
         known = sorted(_fields_at(model, fault["loc"][:-1]))
+        elsewhere = _tables_with(model, str(fault["loc"][-1]))
+        if elsewhere:
+            return where, f"unknown key here; did you mean it {' or '.join(elsewhere)}?"
         close = difflib.get_close_matches(str(fault["loc"][-1]), known, n=1, cutoff=0.6)
         hint = f"did you mean {close[0]!r}?" if close else f"known here: {', '.join(known)}"
         return where, f"unknown key; {hint}"
     if kind == "missing":
         return where, "missing key"
+    if kind == "tuple_type" and isinstance(fault["input"], dict):
+        return where, f"there are several: write [[{where}]] with two brackets, once for each"
+    if kind in ("model_type", "model_attributes_type") and isinstance(fault["input"], tuple) and len(fault["loc"]) == 1:
+        return where, f"there is one: write [{where}] with one bracket"
+    listed = comma_in_list(text, str(fault["loc"][-1])) if kind in ("too_long", "tuple_type") else None
+    if listed is not None:
+        return where, listed
     message = fault["msg"].removeprefix("Value error, ")
     if kind == "value_error":
         return where, message
@@ -131,6 +157,22 @@ def _fields_at(model: type[BaseModel], location: tuple[int | str, ...]) -> set[s
             break
         current = _inner_model(field.annotation)
     return set(current.model_fields) if hasattr(current, "model_fields") else set()
+
+
+def _tables_with(model: type[BaseModel], key: str) -> list[str]:
+    """Where a key of this very name stands: "in [tow]", "in [[datum]]", "at the top, before the first table"."""
+    found = ["at the top, before the first table"] if key in model.model_fields and not _table_of(model, key) else []
+    for name in model.model_fields:
+        inner, many = _table_of(model, name), "tuple" in str(model.model_fields[name].annotation)
+        if inner is not None and key in inner.model_fields:
+            found.append(f"in [[{name}]]" if many else f"in [{name}]")
+    return found
+
+
+def _table_of(model: type[BaseModel], name: str) -> Any:
+    """The class of a table; None where the field is none."""
+    inner = _inner_model(model.model_fields[name].annotation)
+    return inner if hasattr(inner, "model_fields") else None
 
 
 def _inner_model(annotation: Any) -> Any:

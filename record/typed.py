@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import stat
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -12,6 +13,8 @@ from pathlib import Path
 from .errors import InputError
 from .files import replacing
 
+MOST_ASIDE = 100
+"""Texts that are kept beside a file when another program has changed it: a choice."""
 LEFT_OVER_S = 60.0
 """A temporary file of something typed that is older than this has no writer any more: such a file is written in one go."""
 
@@ -24,6 +27,7 @@ def replacing_typed(path: str | Path, outside: bool = False) -> Iterator[Path]:
 
     Parameters
     ----------
+    path : of the file
     outside : the link may lead out of the folder
 
     Raises
@@ -37,13 +41,51 @@ def replacing_typed(path: str | Path, outside: bool = False) -> Iterator[Path]:
 
 
 def write_typed(path: str | Path, text: str, outside: bool = False) -> None:
-    """Write what a person typed, as UTF-8; ``replacing_typed`` says how."""
+    """Write what a person typed, as UTF-8; ``replacing_typed`` says how.
+
+    Parameters
+    ----------
+    path : of the file
+    text : what is written
+    outside : a link may lead out of the folder
+    """
     with replacing_typed(path, outside) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
+def write_aside(path: str | Path, text: str, whose: str) -> Path:
+    """Put another text beside a file, under a name that is free (``run.theirs1.toml``) and with the file's permissions.
+
+    Parameters
+    ----------
+    path : of the file
+    text : what is kept
+    whose : word in the name: "mine", "theirs"
+
+    Raises
+    ------
+    InputError, OSError : it cannot be written
+    """
+    path = Path(path)
+    mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o666
+    for number in range(1, MOST_ASIDE):
+        aside = path.with_name(f"{path.stem}.{whose}{number}{path.suffix}")
+        try:
+            aside.touch(mode, exist_ok=False)
+        except FileExistsError:
+            continue
+        write_typed(aside, text)
+        return aside
+    raise InputError(path, "", f"{MOST_ASIDE - 1} texts are kept beside it already; remove some")
+
+
 def linked(path: str | Path, outside: bool = False) -> Path:
     """The file that a path stands for: its own, or the one that it links to.
+
+    Parameters
+    ----------
+    path : of the file
+    outside : a link may lead out of the folder
 
     Raises
     ------

@@ -21,6 +21,11 @@ COLUMN = re.compile(r"^(?P<point>.+)_cam_?(?P<camera>\d+)_(?P<axis>[xy])$", re.I
 def read_dltdv(path: Path, wanted: Wanted) -> Points:
     """Read digitised points of one camera; row 1 is frame 0.
 
+    Parameters
+    ----------
+    path : of the file
+    wanted : what the file does not say
+
     Raises
     ------
     InputError : no such columns, a Y without its X, several cameras and none chosen, y's direction not said, no number

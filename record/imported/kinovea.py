@@ -29,6 +29,11 @@ LATE = "time unit taken as {}: the usual step is then one frame"
 def read_kinovea(path: Path, wanted: Wanted) -> Points:
     """Read any of Kinovea's three.
 
+    Parameters
+    ----------
+    path : of the file
+    wanted : what the file does not say
+
     Raises
     ------
     InputError : another file, a spreadsheet, no trajectory, a cell that is no number, no unit of time and no rate

@@ -99,7 +99,14 @@ class Imported:
 
 
 def frame_times(path: Path, frame: Array, rate_hz: float | None) -> Array:
-    """Times of numbered frames, s; InputError where no rate is given."""
+    """Times of numbered frames, s; InputError where no rate is given.
+
+    Parameters
+    ----------
+    path : of the file
+    frame : (n,) numbers of frames
+    rate_hz : frames per second, or None
+    """
     if rate_hz is None:
         raise InputError(path, "", "holds frame numbers and no times; the frame rate is needed (--rate HZ)")
     return frame / rate_hz
@@ -113,7 +120,9 @@ def frames_of_times(path: Path, t_s: Array, rate_hz: float | None, lines: list[i
 
     Parameters
     ----------
+    path : of the file
     t_s : (n,), rising strictly
+    rate_hz : frames per second, or None
     lines : line of each in the file, for errors
     """
     falls = np.flatnonzero(np.diff(t_s) <= 0)

@@ -81,7 +81,13 @@ def delimiter_of(line: str) -> str:
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
-    """The cells of one line, quotes taken off."""
+    """The cells of one line, quotes taken off.
+
+    Parameters
+    ----------
+    line : of the file
+    delimiter : between the cells
+    """
     if delimiter == " ":
         return line.split()
     return next(csv.reader([line], delimiter=delimiter), [])
@@ -89,6 +95,14 @@ def cells_of(line: str, delimiter: str) -> list[str]:
 
 def sheet_of(path: Path, lines: list[str], start: int, header: list[str], delimiter: str) -> Sheet:
     """The rows below line ``start`` (from 0) under ``header``; empty lines and ``#`` lines are left out.
+
+    Parameters
+    ----------
+    path : of the file
+    lines : of the file
+    start : line of the header, from 0
+    header : its cells
+    delimiter : between the cells
 
     Raises
     ------
@@ -123,7 +137,15 @@ def read_sheet(path: Path) -> Sheet:
 
 
 def number(path: Path, line: int, column: str, cell: str) -> float:
-    """One cell as a number; a comma is a decimal comma; NaN where the cell is empty."""
+    """One cell as a number; a comma is a decimal comma; NaN where the cell is empty.
+
+    Parameters
+    ----------
+    path : of the file
+    line : of the file
+    column : its name, for messages
+    cell : its text
+    """
     text = cell.strip()
     if text.lower() in EMPTY:
         return math.nan

@@ -31,6 +31,11 @@ def header_line(lines: list[str]) -> int | None:
 def read_tracker(path: Path, wanted: Wanted) -> Points:
     """Read an exported table of one or more point masses.
 
+    Parameters
+    ----------
+    path : of the file
+    wanted : what the file does not say
+
     Raises
     ------
     InputError : no t, x, y; an x without its y; the axes' origin not said; times that do not rise; a cell that is no number

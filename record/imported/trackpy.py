@@ -20,6 +20,11 @@ ERRORS = (("ep_x", "ep_y"), ("ep", "ep"))
 def read_trackpy(path: Path, wanted: Wanted) -> Points:
     """Read linked features.
 
+    Parameters
+    ----------
+    path : of the file
+    wanted : what the file does not say
+
     Raises
     ------
     InputError : a column is missing, a cell is no number, frame or particle is no integer, or one particle stands twice in a frame

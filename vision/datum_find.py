@@ -1,8 +1,10 @@
 """Datum points found by what they are: a printed tag's corner, a chessboard's inner corner, a dot or cross near the rough pick.
 
-Several frames are averaged while the camera stands still. The sigma of a point is that of its fit over the root of the number of
-frames, or, where the frames scatter by more than the fit says, their scatter's. In video compressed with loss the pixels that stand
-still repeat their first error in every frame: there averaging is not believed, and the fit's sigma is taken ``STILL_FACTOR`` times.
+Several frames are averaged while the camera stands still. What is noise of its own in every frame falls with their number; texture
+of the ground, the print and the error of a codec, past or present, repeat in all of them. How much does not fall shows in the mean
+of the frames: the points are found in that too, and its fit's sigma is that of the part that stays. Where the frames' places
+scatter by more than the fits say, their scatter is believed. In pictures compressed with loss, and for what repeats in others, the
+error is larger than what is left of the fit shows: ``CODEC_FACTOR`` times.
 """
 
 from __future__ import annotations
@@ -21,8 +23,8 @@ from ..record.errors import InputError
 from ..record.looks import DATUM_LOOKS, Look, look_of, register_look
 from ..record.registry import Registry
 from ..record.schema import DatumPoint
+from ..record.tags import tag_name
 from .fiducial import FiducialFollower
-from .scatter import STILL_FACTOR
 from .symmetry import centre_of_symmetry
 from .tag_fit import Tag
 from .tag_squares import tag_cells
@@ -52,6 +54,12 @@ MOVED_PX = 0.1
 """Points that go together by more than this: the camera moved."""
 BY_CHANCE = 0.01
 """A scatter over the frames that the fits' sigmas let expect more rarely than this is believed instead of them."""
+CODEC_FACTOR = 2.0
+"""A fit's error over its sigma where what is left of the picture repeats in all frames: 1.4-2.3 for dots and crosses at H.264 crf
+18-28, 1.4 on ground with texture."""
+SURE_SHARE = 1.3
+"""Something repeats where the variance of a fit to the frames' mean is beyond this many times the single frames' over their number:
+some hundred pixels, half of them by symmetry the other half's, know it to a quarter."""
 LEAST_SIGMA_PX = 1e-3
 """No point is stated to be better known than this, a thousandth of a pixel."""
 NOT_FOUND, SEVERAL_SHAPES = "not found", "no symmetric mark near pixel_px"
@@ -98,6 +106,7 @@ class Finder(Protocol):
     Attributes
     ----------
     reason : why a point that it does not find is not found
+    exact : it takes pictures of float, too: the mean of the frames is not rounded for it. May be absent: no
     """
 
     reason: str
@@ -149,6 +158,7 @@ def find_datum(
     points : of run.toml; ``pixel_px`` is the rough pick
     frames : luma (h, w), the first ones that are analysed
     lens : of the camera
+    white_dn : largest value of a pixel; such pixels may truly be brighter
     lossy : the video was compressed with loss
 
     Raises
@@ -158,6 +168,8 @@ def find_datum(
     wanted = {k: point.look for k, point in enumerate(points) if point.look is not None}
     place = np.full((len(frames), len(points), 2), np.nan)
     sigma = np.full((len(frames), len(points), 2), np.nan)
+    kept = np.full((len(points), 2), np.nan)
+    mean: Any = np.mean(frames, axis=0, dtype=np.float32) if len(frames) > 1 else None
     reason = dict.fromkeys(wanted, NOT_FOUND)
     begun = {k: _begin_of(look) for k, look in wanted.items()}
     for begin in dict.fromkeys(FINDERS.here()):
@@ -168,32 +180,41 @@ def find_datum(
         reason |= dict.fromkeys(these, finder.reason)
         for number, luma in enumerate(frames):
             place[number, these], sigma[number, these] = finder.look(number, luma)
+        if mean is not None:
+            shown = mean if getattr(finder, "exact", False) else np.rint(mean).astype(np.uint8)
+            kept[these] = finder.look(len(frames), shown)[1]
     moved = _camera_moved(place)
     if moved:
         place, sigma = place[:1], sigma[:1]
     found: list[FoundPoint | None] = [None] * len(points)
     for k, look in wanted.items():
         name = points[k].name or f"point {k + 1}"
-        found[k] = _averaged(FoundPoint(name, look, np.full(2, np.nan), np.nan, 0), place[:, k], sigma[:, k], lossy)
+        nowhere = FoundPoint(name, look, np.full(2, np.nan), np.nan, 0)
+        found[k] = _averaged(nowhere, place[:, k], sigma[:, k], kept[k], lossy)
         if not found[k].frames:  # pyright: ignore[reportOptionalMemberAccess]
             found[k] = FoundPoint(name, look, np.full(2, np.nan), np.nan, 0, reason[k])
     return FoundDatum(tuple(found), moved)
 
 
-def _averaged(point: FoundPoint, place: Array, sigma: Array, lossy: bool) -> FoundPoint:
+def _averaged(point: FoundPoint, place: Array, sigma: Array, kept: Array, lossy: bool) -> FoundPoint:
+    """The mean of a point's places, with its sigma; ``kept`` is that of the fit to the frames' mean."""
     good = np.isfinite(place).all(axis=1)
     count = int(good.sum())
     if not count:
         return point
     place, fitted = place[good], float((sigma[good] ** 2).mean())
     middle = place.mean(axis=0)
+    freedom = 2 * (count - 1)
+    scatter = float(((place - middle) ** 2).sum() / freedom) if freedom else 0.0
+    beyond = freedom > 0 and scatter * freedom > fitted * chdtri(freedom, BY_CHANCE)
+    falls = (scatter if beyond else fitted) / count
+    # without a fit to the mean picture nothing is known to average
+    whole = fitted if count == 1 or not np.isfinite(kept).all() else float((kept**2).mean())
     if lossy:
-        variance = STILL_FACTOR**2 * fitted
+        variance = CODEC_FACTOR**2 * max(whole, falls)
     else:
-        freedom = 2 * (count - 1)
-        scatter = float(((place - middle) ** 2).sum() / freedom) if freedom else 0.0
-        beyond = freedom > 0 and scatter * freedom > fitted * chdtri(freedom, BY_CHANCE)
-        variance = (scatter if beyond else fitted) / count
+        stays = max(whole - SURE_SHARE * fitted / count, 0.0) if count > 1 else 0.0
+        variance = falls + CODEC_FACTOR**2 * stays
     return replace(point, pixel_px=middle, sigma_px=max(float(np.sqrt(variance)), LEAST_SIGMA_PX), frames=count)
 
 
@@ -207,6 +228,11 @@ def _camera_moved(place: Array) -> bool:
     return any(np.hypot(*np.median(gap[n][seen[n]], axis=0)) > MOVED_PX for n in range(len(gap)) if seen[n].sum() >= 2)
 
 
+def _whole(luma: Array) -> NDArray[np.uint8]:
+    """A picture in whole grey values, for what OpenCV looks for."""
+    return luma if luma.dtype == np.uint8 else np.rint(luma).astype(np.uint8)
+
+
 # marks --------------------------------------------------------------------------------------------------------------
 
 
@@ -214,7 +240,7 @@ def _camera_moved(place: Array) -> bool:
 class _Marks:
     """Dots and crosses near their rough picks."""
 
-    reason = SEVERAL_SHAPES
+    reason, exact = SEVERAL_SHAPES, True
 
     def __init__(self, points: Sequence[DatumPoint], *_: object) -> None:
         self._near = [np.array(point.pixel_px, dtype=float) for point in points]
@@ -262,11 +288,11 @@ def _blobs(luma: NDArray[np.uint8], near_px: Array) -> list[tuple[Array, float]]
 # tags ---------------------------------------------------------------------------------------------------------------
 
 
-@register_finder("aruco:N:CORNER", "apriltag:N:CORNER")
+@register_finder("aruco:N:CORNER", "apriltag:N:CORNER", "aruco:DICTIONARY:N:CORNER", "apriltag:DICTIONARY:N:CORNER")
 class _Tags:
     """The corners of printed tags, given as looks such as "aruco:7:2"."""
 
-    reason = NOT_FOUND
+    reason, exact = NOT_FOUND, True
 
     def __init__(self, points: Sequence[DatumPoint], white_dn: float, lens: Lens | None) -> None:
         looks = [str(point.look) for point in points]
@@ -282,7 +308,7 @@ class _Tags:
 
     def look(self, number: int, luma: NDArray[np.uint8]) -> tuple[Array, Array]:
         """Places and sigmas (n, 2) of the corners in the next frame."""
-        seen = dict(zip(self._names, self._follower.step(number, float(number), luma), strict=True))
+        seen = dict(zip(self._names, self._follower.step(number, float(number), _whole(luma)), strict=True))
         place, sigma = np.full((len(self.tag), 2), np.nan), np.full((len(self.tag), 2), np.nan)
         for name, tag in seen.items():
             if tag.reason:
@@ -296,10 +322,10 @@ class _Tags:
 
     def _tag(self, name: str) -> Tag:
         if name not in self._fits:
-            kind, _, number = name.partition(":")
-            family = self._follower.families[kind]
+            tag = tag_name(name)
+            family = self._follower.families[tag.group]
             assert family is not None
-            self._fits[name] = self._make(tag_cells(family, [int(number)])[0])
+            self._fits[name] = self._make(tag_cells(family, [tag.number])[0])
         return self._fits[name]
 
 
@@ -310,7 +336,7 @@ class _Tags:
 class _Boards:
     """Inner corners of chessboards, told apart by their sizes."""
 
-    reason = NOT_FOUND
+    reason, exact = NOT_FOUND, True
 
     def __init__(self, points: Sequence[DatumPoint], *_: object) -> None:
         self._points = points
@@ -335,7 +361,7 @@ def _board(luma: NDArray[np.uint8], size: str, points: Sequence[DatumPoint]) -> 
             "run.toml", "datum.look", f"checker:{size}:{i},{j} names a corner that the board does not have"
         )
     place, sigma = np.full((len(points), 2), np.nan), np.full((len(points), 2), np.nan)
-    view = find_board(luma, Board(columns, rows, 1.0))
+    view = find_board(_whole(luma), Board(columns, rows, 1.0))
     if view is None:
         return place, sigma
     grid = view.pixel_px.reshape(rows, columns, 2)

@@ -24,6 +24,8 @@ def find_run_datum(run: Run, frames: int, lossless: frozenset[str] = frozenset()
 
     Parameters
     ----------
+    run : the run folder as read
+    frames : how many, from the first analysed one
     lossless : codecs whose pixels are as the camera gave them
 
     Raises
@@ -56,6 +58,11 @@ def find_run_datum(run: Run, frames: int, lossless: frozenset[str] = frozenset()
 
 def write_datum(path: Path, points: tuple[FoundPoint | None, ...]) -> int:
     """Put found places and sigmas into a run.toml; points that were not found stay as they are.
+
+    Parameters
+    ----------
+    path : of the file
+    points : found, None where not, in run.toml's order
 
     Returns
     -------

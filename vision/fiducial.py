@@ -1,8 +1,9 @@
 """Follow printed ArUco and AprilTag marks through frames that come one at a time.
 
-Which family the tags are of, nobody has to say: it is the one that shows all wanted numbers. A tag is measured only where its whole
-pattern fits, every cell of it (``tag_fit``). Once seen, it is fitted from its predicted place; squares are looked for
-(``tag_squares``) only where that fails, around it and now and then everywhere.
+Which family (dictionary) the tags are of, nobody has to say: it is the one that shows all wanted numbers. Where tags of several are
+in one run, each names its own ("aruco:4x4:7"). A tag is measured only where its whole pattern fits, every cell of it (``tag_fit``);
+one that names its dictionary and was never seen whole (worn print, glare), where every cell can be read. Once seen, it is fitted
+from its predicted place; squares are looked for (``tag_squares``) only where that fails, around it and now and then everywhere.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.camera import Lens
+from ..record.tags import DICTIONARIES, tag_name
 from .tag_fit import Tag, TagFit
-from .tag_squares import FAMILIES, Squares, count_tags, tag_cells
+from .tag_squares import Squares, count_tags, tag_cells
 from .tag_view import SQUARE, Array, inside, middle_px, project
 
 NO_TAG, AMBIGUOUS, OUTSIDE, COVERED = "no tag", "ambiguous", "outside the picture", "covered"
@@ -59,11 +61,13 @@ class FiducialPlace:
 
 
 @dataclass
-class _Kind:
-    """The looks of one kind: their places in the list; of each family that has all their numbers, the tags' cells."""
+class _Group:
+    """Looks whose tags are of one family: their places in the list; of each family that has all their numbers, the tags' cells."""
 
     looks: list[int]
     families: dict[str, list[Array]]
+    named: bool = False
+    """run.toml names the family: a worn tag is no sign of another one."""
     family: str | None = None
     tried: int = 0
     shown: dict[str, int] = field(default_factory=dict)
@@ -79,6 +83,8 @@ class _Trail:
     rate_px_s: Array
     usual_dn: float
     lost: int = 0
+    worn: bool = False
+    """It was never seen whole."""
 
     def predict(self, t_s: float) -> Array:
         """Its homography at ``t_s`` (3, 3): constant velocity, after a while standing."""
@@ -90,7 +96,8 @@ class _Trail:
     def accepts(self, fit: TagFit) -> bool:
         """The whole tag is there, as well as ever (in a while, light and blur may have changed)."""
         limit = USUAL_FACTOR * self.usual_dn / fit.contrast_dn + USUAL_SHARE
-        return fit.whole and (self.lost > COAST_FRAMES or fit.residual < limit)
+        there = fit.readable if self.worn else fit.whole
+        return there and (self.lost > COAST_FRAMES or fit.residual < limit)
 
     def take(self, fit: TagFit, t_s: float) -> None:
         """The tag was measured."""
@@ -100,6 +107,7 @@ class _Trail:
         known = gap > 0 and self.lost <= COAST_FRAMES
         self.rate_px_s = (fit.centre_px - middle_px(self.to_px)) / gap if known else np.zeros(2)
         self.to_px, self.t_s, self.lost = fit.to_px, t_s, 0
+        self.worn = self.worn and not fit.whole
 
 
 class FiducialFollower:
@@ -107,26 +115,26 @@ class FiducialFollower:
 
     Parameters
     ----------
-    looks : one per marker, such as "aruco:7" or "apriltag:3"
+    looks : one per marker, such as "aruco:7", "apriltag:3" or, with its dictionary, "aruco:4x4:7"
     white_dn : value at which the picture is clipped
     lens : of the camera; without it the picture is taken as free of distortion (``tag_fit.Tag`` says what that costs)
 
     Raises
     ------
-    ValueError : not such a look, one given twice, or no family has all numbers of a kind
+    ValueError : not such a look, one given twice, or no family has all numbers of a kind that are given without one
     """
 
     def __init__(self, looks: Sequence[str], white_dn: float = 255.0, lens: Lens | None = None) -> None:
         self.looks, self.white_dn, self.lens = tuple(looks), white_dn, lens
-        self._kinds = _kinds(self.looks)
+        self._groups = _groups(self.looks)
         self._trails: list[_Trail | None] = [None] * len(self.looks)
         self._reasons = [NO_TAG] * len(self.looks)
         self._frames = 0
 
     @property
     def families(self) -> dict[str, str | None]:
-        """Kind ("aruco", "apriltag") -> the family its tags turned out to be of, by OpenCV's name; None while that is open."""
-        return {kind: group.family for kind, group in self._kinds.items()}
+        """Group ("aruco", "aruco:4x4") -> the family its tags turned out to be of, by OpenCV's name; None while that is open."""
+        return {name: group.family for name, group in self._groups.items()}
 
     def step(self, index: int, t_s: float, luma: NDArray[np.uint8]) -> list[FiducialPlace]:
         """Take one frame.
@@ -177,7 +185,7 @@ class FiducialFollower:
         side = float(np.ptp(corners, axis=0).max())
         reach = min(REACH_PX + REACH_SIDES * side + REACH_GROWTH_PX * trail.lost, REACH_LIMIT_PX)
         squares = Squares(luma, corners.min(axis=0) - reach, corners.max(axis=0) + reach)
-        found = _nearest_first(squares.tags(trail.tag), middle_px(start))
+        found = _nearest_first(squares.tags(trail.tag, trail.worn), middle_px(start))
         return found[0] if found and trail.accepts(found[0]) else None
 
     # whole frames -----------------------------------------------------------------------------------------------
@@ -192,7 +200,7 @@ class FiducialFollower:
         """Those of the missing looks that the whole frame shows."""
         squares = Squares(luma)
         found: dict[int, TagFit] = {}
-        for group in self._kinds.values():
+        for group in self._groups.values():
             wanted = [look for look in group.looks if look in missing]
             if wanted and group.family is None:
                 self._name_family(group, squares)
@@ -200,12 +208,16 @@ class FiducialFollower:
                 continue
             for look in wanted:
                 cells = group.families[group.family][group.looks.index(look)]
-                fit = self._one(look, squares.tags(self._tag(cells)), t_s)
+                trail = self._trails[look]
+                whole = squares.tags(self._tag(cells))
+                worn = not whole and (group.named if trail is None else trail.worn)
+                fit = self._one(look, squares.tags(self._tag(cells), worn=True) if worn else whole, t_s)
                 if fit is not None:
                     found[look] = fit
-                    if self._trails[look] is None:
+                    if trail is None:
+                        usual_dn = fit.residual * fit.contrast_dn
                         self._trails[look] = _Trail(
-                            self._tag(cells), fit.to_px, t_s, np.zeros(2), fit.residual * fit.contrast_dn
+                            self._tag(cells), fit.to_px, t_s, np.zeros(2), usual_dn, worn=not fit.whole
                         )
         return found
 
@@ -223,7 +235,7 @@ class FiducialFollower:
         self._reasons[look] = AMBIGUOUS
         return None
 
-    def _name_family(self, group: _Kind, squares: Squares) -> None:
+    def _name_family(self, group: _Group, squares: Squares) -> None:
         """Settle on the family that shows all numbers; after a while, on the one that has shown most."""
         group.tried += 1
         full: dict[str, float] = {}
@@ -248,19 +260,32 @@ def _nearest_first(fits: list[TagFit], place_px: Array) -> list[TagFit]:
     return sorted(fits, key=lambda fit: float(np.hypot(*(fit.centre_px - place_px))))
 
 
-def _kinds(looks: tuple[str, ...]) -> dict[str, _Kind]:
-    """Looks by kind, with the cells of their numbers in every family that has them all."""
-    if len(set(looks)) < len(looks):
-        raise ValueError(f"looks {looks}: a fiducial stands there twice")
-    kinds: dict[str, _Kind] = {}
-    for place, look in enumerate(looks):
-        kind, _, number = look.partition(":")
-        if kind not in FAMILIES or not number.isdecimal():
-            raise ValueError(f"look {look!r}: expected aruco:N or apriltag:N")
-        kinds.setdefault(kind, _Kind([], {})).looks.append(place)
-    for kind, group in kinds.items():
-        numbers = [int(looks[place].partition(":")[2]) for place in group.looks]
-        group.families = {name: cells for name in FAMILIES[kind] if (cells := tag_cells(name, numbers))}
+def _groups(looks: tuple[str, ...]) -> dict[str, _Group]:
+    """Looks by what they say of kind and family, with the cells of their numbers in every family that has them all."""
+    names = [tag_name(look) for look in looks]
+    if len(set(names)) < len(names):
+        raise ValueError(f"looks {list(looks)}: a fiducial stands there twice")
+    groups: dict[str, _Group] = {}
+    for place, name in enumerate(names):
+        groups.setdefault(name.group, _Group([], {})).looks.append(place)
+    for group in groups.values():
+        first = names[group.looks[0]]
+        numbers = [names[place].number for place in group.looks]
+        for dictionary, family in DICTIONARIES[first.kind].items():
+            if first.dictionary not in ("", dictionary):
+                continue
+            # a tag that names its dictionary is not meant a second time without it
+            named = {name.number for name in names if (name.kind, name.dictionary) == (first.kind, dictionary)}
+            if (first.dictionary or not named.intersection(numbers)) and (cells := tag_cells(family, numbers)):
+                group.families[family] = cells
         if not group.families:
-            raise ValueError(f"{kind} {numbers}: no family of tags has all these numbers")
-    return kinds
+            if first.dictionary:
+                raise ValueError(
+                    f"{first.kind}:{first.dictionary} {numbers}: the dictionary does not have all these numbers"
+                )
+            raise ValueError(
+                f"{first.kind} {numbers}: no family of tags has all these numbers; tags of several name theirs, aruco:4x4:7"
+            )
+        if first.dictionary:
+            [group.family], group.named = group.families, True
+    return groups

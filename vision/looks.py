@@ -5,52 +5,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar
-
-import pandas as pd
+from typing import TypeVar
 
 from ..geometry.mapping import Mapping
+from ..record.corrections import Placed
 from ..record.errors import InputError
-from ..record.looks import LOOKS, Look, in_words, look_of, named, register_look, spot_names
+from ..record.looks import LOOKS, Look, in_words, look_of, named, register_look
 from ..record.registry import Registry, code_stamp
 from ..record.run import RUN_FILE, Run
 from ..record.schema import Marker
 from .backend import Backend
-from .recording import Frame
+from .follower import Follower
 from .rows import Rows
+from .seeded import SeededFollower
 from .spots import SpotFollower
-
-
-class Follower(Protocol):
-    """What follows some markers of a run through its frames.
-
-    Attributes
-    ----------
-    losses : rows that are lost so far, for the progress line
-    ambiguous : when the marks were found, another assignment of what was seen to the markers was nearly as good
-    """
-
-    losses: int
-    ambiguous: bool
-
-    def step(self, frame: Frame) -> None:
-        """Take the next frame; it may be ``damaged``."""
-        ...
-
-    def finish(self) -> pd.DataFrame:
-        """A row a frame and marker, frame by frame.
-
-        Columns as in tracks.csv: frame, t_s, marker, u_px, v_px, sigma_u_px, sigma_v_px, status ("measured", "lost"), and reason
-        (why lost, "" where measured). Sigmas are what the frame itself shows; path and rigid body widen them later (``scatter``).
-
-        Raises
-        ------
-        TrackingError : the marks were never found
-        """
-        ...
-
 
 Begin = Callable[[Run, tuple[Marker, ...], Mapping, Backend], Follower]
 """(run, its markers of these looks in run.toml's order, pixel -> tank, where fits run) -> what follows them."""
@@ -101,8 +71,15 @@ def register_tracker(*looks: Look | str, each: bool = False) -> Callable[[BeginT
     return registered
 
 
-def followers(run: Run, mapping: Mapping, backend: Backend) -> list[Follower]:
+def followers(run: Run, mapping: Mapping, backend: Backend, seeds: Sequence[Placed] = ()) -> list[Follower]:
     """What follows the markers of ``run``, by the order of the trackers' registration.
+
+    Parameters
+    ----------
+    run : the run folder as read
+    mapping : pixel -> tank
+    backend : where the fits run
+    seeds : frames in which a person says where marks are; what follows those begins again there
 
     Raises
     ------
@@ -113,8 +90,21 @@ def followers(run: Run, mapping: Mapping, backend: Backend) -> list[Follower]:
     for tracker in dict.fromkeys(TRACKERS.here()):
         own = [marker for marker in run.file.marker if of_each[marker.name] == tracker]
         groups = [[marker] for marker in own] if tracker.each else [own]
-        found += [tracker.begin(run, tuple(group), mapping, backend) for group in groups if group]
+        found += [_follower(tracker, run, tuple(group), mapping, backend, seeds) for group in groups if group]
     return found
+
+
+def _follower(
+    tracker: Tracker, run: Run, markers: tuple[Marker, ...], mapping: Mapping, backend: Backend, seeds: Sequence[Placed]
+) -> Follower:
+    names = {marker.name for marker in markers}
+    own: dict[int, dict[str, Placed]] = {}
+    for seed in seeds:
+        if seed.marker in names:
+            own.setdefault(seed.frame, {})[seed.marker] = seed
+    if not own:
+        return tracker.begin(run, markers, mapping, backend)
+    return SeededFollower(lambda some: tracker.begin(run, some, mapping, backend), markers, own)
 
 
 def _tracker_of(run: Run, marker: Marker) -> Tracker:
@@ -132,17 +122,10 @@ def _tracker_of(run: Run, marker: Marker) -> Tracker:
 @register_tracker("led", "disc")
 def _spots(run: Run, markers: tuple[Marker, ...], mapping: Mapping, backend: Backend) -> Follower:
     """One for all lights and discs."""
-    if len(markers) == 1:
-        spots = in_words(spot_names())
-        raise InputError(
-            run.folder / RUN_FILE,
-            f"marker {markers[0].name!r}.look",
-            f"{markers[0].look!r} alone: which spot it is shows only beside a second {spots}",
-        )
     return SpotFollower(run, markers, mapping, backend)
 
 
-@register_tracker("aruco:N", "apriltag:N")
+@register_tracker("aruco:N", "apriltag:N", "aruco:DICTIONARY:N", "apriltag:DICTIONARY:N")
 def _tags(run: Run, markers: tuple[Marker, ...], *_: object) -> Follower:
     """One for all fiducials."""
     from .patch_follower import FiducialMarks

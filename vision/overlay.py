@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..record.errors import VideoError
 from ..record.files import replacing
 from ..record.schema import DatumPoint
+from ..record.tables import seen_rows
 from .recording import Frame
 
 # Okabe-Ito, BGR: told apart by colour-blind eyes
@@ -97,7 +98,16 @@ def _fixed(place: Sequence[float] | NDArray[np.float64]) -> tuple[int, int]:
 def write_text(
     canvas: NDArray[np.uint8], text: str, corner: tuple[int, int], colour: tuple[int, int, int], size: float = 0.45
 ) -> None:
-    """Write one line with its lower left at ``corner``, over a black shadow; OpenCV's letters are ASCII only."""
+    """Write one line with its lower left at ``corner``, over a black shadow; OpenCV's letters are ASCII only.
+
+    Parameters
+    ----------
+    canvas : (h, w, 3) uint8, BGR, written on
+    text : what is written
+    corner : its lower left, (u, v) px
+    colour : BGR
+    size : OpenCV's scale of the letters
+    """
     import cv2
 
     text = plain(text)
@@ -145,7 +155,7 @@ class _Seen:
         column = pd.Index(names).get_indexer(pd.Index(table["marker"].astype(str)))
         place = np.full((len(frames), len(names), 2), np.nan)
         reason = np.full((len(frames), len(names)), "", dtype=object)
-        measured = (table["status"] == "measured").to_numpy()
+        measured = seen_rows(table)
         place[row[measured], column[measured]] = table[["u_px", "v_px"]].to_numpy(dtype=float)[measured]
         reason[row, column] = reasons_of(table)
         return cls(names, {int(frame): k for k, frame in enumerate(frames)}, place, reason)
@@ -169,8 +179,10 @@ def write_overlay(
 
     Parameters
     ----------
+    path : of the file
     frames : of the recording; one that the table does not hold is shown without marks
     table : tracks, as ``track`` or ``record.read_tracks`` gives
+    datum : points that are crossed
     rate_hz : nominal frame rate of the recording
     progress : called with the frames written
 

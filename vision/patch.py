@@ -76,7 +76,17 @@ class Patch:
 def make_patch(
     mean_dn: Array, trust: Array, origin_px: Array, radius_px: int, noise_dn: float, slope_noise: float | None = None
 ) -> Patch:
-    """Build a template and its table from node values ``(n, n)``; without ``slope_noise`` their noise is white."""
+    """Build a template and its table from node values ``(n, n)``; without ``slope_noise`` their noise is white.
+
+    Parameters
+    ----------
+    mean_dn : (n, n) node values, DN
+    trust : (n, n), 0 .. 1
+    origin_px : (2,) place of the picked point among the nodes
+    radius_px : of the patch
+    noise_dn : standard deviation of a pixel's noise, DN
+    slope_noise : variance of the template's slope by noise of variance 1, 1/px2; None: as of white noise
+    """
     from scipy.ndimage import spline_filter
 
     value, slope = _splines(len(mean_dn))
@@ -120,6 +130,11 @@ def _finer(rows: Array) -> Array:
 def slope_energy(table: Array, slope_noise: float) -> tuple[Array, Array, float]:
     """Gradient energy of a patch along its two axes over what noise alone would give.
 
+    Parameters
+    ----------
+    table : of the template and its slopes, as ``Patch`` holds it
+    slope_noise : variance of the template's slope by noise of variance 1, 1/px2
+
     Returns
     -------
     ratios : (2,), rising
@@ -148,7 +163,13 @@ def _told(table: Array, slope_noise: float) -> tuple[Array, bool, bool]:
 
 
 def look_up(patch: Patch, xi: Array) -> Array:
-    """Template, its slopes along u and v, and its weight at ``xi (2, m)``: (4, m)."""
+    """Template, its slopes along u and v, and its weight at ``xi (2, m)``: (4, m).
+
+    Parameters
+    ----------
+    patch : the template
+    xi : (2, m) places in the template
+    """
     size = patch.table.shape[0]
     fine = (xi - patch.origin_px[:, None]) * FINE
     node = np.rint(fine)

@@ -20,6 +20,14 @@ def centre_covariance(patch: Patch, pose: Pose, white: Array, solved: Array, tot
     The information S about the centre is compared with that of a patch of noise alone, N. Errors in variables: the score
     keeps its noise, the true slope is smaller, so the variance is white (S / (S - N))^2; of S near N nothing is known: the
     patch's radius then stands for the standard deviation, as along its blind direction.
+
+    Parameters
+    ----------
+    patch : the template
+    pose : where it lies
+    white : (2, 2), covariance by white noise alone
+    solved : (8, 8), inverse of the normal matrix
+    total : sum of the weights
     """
     if patch.clear:
         return white
@@ -46,6 +54,15 @@ def related_spread(
 
     The fit takes from the residuals what it can explain, I - J (J'WJ)^-1 J'W, so that white noise leaves related residuals;
     that share is taken off the second column too.
+
+    Parameters
+    ----------
+    cut : the frame's pixels about it
+    linear : the model about a pose
+    influence : (2, m), change of the centre with each pixel
+    weighted : (8, m), slopes times weights
+    solved : (8, 8), inverse of the normal matrix
+    noise_dn : standard deviation of a pixel's noise, DN
     """
     found = np.empty((2, 2))
     for row in range(2):
@@ -57,7 +74,14 @@ def related_spread(
 
 
 def pieces_spread(cut: Cut, linear: Linear, influence: Array) -> Array:
-    """Variance (2,) of the centre if every square of PIECE_PX were displaced by itself, 1 px along u and along v."""
+    """Variance (2,) of the centre if every square of PIECE_PX were displaced by itself, 1 px along u and along v.
+
+    Parameters
+    ----------
+    cut : the frame's pixels about it
+    linear : the model about a pose
+    influence : (2, m), change of the centre with each pixel
+    """
     reach = int(np.abs(cut.place).max()) + PIECE_PX
     column, row = ((cut.place + reach) // PIECE_PX).astype(np.intp)
     cell = row * (int(column.max()) + 1) + column

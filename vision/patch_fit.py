@@ -86,6 +86,9 @@ def register(
 
     Parameters
     ----------
+    luma : (h, w) uint8
+    patch : the template
+    start : where the fit begins
     shape_sd : prior standard deviations of rotation, scale and shear against start's; they hold what a poor texture does
         not show
     white_dn : the sensor's upper limit
@@ -126,7 +129,16 @@ def register(
 
 
 def matching_share(luma: Array, patch: Patch, pose: Pose, noise_dn: float, white_dn: float = 255.0) -> float:
-    """Share of the patch's weight whose pixels agree with ``pose`` (brightness too) within INLIER_SD of ``noise_dn``."""
+    """Share of the patch's weight whose pixels agree with ``pose`` (brightness too) within INLIER_SD of ``noise_dn``.
+
+    Parameters
+    ----------
+    luma : (h, w) uint8
+    patch : the template
+    pose : where it lies
+    noise_dn : standard deviation of a pixel's noise, DN
+    white_dn : largest value of a pixel; such pixels may truly be brighter
+    """
     cut = cut_out(luma, patch, pose)
     linear = None if cut is None else linearise(patch, cut, pose, white_dn, noise_dn)
     if linear is None:

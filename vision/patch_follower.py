@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
-from ..record.run import Run
+from ..record.corrections import Placed
+from ..record.errors import InputError
+from ..record.run import RUN_FILE, Run
 from ..record.schema import Marker
 from .recording import Frame
 from .rows import Rows
@@ -31,6 +34,16 @@ class TemplateMark(_Placed):
         super().__init__(run, markers)
         [self.marker] = self.markers
         self.follower = None
+        self._seed: Placed | None = None
+        self._pick_px = 0.0
+
+    def begin_again(self, seed: Placed) -> None:
+        """In the next frame the point is where a person saw it.
+
+        The template is looked for there, so that the point stays the same point of the body; where it is not there, another is cut
+        out of that frame, and all places from it hold what the person's pick is off by.
+        """
+        self._seed = seed
 
     def step(self, frame: Frame) -> None:
         """Take one frame."""
@@ -38,6 +51,14 @@ class TemplateMark(_Placed):
 
         if self.damaged(frame):
             return
+        if self._seed is not None:
+            seed, self._seed = self._seed, None
+            place = np.array(seed.pixel_px)
+            if self.follower is not None:
+                self._take(self.follower.finish())
+            if self.follower is None or not self.follower.seek(place, frame.t_s, frame.luma):
+                self.follower = TemplateFollower(place, white_dn=float(frame.white_dn))
+                self._pick_px = seed.sigma_px
         if self.follower is None:
             self.follower = TemplateFollower(np.array(self.marker.seen_at_px), white_dn=float(frame.white_dn))
         self._take(self.follower.step(frame.index, frame.t_s, frame.luma))
@@ -50,6 +71,8 @@ class TemplateMark(_Placed):
 
     def _take(self, places) -> None:
         for place in places:
+            if self._pick_px:
+                place = replace(place, sigma_px=np.hypot(place.sigma_px, self._pick_px))
             self.take(place.index, place.t_s, self.marker, place)
 
 
@@ -57,8 +80,15 @@ class FiducialMarks(_Placed):
     """Printed ArUco and AprilTag marks."""
 
     def __init__(self, run: Run, markers: Sequence[Marker], *_: object) -> None:
+        from .fiducial import FiducialFollower
+
         super().__init__(run, markers)
-        self.follower = None
+        self.looks = [m.look for m in self.markers]
+        try:
+            FiducialFollower(self.looks)
+        except ValueError as error:
+            raise InputError(run.folder / RUN_FILE, "marker.look", str(error)) from None
+        self.follower: FiducialFollower | None = None
 
     def step(self, frame: Frame) -> None:
         """Take one frame."""
@@ -67,10 +97,13 @@ class FiducialMarks(_Placed):
         if self.damaged(frame):
             return
         if self.follower is None:
-            self.follower = FiducialFollower([m.look for m in self.markers], float(frame.white_dn))
+            self.follower = FiducialFollower(self.looks, float(frame.white_dn))
         for marker, place in zip(self.markers, self.follower.step(frame.index, frame.t_s, frame.luma), strict=True):
             self.take(frame.index, frame.t_s, marker, place)
 
     def finish(self) -> pd.DataFrame:
         """All rows."""
-        return self.table("no family of tags shows this number; is it in the picture, and sharp?")
+        return self.table(
+            "is it in the picture, whole and sharp? Tags of several dictionaries in one run, and a worn one, name theirs: "
+            '"aruco:4x4:7"'
+        )

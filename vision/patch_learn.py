@@ -61,7 +61,15 @@ def picture_noise_dn(luma: NDArray[np.uint8]) -> float:
 
 
 def first_patch(luma: NDArray[np.uint8], picked_px: Array, radius_px: int | None, noise_dn: float) -> Patch:
-    """Cut the template about ``picked_px``; without a radius, the smallest that places it well enough in every direction."""
+    """Cut the template about ``picked_px``; without a radius, the smallest that places it well enough in every direction.
+
+    Parameters
+    ----------
+    luma : (h, w) uint8
+    picked_px : (2,)
+    radius_px : of the patch; None: the smallest of ``RADII_PX`` that will do
+    noise_dn : standard deviation of a pixel's noise, DN
+    """
     for radius in RADII_PX if radius_px is None else ():
         patch = _cut_patch(luma, picked_px, radius, noise_dn)
         if expected_sigma_px(patch, noise_dn)[1] < WANTED_SIGMA_PX:
@@ -70,7 +78,13 @@ def first_patch(luma: NDArray[np.uint8], picked_px: Array, radius_px: int | None
 
 
 def expected_sigma_px(patch: Patch, noise_dn: float) -> Array:
-    """Standard deviation (2,) of a frame's place along the patch's best and its worst axis, from its gradients alone."""
+    """Standard deviation (2,) of a frame's place along the patch's best and its worst axis, from its gradients alone.
+
+    Parameters
+    ----------
+    patch : the template
+    noise_dn : standard deviation of a pixel's noise, DN
+    """
     ratio, _, _ = slope_energy(patch.table, patch.slope_noise)
     area = np.pi * patch.radius_px**2 * float(patch.trust.mean())
     energy = np.maximum(ratio - 1.0, 1e-6) * patch.slope_noise * area

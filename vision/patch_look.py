@@ -15,8 +15,11 @@ from .patch_track import AMBIGUOUS, COVERED, NO_MATCH, OUTSIDE, STAND_FRAMES, SU
 
 EVERYWHERE_FRAMES = 60
 """How often the whole frame is searched for look-alikes while nothing is lost."""
-TURNS_RAD = (0.0, 0.2, -0.2)
-"""Rotations tried in turn in whole-frame searches."""
+TURN_STEP_RAD, TURN_STEPS = 0.2, 31
+"""A lost patch may have turned meanwhile: rotations tried are so far apart (a registration finds what is half of that off), and so
+many go once round."""
+TURNS_A_SEARCH = 3
+"""So many of them are tried in a search of the whole frame, the next in the search after it: a choice, for its cost."""
 COVERED_SHARE = 0.35
 """A place that cannot be registered although this share of its pixels is as expected is covered in part."""
 CLEARLY_BETTER = 1.4
@@ -53,7 +56,6 @@ class Look:
         self.as_one = 1.0
         self._twins: list[Array] = []
         self._since = EVERYWHERE_FRAMES
-        self._searches = 0
         self._registered = 0
 
     def find(
@@ -78,11 +80,10 @@ class Look:
                 return near, ""
         peaks = peaks_near(luma, self.patch, self._nodes(), there, track.reach())
         found, searched = self._choose(luma, track, [p.centre_px for p in peaks], there, corner)
-        if found is None and corner is None and searched != AMBIGUOUS and self._due_everywhere(track):
-            turned = replace(there, shape=_turned(there.shape, TURNS_RAD[self._searches % len(TURNS_RAD)]))
-            self._searches += 1
-            peaks = peaks_everywhere(luma, self.patch, self._nodes(), turned.shape)
-            found, searched = self._choose(luma, track, [p.centre_px for p in peaks], turned, corner)
+        if found is None and corner is None and searched != AMBIGUOUS:
+            found = self._turned_near(luma, track, there)
+            if found is None and self._due_everywhere(track):
+                found, searched = self._everywhere(luma, track, there)
         if found is not None or searched != NO_MATCH:
             return found, searched
         if reason == OUTSIDE or self._gone(track, t_s, luma.shape):
@@ -140,6 +141,26 @@ class Look:
             return None, AMBIGUOUS
         return best, ""
 
+    def _turned_near(self, luma: Array, track: Track, there: Pose) -> Registration | None:
+        """About its last place, turned: another rotation in every frame of a longer loss."""
+        if track.lost <= SURE_FRAMES or not self.judge.telling:
+            return None
+        turned = replace(there, shape=_turned(there.shape, _turn_rad(track.lost - SURE_FRAMES)))
+        peaks = peaks_near(luma, self.patch, self._nodes(), turned, track.reach())
+        return self._choose(luma, track, [p.centre_px for p in peaks], turned, None)[0]
+
+    def _everywhere(self, luma: Array, track: Track, there: Pose) -> tuple[Registration | None, str]:
+        """In the whole frame, by some rotations, the small ones first."""
+        first = TURNS_A_SEARCH * (track.lost // STAND_FRAMES - 1)
+        found, reason = None, NO_MATCH
+        for number in range(first, first + TURNS_A_SEARCH):
+            turned = replace(there, shape=_turned(there.shape, _turn_rad(number)))
+            peaks = peaks_everywhere(luma, self.patch, self._nodes(), turned.shape)
+            found, reason = self._choose(luma, track, [p.centre_px for p in peaks], turned, None)
+            if found is not None or reason == AMBIGUOUS:
+                break
+        return found, reason
+
     def _informed(self, place: Array, there: Pose) -> Array:
         """A candidate's place, without its component along a straight edge (there the prediction stands)."""
         blind = self.patch.blind
@@ -166,12 +187,24 @@ class Look:
 
 
 def apart_px(found: Registration, place: Array) -> float:
-    """Distance of a registration from a place."""
+    """Distance of a registration from a place.
+
+    Parameters
+    ----------
+    found : of the registration
+    place : (2,) px
+    """
     return float(np.hypot(*(found.pose.centre_px - place)))
 
 
 def _misfit(found: Registration) -> float:
     return found.noise_dn / found.pose.gain
+
+
+def _turn_rad(number: int) -> float:
+    """The rotations in the order in which they are tried: 0, then ever larger ones to both sides."""
+    step = number % TURN_STEPS
+    return TURN_STEP_RAD * ((step + 1) // 2) * (1 if step % 2 else -1)
 
 
 def _turned(shape: Array, angle_rad: float) -> Array:

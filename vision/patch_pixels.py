@@ -74,7 +74,14 @@ class Cut:
 
 
 def cut_out(luma: Array, patch: Patch, start: Pose) -> Cut | None:
-    """The frame's pixels that a patch may cover at ``start``; None where less than ``LEAST_INSIDE`` of them are in the picture."""
+    """The frame's pixels that a patch may cover at ``start``; None where less than ``LEAST_INSIDE`` of them are in the picture.
+
+    Parameters
+    ----------
+    luma : (h, w) uint8
+    patch : the template
+    start : where the fit begins
+    """
     height, width = luma.shape
     grown = min(axes_of(start.shape)[0], LARGEST_GROWTH)
     disc, whole = _disc(int(np.ceil((patch.radius_px + 0.5 * SOFT_PX) * grown + 0.5)))
@@ -114,7 +121,16 @@ class Linear:
 
 
 def linearise(patch: Patch, cut: Cut, pose: Pose, white_dn: float, scale_dn: float) -> Linear | None:
-    """Unknowns: centre, the entries of E radius_px in shape (1 + E), gain, offset."""
+    """Unknowns: centre, the entries of E radius_px in shape (1 + E), gain, offset.
+
+    Parameters
+    ----------
+    patch : the template
+    cut : the frame's pixels about it
+    pose : where it lies
+    white_dn : largest value of a pixel; such pixels may truly be brighter
+    scale_dn : scatter of the residuals so far, DN
+    """
     turn = inverse(pose.shape)
     xi = turn @ (cut.place - (pose.centre_px - cut.corner)[:, None])
     template, slope_u, slope_v, weight = look_up(patch, xi)
@@ -141,7 +157,14 @@ def linearise(patch: Patch, cut: Cut, pose: Pose, white_dn: float, scale_dn: flo
 
 
 def with_first_brightness(patch: Patch, cut: Cut, start: Pose) -> Pose:
-    """Gain and offset of a straight line through the pixels at the start."""
+    """Gain and offset of a straight line through the pixels at the start.
+
+    Parameters
+    ----------
+    patch : the template
+    cut : the frame's pixels about it
+    start : where the fit begins
+    """
     xi = inverse(start.shape) @ (cut.place - (start.centre_px - cut.corner)[:, None])
     template, _, _, weight = look_up(patch, xi)
     total = max(float(weight.sum()), 1e-9)

@@ -42,7 +42,12 @@ def peaks_near(
 
     Parameters
     ----------
+    luma : (h, w) uint8
+    patch : the template
     nodes : (n, n), picture of the patch at its nodes, DN (the template, or a blend with its recent look)
+    pose : where it lies
+    reach_px : how far from there peaks may lie
+    count : of peaks at most
     """
     import cv2
 
@@ -65,7 +70,16 @@ def peaks_near(
 
 
 def peaks_everywhere(luma: NDArray[np.uint8], patch: Patch, nodes: Array, shape: Array, count: int = 4) -> list[Peak]:
-    """The ``count`` best peaks of the whole frame, at half resolution, best first."""
+    """The ``count`` best peaks of the whole frame, at half resolution, best first.
+
+    Parameters
+    ----------
+    luma : (h, w) uint8
+    patch : the template
+    nodes : (n, n), picture of the patch at its nodes, DN
+    shape : (2, 2)
+    count : of peaks at most
+    """
     import cv2
 
     half = _half(patch, Pose(np.zeros(2), shape)) // 2

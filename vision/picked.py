@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ..record.errors import EstimationError
+from ..record.tables import seen_rows
 
 LEAST_POINTS = 5
 """Fewer points do not carry a path between them: a choice, one more than a cubic's four coefficients."""
@@ -40,7 +41,7 @@ def interpolated(tracks: pd.DataFrame, rate_hz: float, largest_gap_s: float) -> 
         raise EstimationError(f"rate_hz = {rate_hz:g}, largest_gap_s = {largest_gap_s:g}; both must be positive")
     parts = [tracks]
     for name, rows in tracks.groupby("marker", sort=False):
-        good = rows[rows["status"] == "measured"]
+        good = rows[seen_rows(rows)]
         if len(good) < LEAST_POINTS:
             raise EstimationError(f"marker {name!r}: {len(good)} digitised points, at least {LEAST_POINTS} are needed")
         parts.append(_between(str(name), good, rate_hz, largest_gap_s))

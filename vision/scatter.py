@@ -14,6 +14,7 @@ such a codec a mark may lag as well (``geometry.lag``), about as far as its plac
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -21,8 +22,10 @@ import pandas as pd
 from ..geometry.lag import mark_rate
 from ..geometry.mapping import Mapping
 from ..geometry.poses import LAG_COLUMN
+from ..record.corrections import Placed
 from ..record.schema import Marker
 from .spots.candidates import MAD_TO_SD, Array
+from .spots.stretch import GROUND_COLUMNS
 
 SPANS_S = (0.2, 0.3, 0.45, 0.65, 1.0, 1.4, 2.0)
 """Spans of the spline's knots: longer ones leave more of a slow error over, until the motion itself comes up."""
@@ -37,7 +40,13 @@ GROWTH = 1.5
 """Allowed growth from the first span to the second, before any has been seen: a choice."""
 SLOWING = 1.08
 """From span to span the residual's variance of an error grows less and less, and never faster than the span (a random walk);
-the motion's grows more and more (the span to the twelfth power): where growth quickens by more than this factor it comes up."""
+the motion's grows more and more (the span to the twelfth power): where growth quickens by more than this factor, and does not
+slow down at the next span, it comes up."""
+MOST_POWER = 2.0
+"""Power of the span by which an error's variance may grow where the next span shows no motion: an error smoother than a
+random walk, as B frames make it. A motion that grows by less has a share below 1 %, and would show at the next span."""
+LOOK_SPANS = 3
+"""A span of which a track holds only so many does not tell the error, but whether a motion had come up before it: a choice."""
 CLIP_SD = 5.0
 """A residual counts at most as this many robust standard deviations."""
 MOST_SAMPLES = 3000
@@ -47,6 +56,13 @@ SHARED_EXCESS = 0.3
 """Excess over the fits' own variance that is more than the estimate's scatter (7 % in 400 frames)."""
 ODD_VARIANCE = 3.0
 """A frame whose fit is this much worse than usual (partly covered, blurred) speaks for itself only."""
+JUMP_SD, JUMP_PX = 12.0, 1.0
+"""A step from frame to frame is no motion but a join of two recordings where it leaves the path's own rate by more than a pixel and
+so many of the robust standard deviations of such steps: choices, far beyond noise and what a swing changes within a frame."""
+RATE_FRAMES = 5
+"""Frames on either side of a step whose median step is the path's own rate there: a choice."""
+LONGEST_GAP_S = 1.0
+"""A track is no one path over a longer gap: no knot of a spline would hold there."""
 STILL_PX = 0.02
 """A mark whose median step from picture to picture is below this stands still, as far as a codec shows."""
 STILL_FACTOR = 2.5
@@ -60,14 +76,23 @@ MOST_RIGID = 9.0
 
 
 def with_scatter(
-    table: pd.DataFrame, markers: Sequence[Marker], mapping: Mapping, lossy: bool = False, linked: bool = False
+    table: pd.DataFrame,
+    markers: Sequence[Marker],
+    mapping: Mapping,
+    lossy: bool = False,
+    linked: bool = False,
+    anew: Sequence[Placed] = (),
 ) -> pd.DataFrame:
     """Widen every sigma of ``table`` to what paths and rigid distances show.
 
     Parameters
     ----------
+    table : tracks table; of ``GROUND_COLUMNS``, where it has them, come variances that neither paths nor distances show
+    markers : of run.toml
+    mapping : pixel -> tank
     lossy : the recording was compressed with loss; a mark that stands still cannot show its error then
     linked : its pictures are made from others: the table then says how far each mark may lag (LAG_COLUMN)
+    anew : seeds, at whose frames the paths begin anew: what was followed before may have been something else
     """
     table = table.copy()
     if linked:
@@ -84,7 +109,8 @@ def with_scatter(
             like &= own
         rows = table.iloc[at[like]]
         t_s, place = rows["t_s"].to_numpy(), rows[["u_px", "v_px"]].to_numpy()
-        excess = np.array([path_scatter(t_s, place[:, axis]) ** 2 for axis in (0, 1)]) - usual
+        begins = sorted({seed.frame for seed in anew})
+        excess = np.array([_scatter(rows["frame"].to_numpy(), t_s, place[:, i], begins) ** 2 for i in (0, 1)]) - usual
         excess = np.maximum(excess, 0.0)
         if (excess > SHARED_EXCESS * usual).any():
             excess[:] = excess.max()
@@ -99,6 +125,11 @@ def with_scatter(
     if ratio > 1:
         widened = ["sigma_u_px", "sigma_v_px", *([LAG_COLUMN] if linked else [])]
         table[widened] *= np.sqrt(min(ratio, MOST_RIGID))
+    for sigma, ground in zip(("sigma_u_px", "sigma_v_px"), GROUND_COLUMNS, strict=True):
+        if ground in table:
+            more = table.pop(ground).fillna(0.0)
+            if not lossy:  # what a codec does to the ground beside a mark looks alike, and the path has told it
+                table[sigma] = np.sqrt(table[sigma] ** 2 + more)
     return table
 
 
@@ -132,6 +163,19 @@ def _moved_since(rows: pd.DataFrame, own: Array) -> Array:
     return moved
 
 
+def _scatter(frame: Array, t_s: Array, values: Array, begins: Sequence[int]) -> float:
+    """As ``path_scatter``, of the pieces between the frames at which the path begins anew, by their lengths.
+
+    Where all pieces are too short to tell, the whole path does: a jump in it makes a sigma too large, never too small.
+    """
+    pieces = np.split(np.arange(len(frame)), np.searchsorted(frame, begins))
+    told = [p for p in pieces if len(p) >= LEAST_KNOT_FRAMES * LEAST_SPANS]
+    if not begins or not told:
+        return path_scatter(t_s, values)
+    variance = [path_scatter(t_s[p], values[p]) ** 2 for p in told]
+    return float(np.sqrt(np.average(variance, weights=[len(p) for p in told])))
+
+
 def path_scatter(t_s: Array, values: Array) -> float:
     """Standard deviation of a track's error, px; 0 where the track is too short to tell.
 
@@ -139,28 +183,55 @@ def path_scatter(t_s: Array, values: Array) -> float:
     ----------
     t_s, values : (n,) times, s, and places, px, all measured
     """
+    # what joins two recordings is no error of a mark
+    pieces = [p for p in _unbroken(t_s, values) if p.stop - p.start >= LEAST_KNOT_FRAMES * LEAST_SPANS]
+    if not pieces:
+        return 0.0
+    told = [_scatter_of_one(t_s[p], values[p]) ** 2 for p in pieces]
+    return float(np.sqrt(np.average(told, weights=[p.stop - p.start for p in pieces])))
+
+
+def _scatter_of_one(t_s: Array, values: Array) -> float:
     if len(values) > MOST_SAMPLES:  # two stretches tell as much as an hour
         half = MOST_SAMPLES // 2
         parts = [slice(0, half), slice(len(values) - half, None)]
-        return float(np.sqrt(np.mean([path_scatter(t_s[p], values[p]) ** 2 for p in parts])))
-    if len(values) < LEAST_KNOT_FRAMES * LEAST_SPANS:
-        return 0.0
+        return float(np.sqrt(np.mean([_scatter_of_one(t_s[p], values[p]) ** 2 for p in parts])))
     step = float(np.median(np.diff(t_s)))
-    before, growth, last = 0.0, GROWTH, 0
-    for span in SPANS_S:
-        frames = max(LEAST_KNOT_FRAMES, round(span / step))
-        if frames == last:
-            continue
-        variance = None if frames * LEAST_SPANS > len(values) else _left_over(t_s, values, frames)
-        if variance is None:
+    spans = sorted({max(LEAST_KNOT_FRAMES, round(span / step)) for span in SPANS_S})
+    left = [(n, _left_over(t_s, values, n)) for n in spans if n * LOOK_SPANS <= len(values)]
+    found = [(n, variance) for n, variance in left if variance]
+    if not found:
+        return 0.0
+    best, growth = found[0][1], GROWTH
+    for place in range(1, len(found)):
+        (last, before), (frames, variance) = found[place - 1 : place + 1]
+        grown, longer = variance / before, frames / last
+        quickens = grown > SLOWING * min(max(growth, 1.0), longer)
+        if frames * LEAST_SPANS > len(values) or grown > longer**MOST_POWER:
             break
-        if before:
-            grown = variance / before
-            if grown > min(max(growth, 1.0) * SLOWING, SLOWING * frames / last):
-                break
-            growth = grown
-        before, last = max(before, variance), frames
-    return float(np.sqrt(before))
+        if quickens and not _slows_again(found[place : place + 2], grown):
+            break
+        best, growth = max(best, variance), grown
+    return float(np.sqrt(best))
+
+
+def _slows_again(found: list[tuple[int, float]], grown: float) -> bool:
+    """Whether growth falls again from a span to the next. A motion that had come up would grow by the twelfth power of the span."""
+    return len(found) > 1 and found[1][1] / found[0][1] < grown
+
+
+def _unbroken(t_s: Array, values: Array) -> list[slice]:
+    """Stretches of a track without a jump or a long gap."""
+    steps, apart = np.diff(values), np.diff(t_s)
+    if len(steps) < 2 * RATE_FRAMES + 1:
+        return [slice(0, len(values))]
+    rates = steps / apart
+    near = np.lib.stride_tricks.sliding_window_view(np.pad(rates, RATE_FRAMES, mode="edge"), 2 * RATE_FRAMES + 1)
+    off = np.abs(steps - np.median(near, axis=1) * apart)
+    usual = MAD_TO_SD * float(np.median(off))
+    breaks = np.flatnonzero((off > max(JUMP_SD * usual, JUMP_PX)) | (apart > LONGEST_GAP_S)) + 1
+    ends = [0, *(int(b) for b in breaks), len(values)]
+    return [slice(a, b) for a, b in pairwise(ends) if b > a]
 
 
 def _left_over(t_s: Array, values: Array, frames: int) -> float | None:
@@ -182,6 +253,12 @@ def rigid_ratio(table: pd.DataFrame, markers: Sequence[Marker], mapping: Mapping
     """Variance of the marks' distances over what the sigmas let expect; 1 where it is not significantly larger.
 
     Camera errors change the distance slowly over the tank: a quadratic in the place and the heading is taken out.
+
+    Parameters
+    ----------
+    table : tracks table
+    markers : of run.toml
+    mapping : pixel -> tank
     """
     ratios = []
     model = [m for m in markers if m.on == "model"]

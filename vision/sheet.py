@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..record.errors import VideoError
 from ..record.files import replacing
+from ..record.tables import BY_HAND
 from .overlay import COLOURS, plain, reasons_of, write_text
 from .recording import Frame
 
@@ -122,7 +123,7 @@ def _apart(picks: Iterable[Pick], count: int, before: Sequence[Pick]) -> list[Pi
 
 @dataclass(frozen=True)
 class _Track:
-    """One marker's rows as arrays of n: frame, t_s, place (n, 2) and sigma (n, 2) px (NaN: lost), lost, reason."""
+    """One marker's rows as arrays of n: frame, t_s, place (n, 2) and sigma (n, 2) px (NaN: lost), lost, reason, set by hand."""
 
     name: str
     frame: NDArray[np.int64]
@@ -131,6 +132,7 @@ class _Track:
     sigma: NDArray[np.float64]
     lost: NDArray[np.bool_]
     reason: NDArray[np.object_]
+    by_hand: NDArray[np.bool_]
 
     @classmethod
     def of(cls, name: str, rows: pd.DataFrame) -> _Track:
@@ -141,7 +143,8 @@ class _Track:
             for columns in (["u_px", "v_px"], ["sigma_u_px", "sigma_v_px"])
         )
         frame, t_s = rows["frame"].to_numpy().astype(np.int64), rows["t_s"].to_numpy(dtype=float)
-        return cls(name, frame, t_s, place, sigma, lost, reasons_of(rows))
+        by_hand = (rows["status"] == BY_HAND).to_numpy()
+        return cls(name, frame, t_s, place, sigma, lost, reasons_of(rows), by_hand)
 
     def spells(self) -> Iterator[_Spell]:
         """The contiguous losses, each for one reason."""
@@ -165,9 +168,9 @@ class _Track:
         return self.t_s[seen], self.place[seen, 0].copy(), self.place[seen, 1].copy()
 
     def unsure(self, count: int) -> list[Pick]:
-        """The ``count`` measured rows of the largest sigma that are apart from each other, the largest first."""
+        """The ``count`` measured rows of the largest sigma that are apart from each other, the largest first; none set by hand."""
         larger = self.sigma.max(axis=1)
-        known = np.flatnonzero(np.isfinite(larger) & (larger > 0))
+        known = np.flatnonzero(np.isfinite(larger) & (larger > 0) & ~self.by_hand)
         if not len(known):
             return []
         ratio = larger / np.median(larger[known])
@@ -220,6 +223,8 @@ def draw_sheet(
     ----------
     frames : of the recording; read as far as the last pick
     table : tracks: the order of its markers gives the colours
+    picks : what the tiles show
+    title : at the head
 
     Returns
     -------
@@ -233,7 +238,13 @@ def draw_sheet(
 
 
 def write_sheet(path: str | Path, picture: NDArray[np.uint8]) -> None:
-    """Write the sheet as a PNG, whole or not at all."""
+    """Write the sheet as a PNG, whole or not at all.
+
+    Parameters
+    ----------
+    path : of the file
+    picture : (h, w, 3) uint8, BGR
+    """
     import cv2
 
     done, data = cv2.imencode(".png", picture)

@@ -4,7 +4,8 @@ Nothing else is known of the mark. The picture is compared with itself turned ab
 agree (Gauss-Newton). A foreshortened mark stays symmetric. A shift of the centre changes every pixel's difference by twice its
 gradient while the difference holds the noise of two pixels, so that the variance comes to the Cramer-Rao bound of a known
 template, sigma^2 / sum(g g'), but for the pixels' weights: they are the gradients of the smoothed picture (those of the bare one
-hold noise of their own).
+hold noise of their own). What is left need not be noise: texture of the ground and a codec's error go together from pixel to pixel,
+and their covariance over a few pixels is read from what is left itself.
 """
 
 from __future__ import annotations
@@ -33,6 +34,11 @@ SMOOTH_PX = 0.8
 """Of the picture whose gradients are the weights."""
 LEAST_ENERGY = 1e-3
 """Directions of less gradient than this share of the other one's tell nothing (an edge has no centre)."""
+LAG_PX = 6
+"""What is left goes together over less than this (texture of the ground, a codec's blocks): its covariance is tapered to here."""
+TOGETHER = 1.5
+"""What is left goes together where that makes the centre's variance larger by this: read from a few hundred pixels it scatters by
+some tenths, and what seems to go apart is no reason to be surer. A choice."""
 LARGEST_ASYMMETRY = 0.5
 """Of what is left over the window's own scatter: 1 = nothing is symmetric."""
 
@@ -44,7 +50,7 @@ class Symmetry:
     Attributes
     ----------
     centre_px : (2,)
-    sigma_px : (2,), standard deviations from the scatter of what is left
+    sigma_px : (2,), standard deviations from what is left: its scatter, and how far it goes together from pixel to pixel
     noise_dn : of a pixel
     asymmetry : what is left over the window's own scatter
     """
@@ -61,6 +67,7 @@ def centre_of_symmetry(luma: Array, start_px: Array, radius_px: float) -> Symmet
     Parameters
     ----------
     luma : (h, w)
+    start_px : (2,)
     radius_px : of the round window; it should hold the mark and nothing else
 
     Returns
@@ -102,9 +109,10 @@ def centre_of_symmetry(luma: Array, start_px: Array, radius_px: float) -> Symmet
 
 @dataclass(frozen=True)
 class _Window:
-    """The pixels about a centre (n,): weights, values, what is left against the turned picture; symmetric gradients (n, 2) of the
-    picture and of the smoothed one."""
+    """The pixels about a centre (n,): places (2, n), weights, values, what is left against the turned picture; symmetric gradients
+    (n, 2) of the picture and of the smoothed one."""
 
+    place: Array
     weight: Array
     value_dn: Array
     left_dn: Array
@@ -122,7 +130,9 @@ class _Window:
         weight = np.clip((radius + SOFT_PX / 2 - away[chosen]) / SOFT_PX, 0, 1)
         value = picture[chosen]
         slope, smooth = ((_slope(spline, here) - _slope(spline, there)) / 2 for spline in splines)
-        return cls(weight, value, value - _at(splines[0], there), slope, smooth, _kernel_energy(there[:, 0]))
+        return cls(
+            here.astype(int), weight, value, value - _at(splines[0], there), slope, smooth, _kernel_energy(there[:, 0])
+        )
 
     def normal(self) -> Array:
         return (self.smooth * self.weight[:, None]).T @ self.slope
@@ -136,13 +146,42 @@ class _Window:
         left = float((self.weight * self.left_dn**2).sum() / total) * pairs / max(pairs - 2, 1)
         variance = left / (1 + self.turned_noise)
         inverse = np.linalg.inv(self.normal())
-        covariance = variance * inverse @ ((self.smooth * self.weight[:, None] ** 2).T @ self.smooth) @ inverse.T
+        covariance = inverse @ self._spread(variance) @ inverse.T
         mean = (self.weight * self.value_dn).sum() / total
         scatter = float((self.weight * (self.value_dn - mean) ** 2).sum() / total)
         asymmetry = float(np.sqrt(left / max(2 * scatter, 1e-9)))
         if asymmetry > LARGEST_ASYMMETRY:
             return None
         return Symmetry(place_px, np.sqrt(np.diag(covariance)), float(np.sqrt(variance)), asymmetry)
+
+    def _spread(self, variance: float) -> Array:
+        """Covariance (2, 2) of what pulls the centre: of independent pixels of a variance, or more where neighbours go together."""
+        pull = self.smooth * self.weight[:, None]
+        independent = pull.T @ pull
+        row, column = self.place[1] - self.place[1].min(), self.place[0] - self.place[0].min()
+        shape = (int(row.max()) + LAG_PX + 1, int(column.max()) + LAG_PX + 1)
+
+        def spectrum(values: Array) -> Array:
+            field = np.zeros(shape)
+            field[row, column] = values
+            return np.fft.rfft2(field)
+
+        def product(one: Array, two: Array) -> Array:
+            """By lag: sums of the products of two fields, one moved against the other."""
+            return np.fft.irfft2(one * np.conj(two), s=shape)
+
+        seen, left = spectrum(self.weight), spectrum(self.weight * self.left_dn)
+        pairs = product(seen, seen)
+        lag = [np.minimum(np.arange(n), n - np.arange(n)) for n in shape]
+        taper = np.clip(1 - lag[0] / LAG_PX, 0, None)[:, None] * np.clip(1 - lag[1] / LAG_PX, 0, None)[None, :]
+        share = taper * product(left, left) / np.maximum(pairs, 1e-9)
+        if not share[0, 0] > 0:  # a picture without noise
+            return variance * independent
+        share /= share[0, 0]
+        u, v = (spectrum(column) for column in pull.T)
+        together = np.array([[(share * product(a, b)).sum() for b in (u, v)] for a in (u, v)])
+        more = np.trace(together) > TOGETHER * np.trace(independent)
+        return variance * (together if more else independent)
 
 
 def _at(spline: Array, places: Array) -> Array:

@@ -64,6 +64,8 @@ LARGEST_RESIDUAL = 0.2
 """Root mean square over the contrast."""
 CELL_RESIDUAL, CHANCE_SD, LEAST_CELL_PIXELS = 0.12, 2.0, 3
 """A cell whose mean is off by this share of the contrast beyond chance is covered, mirrors a lamp, or is another tag's."""
+READABLE_RESIDUAL = 0.35
+"""Up to here a cell's mean stands clearly nearer to its own colour than to the other: worn or glaring, it can be read."""
 SPLIT_CELL_PX = 5.0
 """Cells so large are looked at in quarters."""
 GRAM_PIXELS = 768
@@ -81,7 +83,7 @@ class TagFit:
     Attributes
     ----------
     to_px : (3, 3), the tag's square [-1, 1]^2 -> pixels; with a lens, pixels made straight about the centre
-    covariance_px2 : (2, 2), of the centre, from the scatter of the fit's residuals
+    covariance_px2 : (2, 2), of the centre, from the scatter of the fit's residuals; where not ``whole``, from their sums by cells
     contrast_dn : white cells above black ones
     residual : root mean square over the contrast
     worst_cell : largest mean residual of a cell, beyond chance, over the contrast
@@ -125,17 +127,25 @@ class TagFit:
     @property
     def whole(self) -> bool:
         """All of the pattern is there, and nothing else."""
+        return self.readable and self.worst_cell <= CELL_RESIDUAL
+
+    @property
+    def readable(self) -> bool:
+        """Every cell has its colour; wear, glare or a thin thing in front may lie over it."""
         return (
             self.settled
             and self.contrast_dn >= LEAST_CONTRAST_DN
             and self.residual <= LARGEST_RESIDUAL
-            and self.worst_cell <= CELL_RESIDUAL
+            and self.worst_cell <= READABLE_RESIDUAL
         )
 
 
 @dataclass(frozen=True)
 class _Step:
-    """One Gauss-Newton step: its solution, what is left of the residuals (n,), and the motion's covariance (8, 8)."""
+    """One Gauss-Newton step: its solution, what is left of the residuals (n,), and the motion's covariance (8, 8).
+
+    ``pull (8, n)`` is how far each residual pulls the motion.
+    """
 
     motion_px: Array
     wider_px2: float
@@ -143,6 +153,7 @@ class _Step:
     contrast_dn: float
     left_dn: Array
     covariance_px2: Array
+    pull: Array
 
 
 class Tag:
@@ -211,6 +222,8 @@ class Tag:
                 settled = moved < NEARLY_SETTLED_PX
                 left = spread / contrast, worst / contrast
                 covariance = step.covariance_px2
+                if left[1] > CELL_RESIDUAL:
+                    covariance = _by_cells(step, pixels.tag, len(self.cells))
                 return TagFit(to_px, covariance[:2, :2], contrast, *left, settled, curve, covariance)
         return None
 
@@ -284,9 +297,9 @@ def _step(pixels: Pixels, template: Template, white_dn: float) -> _Step | None:
     solution = inverse @ (part @ seen).astype(float)
     left = observed - np.minimum(solution.astype(np.float32) @ design, white_dn)
     variance = float(np.sum(left[used] ** 2)) / freedom
-    return _Step(
-        solution[:_MOTION], solution[14], solution[16], solution[11], left, variance * inverse[:_MOTION, :_MOTION]
-    )
+    pull = inverse[:_MOTION] @ np.where(used, design, 0.0)
+    covariance = variance * inverse[:_MOTION, :_MOTION]
+    return _Step(solution[:_MOTION], solution[14], solution[16], solution[11], left, covariance, pull)
 
 
 def _gram(rows: Array) -> Array:
@@ -310,11 +323,23 @@ def _moved(to_px: Array, motion_px: Array, pixels: Pixels) -> tuple[Array, float
     return after / after[2, 2], float(np.abs(project(after, SQUARE) - project(to_px, SQUARE)).max())
 
 
-def _worst_cell(left_dn: Array, tag: tuple[Array, Array], cells: int) -> tuple[float, float]:
-    """The largest mean residual of a cell (those just outside too) beyond what noise makes of a mean, and the rms of all."""
+def _cell_of(tag: tuple[Array, Array], cells: int) -> Array:
+    """The cell in which each pixel lies (n,), those just outside the tag counted too."""
     side = cells + 2
     column, row = (np.clip(((t + 1) * cells / 2 + 1).astype(np.intp), 0, side - 1) for t in tag)
-    cell = row * side + column
+    return row * side + column
+
+
+def _by_cells(step: _Step, tag: tuple[Array, Array], cells: int) -> Array:
+    """The motion's covariance (8, 8) where what is left of the residuals goes together within a cell: wear, glare."""
+    side, cell = cells + 2, _cell_of(tag, cells)
+    pulled = np.stack([np.bincount(cell, row * step.left_dn, minlength=side**2) for row in step.pull])
+    return pulled @ pulled.T * (side**2 / (side**2 - len(step.pull)))
+
+
+def _worst_cell(left_dn: Array, tag: tuple[Array, Array], cells: int) -> tuple[float, float]:
+    """The largest mean residual of a cell (those just outside too) beyond what noise makes of a mean, and the rms of all."""
+    side, cell = cells + 2, _cell_of(tag, cells)
     count = np.maximum(np.bincount(cell, minlength=side**2), 1)
     spread = float(np.sqrt(np.mean(left_dn**2)))
     excess = np.abs(np.bincount(cell, left_dn, minlength=side**2) / count) - CHANCE_SD * spread / np.sqrt(count)

@@ -14,11 +14,6 @@ from numpy.typing import NDArray
 from .tag_fit import Tag, TagFit
 from .tag_view import SQUARE, Array, homography
 
-FAMILIES = {
-    "aruco": ("4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "ARUCO_ORIGINAL", "ARUCO_MIP_36h12"),
-    "apriltag": ("APRILTAG_36h11", "APRILTAG_25h9", "APRILTAG_16h5", "APRILTAG_36h10"),
-}
-"""OpenCV's names; the smaller sets of 4X4 to 7X7 are the beginnings of these."""
 LEAST_LIKENESS = 0.6
 """Correlation of a square's cells with a tag's from which on the fit decides. Their border alone gives any two tags about 0.4."""
 LEAST_SCATTER_DN = 3.0
@@ -44,8 +39,14 @@ class Squares:
             taken, _, rejected = _detector("4X4_50", part.shape).detectMarkers(part)
             self.corners = np.array([*taken, *rejected], dtype=float).reshape(-1, 4, 2) + first
 
-    def tags(self, tag: Tag) -> list[TagFit]:
-        """All places where the whole tag lies, the likeliest first; ``tag`` takes up how it looks there."""
+    def tags(self, tag: Tag, worn: bool = False) -> list[TagFit]:
+        """All places where the whole tag lies, the likeliest first; ``tag`` takes up how it looks there.
+
+        Parameters
+        ----------
+        tag : looked for
+        worn : it need not be whole, only readable
+        """
         likeness = _codes(tag.cells) @ self._cells(len(tag.cells)).T
         found: list[TagFit] = []
         for square in np.argsort(-likeness.max(axis=0)):
@@ -56,7 +57,9 @@ class Squares:
             if any(_same(fit, corners) for fit in found):
                 continue
             fit = tag.fit(self.luma, homography(corners))
-            if fit is not None and fit.whole and not any(_same(other, fit.corners_px) for other in found):
+            if fit is None or not (fit.readable if worn else fit.whole):
+                continue
+            if not any(_same(other, fit.corners_px) for other in found):
                 found.append(fit)
         return found
 
@@ -81,7 +84,13 @@ class Squares:
 
 
 def tag_cells(family: str, numbers: Sequence[int]) -> list[Array]:
-    """Cells (m, m) of tags, 1 white, border included; empty where the family, or this OpenCV, has not all of them."""
+    """Cells (m, m) of tags, 1 white, border included; empty where the family, or this OpenCV, has not all of them.
+
+    Parameters
+    ----------
+    family : of tags, as OpenCV names it
+    numbers : of the tags within the family
+    """
     import cv2
 
     if not hasattr(cv2.aruco, f"DICT_{family}"):
@@ -94,7 +103,13 @@ def tag_cells(family: str, numbers: Sequence[int]) -> list[Array]:
 
 
 def count_tags(luma: NDArray[np.uint8], family: str) -> int:
-    """How many tags of a family a picture shows, whatever their numbers."""
+    """How many tags of a family a picture shows, whatever their numbers.
+
+    Parameters
+    ----------
+    luma : (h, w) uint8
+    family : of tags, as OpenCV names it
+    """
     ids = _detector(family, luma.shape).detectMarkers(luma)[1]
     return 0 if ids is None else len(ids)
 

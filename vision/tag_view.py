@@ -62,19 +62,41 @@ class Pixels:
 
 
 def samples_per_unit(cells: int, cell_px: float) -> float:
-    """How fine the template of a tag of so many cells a side is, when a cell spans ``cell_px`` in the picture."""
+    """How fine the template of a tag of so many cells a side is, when a cell spans ``cell_px`` in the picture.
+
+    Parameters
+    ----------
+    cells : a side, or (m, m), 1 white
+    cell_px : side of a cell in the picture
+    """
     return float(np.clip(np.ceil(SAMPLES_PER_PX * cell_px), LEAST_SAMPLES, MOST_SAMPLES)) * cells / 2
 
 
 def blur_samples(to_px: Array, spread_px2: float, per_unit: float) -> Array:
-    """A round blur in the picture, seen on the tag: covariance in samples^2 (2, 2)."""
+    """A round blur in the picture, seen on the tag: covariance in samples^2 (2, 2).
+
+    Parameters
+    ----------
+    to_px : (3, 3) homography, tag -> picture
+    spread_px2 : variance of blur and pixel together, px^2
+    per_unit : samples of the template to a unit of the tag
+    """
     shape = np.linalg.inv(local_shape(to_px)) * per_unit
     # a sample is the mean of its square already
     return spread_px2 * shape @ shape.T - np.eye(2) / 12
 
 
 def rendered(cells: Array, blur: Array, per_unit: float, spread_px2: float, around: float) -> Template:
-    """Blur a tag's cells (m, m); see ``Template``. The blur is exact for the tag's middle; over a tag it hardly changes."""
+    """Blur a tag's cells (m, m); see ``Template``. The blur is exact for the tag's middle; over a tag it hardly changes.
+
+    Parameters
+    ----------
+    cells : a side, or (m, m), 1 white
+    blur : (2, 2), samples^2
+    per_unit : samples of the template to a unit of the tag
+    spread_px2 : variance of blur and pixel together, px^2
+    around : brightness around the tag, black 0, white 1
+    """
     from scipy import fft
 
     samples = round(2 * per_unit / len(cells))
@@ -94,7 +116,13 @@ def rendered(cells: Array, blur: Array, per_unit: float, spread_px2: float, arou
 
 
 def project(to_px: Array, points: Array) -> Array:
-    """Points (n, 2) through a homography (3, 3)."""
+    """Points (n, 2) through a homography (3, 3).
+
+    Parameters
+    ----------
+    to_px : (3, 3) homography, tag -> picture
+    points : (n, 2)
+    """
     image = points @ to_px[:, :2].T + to_px[:, 2]
     return image[:, :2] / image[:, 2:]
 
@@ -129,7 +157,13 @@ def half_side_px(to_px: Array) -> float:
 
 
 def inside(corners_px: Array, shape: tuple[int, ...]) -> bool:
-    """All corners (4, 2) lie in a picture of ``shape`` (h, w), a pixel from its rim."""
+    """All corners (4, 2) lie in a picture of ``shape`` (h, w), a pixel from its rim.
+
+    Parameters
+    ----------
+    corners_px : (4, 2)
+    shape : height and width of the picture
+    """
     return bool((corners_px >= 1).all() and (corners_px <= np.array([shape[1], shape[0]]) - 2).all())
 
 
@@ -137,6 +171,11 @@ def lens_curve(lens: Lens | None, to_px: Array) -> Array:
     """How the lens bends lines about the tag's middle (2, 3): straight = x + curve @ (x^2, x y, y^2), in units of half its side.
 
     To second order and with the slope taken off: pixels made straight so are the picture's own at the centre.
+
+    Parameters
+    ----------
+    lens : of the camera, or None
+    to_px : (3, 3) homography, tag -> picture
     """
     if lens is None:
         return np.zeros((2, 3))
@@ -149,12 +188,26 @@ def lens_curve(lens: Lens | None, to_px: Array) -> Array:
 
 
 def bend(curve: Array, x: Array, y: Array) -> Array:
-    """What ``curve`` adds to places (n,), (n,): (2, n)."""
+    """What ``curve`` adds to places (n,), (n,): (2, n).
+
+    Parameters
+    ----------
+    curve : (2, 3), from ``lens_curve``
+    x : (n,) in half sides of the tag
+    y : (n,) in half sides of the tag
+    """
     return curve.astype(x.dtype) @ np.stack([x * x, x * y, y * y])
 
 
 def chosen_pixels(luma: NDArray[np.uint8], to_px: Array, rim: float) -> tuple[Array, Array, Array]:
-    """Columns, rows and values (n,) of the tag's pixels and of a rim, in tag units, around it; a lattice where there are many."""
+    """Columns, rows and values (n,) of the tag's pixels and of a rim, in tag units, around it; a lattice where there are many.
+
+    Parameters
+    ----------
+    luma : (h, w) uint8
+    to_px : (3, 3) homography, tag -> picture
+    rim : how far outside the tag pixels are taken, tag units
+    """
     outer = project(to_px, SQUARE * (1 + rim))
     low = np.maximum(np.floor(outer.min(axis=0)).astype(int), 0)
     high = np.ceil(outer.max(axis=0)).astype(int) + 1
@@ -170,7 +223,14 @@ def chosen_pixels(luma: NDArray[np.uint8], to_px: Array, rim: float) -> tuple[Ar
 
 
 def seen_pixels(chosen: tuple[Array, Array, Array], to_px: Array, curve: Array) -> Pixels:
-    """The chosen pixels seen from the tag."""
+    """The chosen pixels seen from the tag.
+
+    Parameters
+    ----------
+    chosen : from ``chosen_pixels``
+    to_px : (3, 3) homography, tag -> picture
+    curve : (2, 3), from ``lens_curve``
+    """
     centre, scale = middle_px(to_px), half_side_px(to_px)
     # single precision is enough once the origin is the tag's middle: 1e-7 of the tag's side
     x, y = (((t - c) / scale).astype(np.float32) for t, c in zip(chosen[:2], centre, strict=True))

@@ -124,6 +124,24 @@ class TemplateFollower:
         look.note_twins(luma, found)
         return self._close(look, learner) if len(self._held) >= self._chunk else []
 
+    def seek(self, place_px: Array, t_s: float, luma: NDArray[np.uint8]) -> bool:
+        """Whether the template is about a place of the frame that comes next; it is followed on from there, then.
+
+        Parameters
+        ----------
+        place_px : (2,), where a person sees the point
+        t_s : the frame's time
+        luma : (h, w)
+        """
+        if self._started is None:
+            return False
+        pose = replace(self._track.pose, centre_px=np.asarray(place_px, dtype=float))
+        there = Track.starting(pose, t_s, self._track.noise_dn)
+        if self._started[0].find(luma, there, t_s)[0] is None:
+            return False
+        self._track = there
+        return True
+
     def finish(self) -> list[TemplatePlace]:
         """The places still held back."""
         return self._close(*self._started) if self._held and self._started else []

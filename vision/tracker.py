@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
 
 from ..geometry.mapping import Mapping
+from ..record.corrections import Placed
 from ..record.errors import TrackingError
 from ..record.run import Run
 from .backend import NUMPY, Backend
@@ -29,6 +30,7 @@ class Tracking:
     reasons : marker -> reason -> frames lost
     ambiguous : at some acquisition another assignment of spots to markers was nearly as good
     datum : datum points with ``track = true`` as in ``table``, by the point's name; None without one
+    notes : what is doubtful about the recording
     """
 
     table: pd.DataFrame
@@ -37,6 +39,7 @@ class Tracking:
     reasons: dict[str, dict[str, int]]
     ambiguous: bool
     datum: pd.DataFrame | None = None
+    notes: tuple[str, ...] = ()
 
 
 def track(
@@ -47,25 +50,31 @@ def track(
     backend: Backend = NUMPY,
     lossy: bool = True,
     linked: bool = False,
+    seeds: Sequence[Placed] = (),
 ) -> Tracking:
     """Track the markers of ``run`` through ``frames``.
 
     Parameters
     ----------
+    run : the run folder as read
+    frames : of the recording
     mapping : pixel -> tank of the run's datum
     progress : called with frames done and losses so far
     backend : where the fits run
     lossy : the recording was compressed with loss
     linked : and its pictures are made from others
+    seeds : frames in which a person says where marks are: they are followed anew from there; frames before keep what they had
 
     Raises
     ------
     TrackingError : the marks were never found
     """
-    following = followers(run, mapping, backend)
+    following = followers(run, mapping, backend, seeds)
     fixed = DatumMarks(run)
     count = 0
+    notes: list[str] = []
     for frame in frames:
+        notes += frame.notes
         if fixed.points:
             fixed.step(frame)
         for follower in following:
@@ -76,8 +85,8 @@ def track(
     if not count:
         raise TrackingError(f"{run.source_path}: no frame lies within source.span_s")
     table = _merged([f.finish() for f in following], [m.name for m in run.file.marker])
-    table = with_scatter(table, run.file.marker, mapping, lossy, linked)
-    return _tracking(table, run, count, any(f.ambiguous for f in following), fixed.finish())
+    table = with_scatter(table, run.file.marker, mapping, lossy, linked, seeds)
+    return _tracking(table, run, count, any(f.ambiguous for f in following), fixed.finish(), notes)
 
 
 def _merged(tables: list[pd.DataFrame], names: list[str]) -> pd.DataFrame:
@@ -89,11 +98,13 @@ def _merged(tables: list[pd.DataFrame], names: list[str]) -> pd.DataFrame:
     return table.sort_values(["frame", "order"]).drop(columns="order").reset_index(drop=True)
 
 
-def _tracking(table: pd.DataFrame, run: Run, frames: int, ambiguous: bool, datum: pd.DataFrame | None) -> Tracking:
+def _tracking(
+    table: pd.DataFrame, run: Run, frames: int, ambiguous: bool, datum: pd.DataFrame | None, notes: list[str]
+) -> Tracking:
     seen = table["status"] == "measured"
     measured = {m.name: int(((table["marker"] == m.name) & seen).sum()) for m in run.file.marker}
     reasons = {
         str(name): {str(k): int(v) for k, v in rows["reason"].value_counts().items()}
         for name, rows in table[~seen].groupby("marker")
     }
-    return Tracking(table, frames, measured, reasons, ambiguous, datum)
+    return Tracking(table, frames, measured, reasons, ambiguous, datum, tuple(dict.fromkeys(notes)))

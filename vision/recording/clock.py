@@ -1,4 +1,8 @@
-"""Frame times from presentation timestamps, and whether they can be believed."""
+"""Frame times from presentation timestamps, and what is to be said of them where they are doubtful.
+
+The container's timestamps are the truth, edits included. Nothing here refuses a recording: a picture whose time cannot be true is
+left out or ``damaged``, and said.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from ...record.errors import VideoError
-from .ledger import OrderError, Picture
-from .pictures import Stream
+from .ledger import Picture
+from .pictures import USUAL_RATE_HZ, Stream, is_avi, may_begin_again, mean_rate
 
 TRUNCATED_SHARE = 0.01
 """A recording that ends more than this share (and three frames) before its stated end has lost its tail."""
 LONGEST_STEP_S = 10.0
-"""No two frames are further apart, unless the recording's own step is that long (a time lapse: a few of its steps)."""
+"""Two frames further apart are said, unless the recording's own step is that long (a time lapse: a few of its steps)."""
 LONGEST_STEPS = 5.0
 """How many of the recording's own steps two frames of a time lapse may lie apart: a choice."""
 LEAST_EVEN, LONGEST_UNEVEN = 3, 4
@@ -25,6 +29,10 @@ _HALF = Fraction(1, 2)
 """The most that rounding moves a timestamp, ticks."""
 FORGIVEN_AFTER = 1000
 """Frames in a row on the beat after which earlier strikes do not count."""
+GOES_ON = "times go on from there one step after the frame before: if a pause lies between, let source.span_s end or begin there"
+"""What becomes of times after a clock that was set back, in words."""
+BEGINS_AGAIN = 5
+"""So many frames in a row, rising among themselves, that lie before the ones before them: the clock was set back (a choice)."""
 
 
 class Clock:
@@ -42,28 +50,36 @@ class Clock:
     ) -> None:
         video = container.streams.video[0]
         self._path, self._stream, self._given_hz = path, stream, frame_rate_hz
-        self._rate = Fraction(video.average_rate or video.guessed_rate or 25)
+        self._rate = mean_rate(container) or Fraction(USUAL_RATE_HZ)
         self._base = video.time_base
         self._start = video.start_time
         # AVI has no timestamps: it numbers the pictures it holds
-        self._stated = video.frames if "avi" in container.format.name.split(",") and frame_rate_hz is None else 0
-        self._duration_s = duration_s if frame_rate_hz is None else None
+        self._stated = video.frames if is_avi(container) and frame_rate_hz is None else 0
+        self._duration_s = duration_s if frame_rate_hz is None and not may_begin_again(container) else None
         self._origin: int | None = None
         self._index = -1
         self._t_s: float | None = None
         self._strikes = self._even_frames = 0
         self._late_ticks, self._early_ticks = -_HALF, _HALF
+        self._notes: dict[str, str] = {}
+        self._said: set[str] = set()
+
+    def new_notes(self) -> tuple[str, ...]:
+        """What is to be said and has not been handed out yet; of each kind of doubt the first."""
+        notes = tuple(self._notes.values())
+        self._notes.clear()
+        return notes
 
     def timed(self, pictures: Iterable[Picture]) -> Iterator[tuple[Picture, float]]:
         """Give each picture its time, s from the recording's start; each is held back until the next ones' times agree.
 
         Raises
         ------
-        VideoError : a time cannot be true
+        OrderError : pictures and timestamps are in different orders
         """
         held: list[tuple[Picture, float]] = []
         anchored = False  # the first one held lies on the beat
-        for picture in self._in_order(pictures):
+        for picture in pictures if self._given_hz is not None else self._rising(pictures):
             t_s, even = self._time_s(picture)
             if self._given_hz is None:
                 self._check(picture, t_s)
@@ -78,7 +94,7 @@ class Clock:
         yield from held
 
     def check_end(self, wanted_s: float | None, reason: str) -> None:
-        """Look back over the whole recording.
+        """Look back over the whole recording, where it was read to its end.
 
         Parameters
         ----------
@@ -87,45 +103,106 @@ class Clock:
 
         Raises
         ------
-        VideoError : no frame at all; or it ends before its stated end and before ``wanted_s``
+        VideoError : no frame at all
         """
         said = f" ({reason})" if reason else ""
         if self._t_s is None:
             raise VideoError(f"{self._path}: holds no frame that can be decoded{said}")
-        places = (self._stream.last_stamp or 0) + 1
-        if self._stream.by_place and places < self._stated:
-            raise VideoError(
-                f"{self._path}: holds {places} of the {self._stated} frames that it states; "
-                f"an AVI has no timestamps, so those after a missing one would come too early{said}"
+        if self._given_hz is not None and self._stream.gaps:
+            self._say(
+                "gaps",
+                f"source.frame_rate_hz counts its frames evenly, but in {self._stream.gaps} places its own times leave one out: "
+                "times after a frame that is really missing are too early",
             )
         last_s = self._last_read_s()
+        place = f"ends after frame {self._index} at {last_s:.2f} s"
+        places = (self._stream.last_stamp or 0) + max(round(self._stream.step_ticks), 1)
+        if self._stream.by_place and places < self._stated:
+            self._say(
+                "end",
+                f"holds {places} of the {self._stated} frames that it states; an AVI has no timestamps, "
+                f"so frames after a missing one would come too early{said}",
+            )
         ends = [s for s in (wanted_s, self._duration_s) if s is not None]
         if not ends:
             if reason:
-                raise VideoError(f"{self._path}: ends after frame {self._index} at {last_s:.2f} s: damaged{said}")
+                self._say("end", f"{place}: damaged{said}")
             return
         end_s, step_s = min(ends), float(1 / self._rate)
         if end_s - (last_s + step_s) > max(TRUNCATED_SHARE * end_s, 3 * step_s):
-            raise VideoError(
-                f"{self._path}: ends after frame {self._index} at {last_s:.2f} s of {end_s:.2f} s: truncated or damaged{said}; "
-                f"source.span_s = [0.0, {last_s:.2f}] would use what is left"
-            )
+            self._say("end", f"{place} of {end_s:.2f} s: truncated or damaged{said}; what is left is used")
+
+    def _say(self, kind: str, words: str) -> None:
+        if kind not in self._said:
+            self._said.add(kind)
+            self._notes[kind] = words
 
     @property
     def _way_out(self) -> str:
         """What the user can do about timestamps that are wrong."""
         return f"source.frame_rate_hz (stated: {float(self._rate):.6g}) would count frames instead"
 
-    def _in_order(self, pictures: Iterable[Picture]) -> Iterator[Picture]:
-        try:
-            yield from pictures
-        except OrderError as error:
-            base, origin = self._base or Fraction(1), self._origin or 0
-            late_s, before_s = float((error.stamp - origin) * base), float((error.before - origin) * base)
-            raise VideoError(
-                f"{self._path}: the picture of time {late_s:.6f} s is shown after the one of {before_s:.6f} s; "
-                f"times must rise ({self._way_out})"
-            ) from None
+    def _rising(self, pictures: Iterable[Picture]) -> Iterator[Picture]:
+        """Pictures whose timestamps rise: one that falls, or leapt before it, is left out; a clock that was set back goes on."""
+        last: Picture | None = None
+        before: int | None = None
+        shift, fallen = 0, list[Picture]()
+        for picture in pictures:
+            if picture.stamp is None:
+                yield picture
+                continue
+            picture.stamp += shift
+            if last is None or last.stamp is None or picture.stamp > last.stamp:
+                if last is not None:
+                    yield last
+                    before = last.stamp
+                last, fallen = picture, []
+            elif before is not None and picture.stamp > before and self._leapt(before, last, picture):
+                self._fell(last, picture.stamp, "lies after the next one's")
+                last = picture
+            else:
+                self._fell(picture, last.stamp, "is not after")
+                rising = not fallen or (fallen[-1].stamp or 0) < picture.stamp
+                fallen = [*fallen, picture] if rising else [picture]
+                if len(fallen) >= BEGINS_AGAIN:
+                    first = fallen[0]
+                    back = last.stamp + self._steps(first.index - last.index) - (first.stamp or 0)
+                    self._say("again", self._again(first, back))
+                    shift += back
+                    yield last
+                    for again in fallen:
+                        again.stamp = (again.stamp or 0) + back
+                    yield from fallen[:-1]
+                    before, last, fallen = fallen[-2].stamp, fallen[-1], []
+        if last is not None:
+            yield last
+
+    def _steps(self, count: int) -> int:
+        """So many steps of the mean rate, ticks."""
+        return max(round(max(count, 1) / (self._rate * self._base)), 1) if self._base else max(count, 1)
+
+    def _leapt(self, before: int, last: Picture, picture: Picture) -> bool:
+        """Whether ``last`` is further from where the beat puts it than ``picture``; ``before`` is the stamp before both."""
+        assert last.stamp is not None
+        assert picture.stamp is not None
+        first = before + self._steps(1)
+        return abs(last.stamp - first) > abs(picture.stamp - first - self._steps(picture.index - last.index))
+
+    def _fell(self, picture: Picture, other: int, words: str) -> None:
+        self._say(
+            "rise",
+            f"the time of frame {picture.index}, {self._seconds(picture.stamp):.3f} s, {words} {self._seconds(other):.3f} s; "
+            f"frames without a time of their own are left out ({self._way_out})",
+        )
+
+    def _again(self, first: Picture, back: int) -> str:
+        self._duration_s = None  # of the first part at most
+        stands = self._seconds((first.stamp or 0) + back)
+        return f"its clock begins again at frame {first.index}; {GOES_ON} ({stands:.3f} s)"
+
+    def _seconds(self, stamp: int | None) -> float:
+        base = self._base or Fraction(1)
+        return float(((stamp or 0) - (self._first_stamp(stamp or 0) if self._origin is None else self._origin)) * base)
 
     def _time_s(self, picture: Picture) -> tuple[float, bool]:
         """Time, and whether it lies on the even beat of the mean rate."""
@@ -181,15 +258,13 @@ class Clock:
         return max(self._t_s, float((last - self._origin) * self._base))
 
     def _check(self, picture: Picture, t_s: float) -> None:
-        place = f"{self._path}: frame {picture.index} has time {t_s:.6f} s"
-        if self._t_s is not None and t_s <= self._t_s:
-            raise VideoError(f"{place} after {self._t_s:.6f} s; times must rise ({self._way_out})")
+        place = f"frame {picture.index} has time {t_s:.6f} s"
         before_s = 0.0 if self._t_s is None else self._t_s
         step_s = float(1 / self._rate)
         longest_s = max(LONGEST_STEP_S, LONGEST_STEPS * step_s) * (picture.index - self._index)
         if t_s - before_s > longest_s:
-            raise VideoError(f"{place} after {before_s:.6f} s, more than {longest_s:g} s later; {self._way_out}")
+            self._say("jump", f"{place} after {before_s:.6f} s, more than {longest_s:g} s later; {self._way_out}")
         if self._duration_s is not None and t_s > self._duration_s + max(
             TRUNCATED_SHARE * self._duration_s, 2 * step_s
         ):
-            raise VideoError(f"{place}, but the recording states a length of {self._duration_s:.6f} s; {self._way_out}")
+            self._say("length", f"{place}, but it states a length of {self._duration_s:.6f} s; {self._way_out}")

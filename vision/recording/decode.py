@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from ...record.errors import VideoError
 from ...record.files import refusal
-from .clock import Clock
-from .ledger import Picture
+from .clock import GOES_ON, Clock
+from .ledger import OrderError, Picture, Places
 from .luma import WHITE_FULL_DN, luma, quarters, turned, white_dn
 from .matroska import MatroskaSums
-from .mp4 import contradiction
-from .pictures import Doubt, Stream
+from .mp4 import IndexDoubt, contradiction
+from .pictures import USUAL_RATE_HZ, Doubt, Stream, mean_rate
 
 LISTS_OF_FILES = frozenset(
     {
@@ -40,6 +40,12 @@ LISTS_OF_FILES = frozenset(
     }
 )
 """Formats, by ffmpeg's names, whose pictures stand in other files or come from a network."""
+
+INTERLACED = (
+    "its pictures are interlaced (odd rows half a frame before or after the even ones): a mark that moves is drawn twice; film "
+    "progressive, or turn each field into a frame first"
+)
+"""Said of a recording whose pictures are marked so."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +79,7 @@ class Frame:
     raw : the decoder's frame, an ``av.VideoFrame``
     damaged : the picture, or one it may predict from, could not be decoded as it was written
     white_dn : luma of white: 235 where the recording has limited range, 255 for full range; values stay as decoded
+    notes : what is doubtful about the recording, one line each, with the first frame by which it is known
     """
 
     index: int
@@ -81,6 +88,7 @@ class Frame:
     raw: Any
     damaged: bool = False
     white_dn: int = WHITE_FULL_DN
+    notes: tuple[str, ...] = ()
 
     def bgr(self) -> NDArray[np.uint8]:
         """The picture in colour, upright, (h, w, 3) uint8."""
@@ -90,6 +98,22 @@ class Frame:
     def stamp(self) -> int | None:
         """Timestamp by which the picture is found again in its container; None: by reading from the start."""
         return getattr(self.raw, "pts", None)
+
+
+def frame_of(picture: NDArray[Any], index: int, t_s: float) -> Frame:
+    """A frame of a picture in memory.
+
+    Parameters
+    ----------
+    picture : (h, w) uint8 or uint16 grey, or (h, w, 3) uint8 BGR
+    index : its number, from 0
+    t_s : its time
+    """
+    import av
+
+    kind = "bgr24" if picture.ndim == 3 else "gray16le" if picture.dtype == np.uint16 else "gray"
+    raw = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format=kind)
+    return Frame(index, t_s, luma(raw), raw, False, white_dn(raw))
 
 
 def video_info(path: str | Path) -> ClipInfo:
@@ -120,7 +144,8 @@ def video_frames(
 ) -> Iterator[Frame]:
     """Decode the frames in ``span_s`` one by one, as ``source.read_frames`` has it, when they are asked for.
 
-    Read in haste; at the first sign of damage begin again with care, and go on where haste had come to.
+    Read in haste; at the first sign of damage, or where pictures and their timestamps are in different orders, begin again with
+    care, and go on where the first reading had come to.
 
     Parameters
     ----------
@@ -133,18 +158,46 @@ def video_frames(
 
     Raises
     ------
-    VideoError : it cannot be read, holds no frame, ends before its stated end (or the span's), or its times are not plausible:
-        they do not rise, jump, or leave the stated length
+    VideoError : it cannot be read, or holds no frame
     """
-    given = 0
-    try:
-        for frame in _decoded_once(path, span_s, frame_rate_hz, exposure_s, decode_threads, haste=True):
-            yield frame
-            given += 1
-    except Doubt:
-        again = _decoded_once(path, span_s, frame_rate_hz, exposure_s, decode_threads, haste=False)
-        with closing(again):
-            yield from islice(again, given, None)
+    said, waiting = set[str](), list[str]()
+    given, last_s = 0, -math.inf
+    haste, places = True, None
+    while True:
+        try:
+            with closing(
+                _decoded_once(path, span_s, frame_rate_hz, exposure_s, decode_threads, haste, places)
+            ) as frames:
+                for number, frame in enumerate(frames):
+                    waiting += [note for note in frame.notes if note not in said]
+                    said.update(frame.notes)
+                    if number >= given and frame.t_s > last_s:
+                        named = tuple(f"{Path(path).name}: {words}" for words in waiting)
+                        yield replace(frame, notes=named) if named or frame.notes else frame
+                        last_s = frame.t_s
+                        waiting.clear()
+                    given = max(given, number + 1)
+            return
+        except Doubt:
+            haste = False
+        except OrderError as error:
+            haste, places = False, _places(path)
+            waiting.append(str(error))
+
+
+def _places(path: str | Path) -> Places:
+    """The timestamps of all pictures that are shown, without decoding one."""
+    import av.error
+
+    stamps: list[int] = []
+    with _opened(path) as container, suppress(av.error.FFmpegError):
+        stamps.extend(
+            packet.pts
+            for packet in container.demux(container.streams.video[0])
+            if packet.size and packet.pts is not None and not packet.is_discard
+        )
+    in_order = sorted(stamps)
+    return Places(in_order, in_order == stamps)
 
 
 def _decoded_once(
@@ -154,37 +207,65 @@ def _decoded_once(
     exposure_s: float,
     decode_threads: int | None,
     haste: bool,
+    places: Places | None,
 ) -> Generator[Frame]:
-    contradicted = contradiction(path) if refusal(path) is None else None
-    if contradicted is not None and frame_rate_hz is None:
-        raise _index_error(path, contradicted)
-    # an edit list cuts by times: where those are wrong, and frames are counted instead, nothing is cut
-    with _opened(path, {"ignore_editlist": "1"} if contradicted is not None else {}) as container:
+    wrong = contradiction(path) if refusal(path) is None else None
+    # where the index is wrong and frames are counted instead, an edit list that shows all would cut by wrong times
+    counted = frame_rate_hz is not None and wrong is not None and not wrong.cuts
+    with _opened(path, {"ignore_editlist": "1"} if counted else {}) as container:
         info = _info(container, path)
         sums = MatroskaSums(path) if "matroska" in container.format.name.split(",") else None
         with closing(sums) if sums is not None else nullcontext():
             damaged_at = sums.damaged_at if sums is not None else None
-            stream = Stream(container, decode_threads, damaged_at, frame_rate_hz is None, haste)
+            stream = Stream(container, decode_threads, damaged_at, frame_rate_hz is None, haste, places)
             clock = Clock(path, container, stream, info.duration_s, frame_rate_hz)
-            if sums is not None and frame_rate_hz is None:
-                _check_sums(path, container, sums)
-            try:
-                yield from _in_span(clock, stream, span_s, exposure_s)
-                clock.check_end(span_s[1] if span_s is not None else None, _reason(stream.stopped_by))
-            except VideoError:
-                if stream.in_haste:
-                    raise Doubt from None
-                raise
+            doubts = _index_doubts(container, wrong, sums) if frame_rate_hz is None else ()
+            yield from _noted(_in_span(clock, stream, span_s, exposure_s), doubts)
+
+
+def _noted(frames: Iterable[Frame], notes: tuple[str, ...]) -> Iterator[Frame]:
+    """The first frame says ``notes``."""
+    for frame in frames:
+        yield replace(frame, notes=(*notes, *frame.notes)) if notes else frame
+        notes = ()
 
 
 def _in_span(clock: Clock, stream: Stream, span_s: tuple[float, float] | None, exposure_s: float) -> Iterator[Frame]:
+    """Frames of the span; the last one of the recording says how it ended."""
+    held: Frame | None = None
     for picture, t_s in clock.timed(_of_one_size(stream)):
         if span_s is not None and t_s < span_s[0]:
             continue
+        if held is not None:
+            yield held
+            held = None
         if span_s is not None and t_s > span_s[1]:
             return
         raw = picture.raw
-        yield Frame(picture.index, t_s + exposure_s / 2, luma(raw), raw, picture.damaged, white_dn(raw))
+        notes = (*clock.new_notes(), *_looks(raw), *_joints(stream, picture))
+        held = Frame(picture.index, t_s + exposure_s / 2, luma(raw), raw, picture.damaged, white_dn(raw), notes)
+    clock.check_end(span_s[1] if span_s is not None else None, _reason(stream.stopped_by))
+    notes = clock.new_notes()
+    if notes and stream.in_haste:
+        raise Doubt
+    if held is not None:
+        yield replace(held, notes=(*held.notes, *notes))
+
+
+def _looks(raw: Any) -> tuple[str, ...]:
+    """What the user should know of how the pictures were taken."""
+    if raw.interlaced_frame:
+        return (INTERLACED,)
+    return ()
+
+
+def _joints(stream: Stream, picture: Picture) -> tuple[str, ...]:
+    """Where the recording was put together of several."""
+    begun = [number for number in stream.begun_again if number <= picture.number]
+    return tuple(
+        f"its clock begins again near frame {number}, as of files put one behind the other; {GOES_ON}"
+        for number in begun
+    )
 
 
 def _of_one_size(pictures: Iterable[Picture]) -> Iterator[Picture]:
@@ -196,18 +277,16 @@ def _of_one_size(pictures: Iterable[Picture]) -> Iterator[Picture]:
             yield picture
 
 
-def _check_sums(path: str | Path, container: Any, sums: MatroskaSums) -> None:
-    """Raise VideoError where the elements that times come from are damaged."""
-    if sums.timing_damaged:
-        raise _index_error(path, "the header does not match its checksum")
-    if sums.start_damaged and container.streams.video[0].start_time:
-        raise _index_error(path, "the first cluster does not match its checksum")
-
-
-def _index_error(path: str | Path, wrong: str) -> VideoError:
-    return VideoError(
-        f"{path}: the index is damaged, no time in it is sure: {wrong}; source.frame_rate_hz would count frames instead"
-    )
+def _index_doubts(container: Any, index: IndexDoubt | None, sums: MatroskaSums | None) -> tuple[str, ...]:
+    """Where the container's statements on time contradict each other: one line each."""
+    wrong = index.words if index is not None else None
+    if sums is not None and sums.timing_damaged:
+        wrong = "the header does not match its checksum"
+    elif sums is not None and sums.start_damaged and container.streams.video[0].start_time:
+        wrong = "the first cluster does not match its checksum"
+    if wrong is None:
+        return ()
+    return (f"the index is doubtful, no time in it is sure: {wrong}; source.frame_rate_hz would count frames instead",)
 
 
 def _opened(path: str | Path, options: dict[str, str] | None = None):
@@ -220,10 +299,13 @@ def _opened(path: str | Path, options: dict[str, str] | None = None):
         raise VideoError(f"{path}: {wrong}")
     if path.stat().st_size == 0:
         raise VideoError(f"{path}: is empty")
-    given = {"format_whitelist": _formats(), **(options or {})}
     try:
         # absolute: a name such as "concat:a|b" would be taken for a protocol
-        container = av.open(os.path.abspath(path), options=given, metadata_errors="replace")
+        container = av.open(
+            os.path.abspath(path),
+            options={"format_whitelist": _formats(), **(options or {})},
+            metadata_errors="replace",
+        )
     except (av.error.FFmpegError, ValueError) as error:
         raise VideoError(f"{path}: is not a video that can be read, or is cut short ({_reason(error)})") from None
     if not container.streams.video or container.streams.video[0].codec_context is None:
@@ -246,8 +328,8 @@ def _info(container: Any, path: str | Path) -> ClipInfo:
     width, height = stream.codec_context.width, stream.codec_context.height
     if not width or not height:
         raise VideoError(f"{path}: holds no picture (size {width} x {height})")
-    rate = float(stream.average_rate or stream.guessed_rate or 0) or 25.0
-    return ClipInfo(width, height, rate, _duration_s(container), stream.codec_context.name)
+    rate_hz = float(mean_rate(container) or USUAL_RATE_HZ)
+    return ClipInfo(width, height, rate_hz, _duration_s(container), stream.codec_context.name)
 
 
 def _duration_s(container: Any) -> float | None:

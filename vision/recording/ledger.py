@@ -7,7 +7,7 @@ it. Pictures are held back until all that they may predict from is known; withou
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,12 +52,27 @@ class Picture:
     judged: bool = False
 
 
-class OrderError(Exception):
-    """Pictures and their timestamps are in different orders: timestamps ``stamp`` and, shown before it, ``before``."""
+@dataclass(frozen=True)
+class Places:
+    """Timestamps for a stream whose pictures come in another order than theirs.
 
-    def __init__(self, stamp: int, before: int) -> None:
-        self.stamp, self.before = stamp, before
-        super().__init__(f"stamp {stamp} after {before}")
+    Attributes
+    ----------
+    stamps : all of them, in order
+    unordered : they were written in decoding order, so that hardly a picture has its own; else one that stands elsewhere is wrong
+    """
+
+    stamps: Sequence[int]
+    unordered: bool
+
+
+class OrderError(Exception):
+    """Pictures and their timestamps are in different orders; in words for the user."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "its pictures and their timestamps are in different orders; each picture takes the time of its place"
+        )
 
 
 class Ledger:
@@ -68,7 +83,8 @@ class Ledger:
     intra_only : no picture predicts from another
     one_to_one : every packet holds one picture to be shown
     shuffled : timestamps follow the decoding order; each picture takes the one of its place among the pictures shown
-    step : usual distance of two timestamps, ticks; 0 = not known
+    step : usual distance of two timestamps, ticks; 0 = a gap between them leaves no picture's place uncertain
+    places : a picture takes the timestamp of its place, whatever its own packet says
 
     Attributes
     ----------
@@ -76,8 +92,16 @@ class Ledger:
     entered, shown : packets that went in, pictures that came out
     """
 
-    def __init__(self, intra_only: bool, one_to_one: bool, shuffled: bool, step: float = 0.0) -> None:
-        self._intra_only, self._one_to_one, self.shuffled = intra_only, one_to_one, shuffled
+    def __init__(
+        self,
+        intra_only: bool,
+        one_to_one: bool,
+        shuffled: bool,
+        step: float = 0.0,
+        places: Places | None = None,
+    ) -> None:
+        self._intra_only, self._one_to_one, self.shuffled = intra_only, one_to_one, shuffled or places is not None
+        self._places = places
         self._longest_step = LONGEST_STEPS * step
         self._inside: dict[int, Picture] = {}
         self._order: deque[Picture] = deque()
@@ -91,6 +115,7 @@ class Ledger:
         self._given_up: dict[int, Picture] = {}
         self._upset = False
         self._latest: int | None = None
+        self._decoded: int | None = None
         self.entered = self.shown = 0
 
     def enter(self, picture: Picture) -> None:
@@ -102,8 +127,10 @@ class Ledger:
         self._order.append(picture)
         if not picture.hidden:
             self._inside[picture.number] = picture
-            if self.shuffled:
+            if self.shuffled and self._places is None:
                 self._rank(picture)
+        if picture.decode_stamp is not None:
+            self._decoded = picture.decode_stamp
 
     def fail(self, picture: Picture) -> None:
         """The decoder reports an error with this packet; a picture may come out all the same."""
@@ -122,7 +149,7 @@ class Ledger:
         if number not in self._inside:
             late = self._given_up.get(-1 if number is None else number)
             if late is not None and late.stamp is not None and self._latest is not None and not self._upset:
-                raise OrderError(late.stamp, self._latest)
+                raise OrderError
             return  # a casualty of damage, or a packet's second picture: there is no time for it
         picture = self._inside.pop(number)
         self.shown += 1
@@ -155,7 +182,8 @@ class Ledger:
             picture.index = self._count + len(before)
             self._count = picture.index + 1
             if self.shuffled:
-                picture.stamp = self._stamp_of_rank(picture.index)
+                own, picture.stamp = picture.stamp, self._stamp_of_rank(picture.index)
+                picture.damaged |= self._places is not None and not self._places.unordered and own != picture.stamp
             elif picture.stamp is None:
                 continue  # a picture without time among pictures with time: a gap
             yield picture
@@ -167,16 +195,17 @@ class Ledger:
 
     def _rank(self, picture: Picture) -> None:
         """Keep the timestamp; at a gap it is not known which of the pictures near it stand before it and which after."""
-        before = self._ranks[-1] if self._ranks else None
+        before = self._decoded
         self._ranks.append(picture.decode_stamp)
         if not before or picture.decode_stamp is None or self._intra_only or not self._longest_step:
             return
         if picture.decode_stamp - before > self._longest_step:
-            picture.spoils = True
             for near in (*self._inside.values(), *self._queue):
                 near.damaged = True
 
     def _stamp_of_rank(self, index: int) -> int | None:
+        if self._places is not None:
+            return self._places.stamps[index] if index < len(self._places.stamps) else None
         stamp = None
         while self._ranked <= index and self._ranks:
             stamp = self._ranks.popleft()

@@ -56,6 +56,12 @@ def quarters(raw: Any) -> int:
 
 
 def turned(picture: NDArray[np.uint8], raw: Any) -> NDArray[np.uint8]:
-    """``picture`` upright."""
+    """``picture`` upright.
+
+    Parameters
+    ----------
+    picture : as decoded
+    raw : PyAV's frame
+    """
     turns = quarters(raw)
     return np.ascontiguousarray(np.rot90(picture, turns)) if turns else picture

@@ -6,6 +6,7 @@ A flipped bit in an index gives times that look like any others; only contradict
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -19,11 +20,29 @@ _MOST_BOXES = 1 << 18
 """Beside the index: fragments bring two each, one or more a second."""
 STEPS_APART = 1.5
 """Stated length and sum of the frame times may differ by so many frames (encoders count the last one differently)."""
+MOST_FRAMES = 1 << 24
+"""An index of more (a week of film) is not spread out frame by frame: a bound on memory."""
+CUT_FRAMES = 3
+"""An edit list that leaves more frames out cuts the recording; stated lengths differ by up to the delay of B frames."""
 LENGTHS_APART = 1e-3
 """An edit list counts in coarser ticks than the frames."""
 
 
-def contradiction(path: str | Path) -> str | None:
+@dataclass(frozen=True)
+class IndexDoubt:
+    """Where the tables of a video track contradict each other.
+
+    Attributes
+    ----------
+    words : for the user
+    cuts : the edit list leaves a part of the track out, and does not only undo the delay of B frames
+    """
+
+    words: str
+    cuts: bool = False
+
+
+def contradiction(path: str | Path) -> IndexDoubt | None:
     """Where the tables of the first video track contradict each other; None if nowhere, or if there is no such track."""
     with Path(path).open("rb") as file:
         index = _index_of(file)
@@ -33,13 +52,14 @@ def contradiction(path: str | Path) -> str | None:
         try:
             found = dict(_tables(track))
         except RecursionError:
-            return "its boxes stand too deep in one another"
+            return IndexDoubt("its boxes stand too deep in one another")
         if found.get(b"hdlr", b"")[8:12] == b"vide":
             found.update((name, box) for name, box in _boxes(index) if name == b"mvhd")
             try:
-                return _contradiction(found)
+                words = _contradiction(found)
             except IndexError:
-                return "a table is cut short"
+                words = "a table is cut short"
+            return None if words is None else IndexDoubt(words, _cuts(found))
     return None
 
 
@@ -111,7 +131,7 @@ def _contradiction(tables: dict[bytes, bytes]) -> str | None:
         _counts(tables, frames, steps, shifts)
         or _matrices(tables)
         or _shifts(steps, shifts)
-        or (_lengths(tables, frames, steps) if frames else None)
+        or (_lengths(tables, frames, steps, shifts) if frames else None)
     )
 
 
@@ -151,18 +171,37 @@ def _shifts(steps: NDArray[np.int64], shifts: NDArray[np.int64] | None) -> str |
     return None
 
 
-def _lengths(tables: dict[bytes, bytes], frames: int, steps: NDArray[np.int64]) -> str | None:
-    """The frame times add up to the stated length, and the edit list shows no more than that."""
+def _lengths(
+    tables: dict[bytes, bytes], frames: int, steps: NDArray[np.int64], shifts: NDArray[np.int64] | None
+) -> str | None:
+    """The frame times add up to the stated length, as decoded or as shown, and the edit list shows no more than that."""
     unit, stated = _header_times(tables.get(b"mdhd", b""))
     if not unit:
         return None
     summed = int((steps[:, 0] * steps[:, 1]).sum())
-    if stated and abs(summed - stated) * frames > STEPS_APART * max(summed, stated):
+    off = min(abs(length - stated) for length in (summed, *_shown_ticks(steps, shifts)))
+    if stated and off * frames > STEPS_APART * max(summed, stated):
         return f"stts adds up to {summed} ticks, mdhd states {stated}"
     shown_s, track_s = _edited_s(tables), summed / unit
     if shown_s is not None and shown_s > (1 + LENGTHS_APART) * track_s + 2 * track_s / frames:
         return f"elst shows {shown_s:.3f} s of a track of {track_s:.3f} s"
     return None
+
+
+def _shown_ticks(steps: NDArray[np.int64], shifts: NDArray[np.int64] | None) -> tuple[int, ...]:
+    """From the first frame shown, or decoded, to the end of the last one shown.
+
+    More than the steps add up to where a cut left frames before the last one out; programs that write an index state either.
+    """
+    if steps[:, 0].sum() > MOST_FRAMES:
+        return ()
+    lasts = np.repeat(steps[:, 1], steps[:, 0])
+    begins = np.concatenate([[0], np.cumsum(lasts[:-1])])
+    if shifts is not None:
+        begins = begins + np.repeat(shifts[:, 1].astype(np.uint32).astype(np.int32), shifts[:, 0])
+    last = int(np.argmax(begins))
+    end = int(begins[last] + lasts[last])
+    return end - int(begins.min()), end
 
 
 def _header_times(header: bytes) -> tuple[int, int]:
@@ -177,14 +216,35 @@ def _stated(field: bytes) -> int:
 
 def _edited_s(tables: dict[bytes, bytes]) -> float | None:
     """Length of the one part that the edit list shows, s; None with no list or several parts."""
+    parts = _parts(tables)
+    return parts[0][0] if len(parts) == 1 else None
+
+
+def _cuts(tables: dict[bytes, bytes]) -> bool:
+    """Whether the edit list leaves anything out: it begins later than the first frame, ends early, or shows several parts."""
+    parts = _parts(tables)
+    if not parts:
+        return False
+    unit, stated = _header_times(tables.get(b"mdhd", b""))
+    shifts = tables.get(b"ctts", b"")
+    first = int.from_bytes(shifts[12:16], "big")
+    frames = int.from_bytes((tables.get(b"stsz") or tables.get(b"stz2") or b"")[8:12], "big")
+    ends_early = unit > 0 and parts[0][0] * frames < (frames - CUT_FRAMES) * stated / unit
+    return len(parts) > 1 or parts[0][1] > first or ends_early
+
+
+def _parts(tables: dict[bytes, bytes]) -> list[tuple[float, int]]:
+    """The first parts that the edit list shows: length, s, and where it begins, ticks; parts that only delay left out."""
     table = tables.get(b"elst")
     unit, _ = _header_times(tables.get(b"mvhd", b""))
     if table is None or not unit:
-        return None
+        return []
     width = 8 if table[0] == 1 else 4
     parts = []
     for index in range(min(int.from_bytes(table[4:8], "big"), 3)):
         at = 8 + index * (2 * width + 4)
-        if table[at + width : at + 2 * width] != b"\xff" * width:  # an empty part only delays
-            parts.append(int.from_bytes(table[at : at + width], "big") / unit)
-    return parts[0] if len(parts) == 1 else None
+        begins = table[at + width : at + 2 * width]
+        if begins != b"\xff" * width:  # an empty part only delays
+            length_s = int.from_bytes(table[at : at + width], "big") / unit
+            parts.append((length_s, int.from_bytes(begins, "big")))
+    return parts

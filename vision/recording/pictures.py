@@ -13,9 +13,12 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Iterator
+from fractions import Fraction
+from itertools import pairwise
+from statistics import median
 from typing import Any
 
-from .ledger import Ledger, Picture
+from .ledger import LONGEST_STEPS, Ledger, Picture, Places
 from .slices import FrameCount, holds_forbidden, length_bytes_of
 
 INTRA_ONLY = (
@@ -46,6 +49,10 @@ HASTE = ("h264",)
 """Decoders that report every kind of damage as an error, when asked to."""
 HELD_BACK = 8
 """Pictures held back in haste. Of 600 broken copies one showed a wrong picture 5 pictures before its error, none earlier."""
+_TS_DISCONT = 0x200
+"""FFmpeg's AVFMT_TS_DISCONT."""
+USUAL_RATE_HZ = 25
+"""Of a recording that says nothing of its rate (and has no timestamps): a choice."""
 LARGEST_GROWTH = 4
 """A damaged header that makes the picture this many times larger is not believed (nor its memory taken)."""
 
@@ -63,6 +70,7 @@ class Stream:
     damaged_at : says of a packet's place in the file, bytes, whether the container knows it to be damaged
     believe_stamps : tell by the timestamps which picture comes before which; else by their place in the file
     haste : let threads work where they hide damage, and raise Doubt at its first sign
+    places : timestamps by the pictures' places
 
     Attributes
     ----------
@@ -71,6 +79,9 @@ class Stream:
     last_stamp : largest one so far
     packets : packets so far that hold a picture to be shown, decodable or not
     stopped_by : the container's last error, or None
+    step_ticks : usual distance of two timestamps; 0: not known
+    gaps : so many packets stand further apart than usual
+    begun_again : places, in decoding order, where the container's clock begins again
     """
 
     def __init__(
@@ -80,6 +91,7 @@ class Stream:
         damaged_at: Callable[[int | None], bool] | None = None,
         believe_stamps: bool = True,
         haste: bool = False,
+        places: Places | None = None,
     ) -> None:
         self._container, self._video = container, container.streams.video[0]
         self._decoder = self._video.codec_context
@@ -89,10 +101,15 @@ class Stream:
         self._has_units = codec in ("h264", "hevc")
         self._length_bytes = length_bytes_of(codec, self._decoder.extradata)
         # AVI's timestamps are the places of the packets in the file: they follow the decoding order
-        shuffled = not believe_stamps or "avi" in container.format.name.split(",")
-        rate, base = self._video.average_rate, self._video.time_base
-        step = float(1 / (rate * base)) if rate and base else 0.0
-        self._ledger = Ledger(codec in INTRA_ONLY, codec in ONE_TO_ONE, shuffled, step)
+        shuffled = not believe_stamps or is_avi(container)
+        rate, base = mean_rate(container), self._video.time_base
+        self.step_ticks = float(1 / (rate * base)) if rate and base else 0.0
+        # at a gap only pictures that are shown in another order are uncertain; frames that are counted have no gaps
+        step = self.step_ticks if believe_stamps and self._decoder.has_b_frames else 0.0
+        self._ledger = Ledger(codec in INTRA_ONLY, codec in ONE_TO_ONE, shuffled, step, places)
+        self._restarts = may_begin_again(container)
+        self.begun_again: list[int] = []
+        self.gaps, self._before = 0, None
         self.in_haste, self._blame = _prepare(self._decoder, decode_threads, haste)
         self.first_stamp: int | None = None
         self.last_stamp: int | None = None
@@ -118,7 +135,7 @@ class Stream:
         import av.error
 
         ledger, decoder = self._ledger, self._decoder
-        for packet in self._readable():
+        for packet in self._on_one_clock(self._readable()):
             picture = self._enter(packet)
             if self.in_haste and (picture.damaged or not packet.size):
                 raise Doubt
@@ -161,11 +178,40 @@ class Stream:
             except av.error.FFmpegError as error:
                 self.stopped_by = error
 
+    def _on_one_clock(self, packets: Iterator[Any]) -> Iterator[Any]:
+        """Packets whose times go on where the container's clock begins again: one step after the packet before."""
+        if not self._restarts:
+            yield from packets
+            return
+        step, shift, number = max(round(self.step_ticks), 1), 0, 0
+        before: int | None = None
+        held = next(packets, None)
+        while held is not None:
+            following = next(packets, None)
+            stamp = held.dts
+            ahead = None if following is None else following.dts
+            # one that falls alone is damaged
+            falls = before is not None and (ahead is None or ahead + shift < before)
+            if falls and before is not None and stamp is not None and stamp + shift < before:
+                shift = before + step - stamp
+                self.begun_again.append(number)
+            if held.dts is not None:
+                held.dts += shift
+                before = held.dts if before is None else max(before, held.dts)
+            if held.pts is not None:
+                held.pts += shift
+            yield held
+            held, number = following, number + 1
+
     def _enter(self, packet: Any) -> Picture:
         hidden = bool(packet.is_discard)
         picture = Picture(
             self._ledger.entered, packet.pts, packet.dts, hidden=hidden, key=hidden and packet.is_keyframe
         )
+        if packet.dts is not None:
+            apart = 0 if self._before is None else packet.dts - self._before
+            self.gaps += not hidden and self.step_ticks > 0 and apart > LONGEST_STEPS * self.step_ticks
+            self._before = packet.dts
         self.packets += not hidden
         if self._heads is not None and packet.size:
             head = self._heads.head(packet)
@@ -211,3 +257,32 @@ def _prepare(decoder: Any, decode_threads: int | None, haste: bool) -> tuple[boo
     decoder.thread_type = "FRAME" if by_frame else "NONE"
     decoder.thread_count = wanted if by_frame else 1
     return in_haste, not by_frame
+
+
+def mean_rate(container: Any) -> Fraction | None:
+    """Pictures per second.
+
+    An AVI states how many places it has a second; a program may leave most of them empty, and the list of its packets tells.
+
+    Parameters
+    ----------
+    container : open
+    """
+    video = container.streams.video[0]
+    base, rate = video.time_base, video.average_rate or video.guessed_rate
+    if is_avi(container) and base:
+        stamps = [entry.timestamp for entry in video.index_entries]
+        if len(stamps) > 2:
+            step = round(median(after - before for before, after in pairwise(stamps)))
+            return 1 / (max(step, 1) * base)
+    return Fraction(rate) if rate else None
+
+
+def is_avi(container: Any) -> bool:
+    """Whether the container's timestamps are the places of its packets, in decoding order."""
+    return "avi" in container.format.name.split(",")
+
+
+def may_begin_again(container: Any) -> bool:
+    """Whether the container's clock may begin again, as where two files were put one behind the other; it states no length then."""
+    return bool(container.format.flags & _TS_DISCONT)

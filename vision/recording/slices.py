@@ -52,6 +52,7 @@ def holds_forbidden(packet, length_bytes: int) -> bool:
 
     Parameters
     ----------
+    packet : bytes of one packet
     length_bytes : width of the lengths that tell the units apart; 0 = start codes do
     """
     data = bytes(packet)
@@ -71,7 +72,13 @@ def holds_forbidden(packet, length_bytes: int) -> bool:
 
 
 def length_bytes_of(codec: str, extradata: bytes | None) -> int:
-    """Width of the lengths that tell the units of a packet apart; 0 where start codes do."""
+    """Width of the lengths that tell the units of a packet apart; 0 where start codes do.
+
+    Parameters
+    ----------
+    codec : by ffmpeg's name
+    extradata : of the stream
+    """
     if extradata and extradata[0] == 1:
         if codec == "h264" and len(extradata) > 6:
             return (extradata[4] & 3) + 1

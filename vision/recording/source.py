@@ -1,6 +1,6 @@
 """One door to every recording: what a source of frames is, the table of those that are there, and reading ahead of use.
 
-The video file is built in; ``register_source`` takes in another kind (docs/developer/source.md).
+Video files and sequences of pictures are built in; ``register_source`` takes in another kind (docs/developer/source.md).
 """
 
 from __future__ import annotations
@@ -8,16 +8,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...record.registry import Registry, code_stamp
-from ...record.sources import VIDEO_FILE, SourceKind, kind_of, register_kind
+from ...record.sources import PICTURES, VIDEO_FILE, SourceKind, kind_of, register_kind
 from .ahead import Ahead
-from .decode import ClipInfo, Frame, video_frames, video_info
-from .luma import luma, white_dn
+from .decode import ClipInfo, Frame, frame_of, video_frames, video_info
+from .sequence import PictureSequence
 
 FRAMES_AHEAD = 40
 """Frames decoded ahead of their use at most (less where they are large: the next line): a choice."""
@@ -112,8 +112,9 @@ def register_source(
 def open_source(path: str | Path) -> FrameSource:
     """The recording at ``path``, by the first kind that takes it; else as a video file. Nothing is read yet."""
     kind = kind_of(path)
-    opened_by = None if kind is VIDEO_FILE else OPENED_BY.get(kind.name)
-    return (opened_by or VideoFile)(Path(path))
+    built_in = PictureSequence if kind is PICTURES else VideoFile
+    opened_by = None if kind in (VIDEO_FILE, PICTURES) else OPENED_BY.get(kind.name)
+    return (opened_by or built_in)(Path(path))
 
 
 def clip_info(path: str | Path) -> ClipInfo:
@@ -122,7 +123,7 @@ def clip_info(path: str | Path) -> ClipInfo:
 
     Parameters
     ----------
-    path : what a registered source takes: a video file, or what was registered beside it
+    path : what a source takes: a video file, a folder of pictures, a pattern of their names, or what was registered
 
     Raises
     ------
@@ -140,8 +141,9 @@ def read_frames(
 ) -> Iterator[Frame]:
     """Decode the frames in ``span_s`` one by one, ahead of their use in a background thread.
 
-    A picture that cannot be decoded is left out; the ones around it keep their own number and time. One that was decoded but
-    cannot be trusted is ``damaged``. Closing the iterator ends the thread.
+    A picture that cannot be decoded, or has no time of its own, is left out; the ones around it keep their own number and time.
+    One that was decoded but cannot be trusted is ``damaged``. What is doubtful about the recording stands in a frame's ``notes``.
+    Closing the iterator ends the thread.
 
     Parameters
     ----------
@@ -153,8 +155,7 @@ def read_frames(
 
     Raises
     ------
-    VideoError : it cannot be read, holds no frame, ends before its stated end (or the span's), or its times are not plausible:
-        they do not rise, jump, or leave the stated length
+    VideoError : it cannot be read, or holds no frame
     """
 
     def begun() -> Iterator[Frame]:
@@ -189,22 +190,6 @@ def timed_frames(
             return
         if span_s is None or t_s >= span_s[0]:
             yield frame_of(read(), index, t_s + exposure_s / 2)
-
-
-def frame_of(picture: NDArray[Any], index: int, t_s: float) -> Frame:
-    """A frame of a picture in memory.
-
-    Parameters
-    ----------
-    picture : (h, w) uint8 or uint16 grey, or (h, w, 3) uint8 BGR
-    index : its number, from 0
-    t_s : its time
-    """
-    import av
-
-    kind = "bgr24" if picture.ndim == 3 else "gray16le" if picture.dtype == np.uint16 else "gray"
-    raw = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format=kind)
-    return Frame(index, t_s, luma(raw), raw, False, white_dn(raw))
 
 
 __all__ = [

@@ -20,6 +20,8 @@ MIN_CONTRAST_DN = 8.0
 """And by so many levels at least, in a picture without noise too: a choice."""
 GROUND_WIDTHS = 9.0
 """Side of the median's window in widths of the spot: a Gaussian spot fills a quarter of it, so the median passes it by."""
+SAME_SIZE = 1.6
+"""Two spots at one place whose widths differ by less than this factor are one: a choice."""
 LARGEST_SHARE = 0.02
 """A spot is smaller than this share of the picture's shorter side squared."""
 
@@ -52,6 +54,19 @@ class Candidates:
         """Some of them."""
         return Candidates(*(getattr(self, f.name)[index] for f in fields(self)))
 
+    def narrower(self, width_px: float) -> Candidates:
+        """Those below a width."""
+        return self.rows(self.width_px < width_px)
+
+    def apart_from(self, other: Candidates) -> Candidates:
+        """Those that are none of the other's: elsewhere, or of another size."""
+        if not len(other) or not len(self):
+            return self
+        away = np.linalg.norm(self.centre_px[:, None] - other.centre_px[None], axis=2)
+        ratio = np.abs(np.log(self.width_px[:, None] / other.width_px[None]))
+        same = (away < np.maximum(1.0, 0.5 * self.width_px)[:, None]) & (ratio < np.log(SAME_SIZE))
+        return self.rows(~same.any(axis=1))
+
     def and_also(self, other: Candidates) -> Candidates:
         """These and the others."""
         return Candidates(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)))
@@ -64,6 +79,12 @@ def find_candidates(luma: NDArray[np.uint8], dark: bool = False, expected_width_
     out of it by more than ``THRESHOLD_MAD`` robust standard deviations is
     outlined, and each outline is measured again at half of its own height, so that a bright spot's halo and a dim
     spot's noise are treated alike.
+
+    Parameters
+    ----------
+    luma : (h, w) uint8
+    dark : dark spots on light ground
+    expected_width_px : usual width of a mark, standard deviation
     """
     import cv2
     from skimage.measure import regionprops
@@ -101,7 +122,7 @@ def find_candidates(luma: NDArray[np.uint8], dark: bool = False, expected_width_
             centres.append((columns @ weight / weight.sum(), rows @ weight / weight.sum()))
             contrasts.append(max(1.0, float(sharp[rows, columns].max())))
             widths.append(max(0.7, float(np.sqrt(region.area / np.pi)) / 1.18))
-            stretches.append(_stretch(rows, columns))
+            stretches.append(stretch_of(rows, columns))
     order = np.argsort(contrasts)[::-1][:MOST]
     return Candidates(
         np.array(centres, dtype=float).reshape(-1, 2)[order],
@@ -114,7 +135,13 @@ def find_candidates(luma: NDArray[np.uint8], dark: bool = False, expected_width_
 
 
 def with_tint(candidates: Candidates, bgr: NDArray[np.uint8]) -> Candidates:
-    """Look at the candidates' colour in ``bgr (h, w, 3)``: where it is strongest, since a bright light's core is white."""
+    """Look at the candidates' colour in ``bgr (h, w, 3)``: where it is strongest, since a bright light's core is white.
+
+    Parameters
+    ----------
+    candidates : spots of the frame
+    bgr : (h, w, 3) uint8
+    """
     tint = np.full((len(candidates), 3), np.nan)
     for index, (place, width) in enumerate(zip(candidates.centre_px, candidates.width_px, strict=True)):
         reach = round(2.5 * width) + 1
@@ -132,7 +159,7 @@ def with_tint(candidates: Candidates, bgr: NDArray[np.uint8]) -> Candidates:
     return replace(candidates, tint=tint)
 
 
-def _stretch(rows: Array, columns: Array) -> float:
+def stretch_of(rows: Array, columns: Array) -> float:
     """Ratio of the axes of the ellipse with a region's second moments, 4 sqrt(eigenvalue) each; the minor at least 1 px."""
     v, u = rows - rows.mean(), columns - columns.mean()
     uu, vv, uv = u @ u / len(u), v @ v / len(v), u @ v / len(u)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..backend import NUMPY, Backend
 from .model import (
+    DISC_WIDTHS,
     GROUND,
     HEIGHT,
     HEIGHT_2,
@@ -42,8 +43,6 @@ NEARLY_PX = 0.05
 """A fit that ran out of steps counts if its last one was shorter than this: a choice."""
 SHARPEST = 12.0
 """Largest power of a flat top (1: a Gaussian): beyond it its edge is sharper than a pixel can show."""
-DISC_WIDTHS = 2.6
-"""The residuals are judged within so many widths of the spot, where a Gaussian has fallen to 3 % of its height."""
 WHITE_MARGIN_DN = 1.5
 """A pixel so near to white is taken as clipped: rounding, and a codec's ringing."""
 LEAST_PIXELS = 20
@@ -73,6 +72,32 @@ def fit_spots(
     """
     problem = _Problem(values, corner, model, noise, white_dn, backend)
     return problem.solve(start)
+
+
+def pull_of(values: Array, corner: Array, theta: Array, model: Model, noise: tuple[float, float]) -> Array:
+    """What a small change of each pixel's grey value does to a fitted centre.
+
+    Parameters
+    ----------
+    values, corner, model, noise : of ``fit_spots``
+    theta : (b, 16), the parameters that it found
+
+    Returns
+    -------
+    pull : (b, 2, n, n), px of u and v per grey value
+    """
+    local = np.array(theta, dtype=float)
+    for column in (U, U_2):
+        local[:, column : column + 2] -= corner
+    problem = _Problem(values, corner, model, noise, None, NUMPY)
+    _, slope, weight = problem._linearised(local, np.arange(len(local)))
+    length = np.sqrt(np.maximum((slope**2 * weight[:, None]).sum(axis=2), 1e-12))
+    unit = slope / length[:, :, None]
+    scaled = unit * weight[:, None]
+    inverse = np.linalg.pinv(scaled @ unit.swapaxes(1, 2), hermitian=True)
+    place = [problem.free.index(U), problem.free.index(V)]
+    pull = (inverse @ scaled)[:, place] / length[:, place, None]
+    return pull.reshape(len(values), 2, problem.n, problem.n)
 
 
 class _Problem:

@@ -6,6 +6,8 @@ stretch is where the next one begins.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 import pandas as pd
 
@@ -15,11 +17,11 @@ from ...record.run import Run
 from ...record.schema import Marker
 from ..backend import Backend
 from ..recording import Frame
-from .candidates import Array
-from .identity import SEEN_SD_PX
+from .candidates import Array, Candidates
+from .identity import CLEAR_COST, SEEN_SD_PX, Assignment
 from .judge import JUMP_PX, Rigid, judge
 from .live import LiveMark
-from .refine import Refiner, Stack
+from .refine import BEGIN_WIDTHS, WIDEST_PX, Refiner, Stack
 from .search import Search
 from .stretch import Found, Mark, Stretch, table_of
 
@@ -37,14 +39,56 @@ SEARCH_SOON = (2, 5)
 """When all marks are lost at once, it is searched after so many frames too."""
 KNOCK_PX, KNOCK_PX_S = 30.0, 100.0
 """A mark that is lost is looked for on the whole frame, about where it was seen last: a knocked camera, and its own way since."""
-SEEN_FRAMES = 10
-"""What the user says of where a mark is seen holds for so many frames of the search."""
-ACQUIRE_WIDTHS_PX = (2.0, 4.0, 7.0)
-"""Spot widths tried one after the other while nothing is known."""
+SEEN_S = 2.0
+"""What the user says of where a mark is seen holds for so long, less and less: by ``KNOCK_PX_S``."""
+SECOND_PX_S = 300.0
+"""How fast a mark may be in the second frame in which it is seen, standard deviation: a choice, 10 px a frame of usual film."""
+UNCLEAR = 10
+"""After so many frames in which marks could be taken for one another, nothing is expected of more: a choice."""
+UNCLEAR_MARGIN = 2.0
+"""One set of spots that moves on through all of these frames, and fits better than any other by a cost of so much in their mean
+(odds of e to 1 in each), is taken: a choice."""
+SECOND_TURN_RAD = np.radians(30.0)
+"""No model turns by more than this from the first to the second frame in which it is seen: a choice."""
+CONFIRMED = 0.6
+"""Of the frames of its probation a mark must be measured in this share."""
 ACQUIRE_EVERY_FRAME = 20
 """While nothing has been found: every frame at first, then ..."""
 ACQUIRE_STRIDE = 15
 """... every so many frames: a choice, half a second of usual film."""
+
+
+@dataclass(frozen=True)
+class Steady:
+    """One set of spots, the best of every frame but not by much: since when it moves on unchanged.
+
+    Attributes
+    ----------
+    places_px, t_s : of the last frame, (marks, 2)
+    chosen : which marks have a spot
+    margins : of each frame, by how much the next set costs more
+    """
+
+    places_px: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    t_s: float = 0.0
+    chosen: tuple[bool, ...] = ()
+    margins: tuple[float, ...] = ()
+
+    def with_next(self, best: Assignment, candidates: Candidates, t_s: float) -> Steady:
+        """The best set of another frame: the same one moved on, or a new beginning."""
+        chosen = tuple(c >= 0 for c in best.chosen)
+        places = candidates.centre_px[[c for c in best.chosen if c >= 0]]
+        margins: tuple[float, ...] = ()
+        if chosen == self.chosen:
+            reach = SEEN_SD_PX + SECOND_PX_S * (t_s - self.t_s)
+            if (np.linalg.norm(places - self.places_px, axis=1) < reach).all():
+                margins = self.margins
+        return Steady(places, t_s, chosen, (*margins, best.margin))
+
+    @property
+    def settled(self) -> bool:
+        """It was the best for long enough, and by enough."""
+        return len(self.margins) >= UNCLEAR and float(np.mean(self.margins)) >= UNCLEAR_MARGIN
 
 
 class SpotFollower:
@@ -60,7 +104,13 @@ class SpotFollower:
         self.size_px = (0, 0)
         self.tried = 0
         self.ambiguous = False
-        self.on_probation = True
+        self.unclear = 0
+        self.waiting: list[tuple[Frame, Candidates]] = []
+        self.steady = Steady()
+        self.on_probation, self.proven = True, 0
+        self.first_sight = False
+        self.looks: list[tuple[float, float] | None] = [None] * len(markers)
+        self.began_s: float | None = None
         self.losses = 0
         self.searched = -REACQUIRE_FRAMES
 
@@ -80,6 +130,8 @@ class SpotFollower:
         elif not any(self.marks):
             self._acquire(frame)
         else:
+            if self.first_sight:
+                self._second_sight(frame)
             self._look(frame)
         if len(self.stretch) >= self._length() or any(
             m is not None and m.live.doubtful == DOUBT_FRAMES for m in self.marks
@@ -100,7 +152,12 @@ class SpotFollower:
                 self.stretch.keep(index, frame.luma, *seen, mark.refiner.half_px)
 
     def _length(self) -> int:
-        """Frames of a stretch: few while the marks are new or one of them is lost, so that the end is known soon."""
+        """Frames of a stretch: few while the marks are new or one of them is lost, so that the end is known soon.
+
+        While it is open which spots are the marks, the frames that wait for it are kept together.
+        """
+        if self.waiting:
+            return 2 * UNCLEAR
         short = self.on_probation or any(m is not None and m.lost for m in self.marks)
         return PROBATION_FRAMES if short else STRETCH_FRAMES
 
@@ -119,37 +176,89 @@ class SpotFollower:
         self.tried += 1
         if self.tried > ACQUIRE_EVERY_FRAME and self.tried % ACQUIRE_STRIDE:
             return
-        chosen, candidates = self.search.spots(frame, ACQUIRE_WIDTHS_PX, self._seen_by_user())
+        near, near_sd = self._seen_by_user(frame.t_s)
+        chosen, every = self.search.anywhere(frame, near, near_sd)
+        candidates = every
         if not chosen.accepted:
             return
-        begun = {}
+        told = all(place is not None for place in near) and frame.t_s == self.began_s
+        if chosen.ambiguous and not told and not chosen.turned:  # what stands still is not towed
+            moving = self.search.moving(candidates, near, near_sd)
+            if moving is not None and moving[0].accepted and moving[0].cost < chosen.cost + CLEAR_COST:
+                chosen, candidates = moving
+        if chosen.ambiguous and (chosen.turned or not told):  # the user's pick is the nearest that fits
+            self.unclear += 1
+            self.waiting.append((frame, every))
+            if chosen.turned and self.unclear >= UNCLEAR:
+                raise TrackingError(self.search.why_unclear())
+            self.steady = self.steady.with_next(chosen, candidates, frame.t_s)
+            if chosen.turned or not self.steady.settled:
+                return
+            self.ambiguous = True
+            self.waiting.pop()
+        begun: dict[int, tuple[Mark, Array]] = {}
+        looks: list[tuple[float, float] | None] = [None] * len(self.markers)
         for index, spot in enumerate(chosen.chosen):
             if spot >= 0:
                 mark = self._begin(frame, index, candidates.centre_px[spot], float(candidates.width_px[spot]))
                 if mark is not None:
                     begun[index] = mark
-        if len(begun) < 2:
+                    looks[index] = float(candidates.contrast_dn[spot]), float(candidates.width_px[spot])
+        if len(begun) < min(2, len(self.markers)):
             return
-        self.ambiguous |= chosen.ambiguous
         self.search.learn_lamps(candidates, chosen.chosen)
-        # frames before this one hold nothing: they are written as they are, so that probation counts from here
-        before, self.stretch.frames = self.stretch.frames[:-1], self.stretch.frames[-1:]
+        self.on_probation = self.first_sight = True
+        self.proven = 0
+        self.looks = looks
+        earlier = self._earlier({index: place for index, (_, place) in begun.items()})
+        # frames before these hold nothing: they are written as they are, so that probation counts from here
+        before, now = self.stretch.frames[: -1 - len(earlier)], self.stretch.frames[-1 - len(earlier) :]
         self._write_unseen(before)
-        self.on_probation = True
-        for index, (mark, place) in begun.items():
+        self.stretch.frames = []
+        for index, (mark, _) in begun.items():
             self.marks[index] = mark
-            self.stretch.keep(index, frame.luma, float(place[0]), float(place[1]), mark.refiner.half_px)
+        for info, (seen, places) in zip(now, [*earlier, (frame, {i: p for i, (_, p) in begun.items()})], strict=True):
+            self.stretch.frames.append(info)
+            for index, place in places.items():
+                half = begun[index][0].refiner.half_px
+                self.stretch.keep(index, seen.luma, float(place[0]), float(place[1]), half)
+        if earlier:
+            self.first_sight = False
+            times = [seen.t_s for seen, _ in [*earlier, (frame, None)]]
+            for index, (mark, place) in begun.items():
+                mark.began([*(places[index] for _, places in earlier), place], times)
+
+    def _earlier(self, places: dict[int, Array]) -> list[tuple[Frame, dict[int, Array]]]:
+        """Where marks that are now known stood in the frames before, in which nothing told them from other spots."""
+        found: list[tuple[Frame, dict[int, Array]]] = []
+        waiting, self.waiting = self.waiting, []
+        last = self.stretch.frames[-1]
+        for frame, candidates in reversed(waiting):
+            near = [places.get(index) for index in range(len(self.markers))]
+            reach = SEEN_SD_PX + SECOND_PX_S * (last[1] - frame.t_s)
+            chosen = self.search.assigned(candidates, near, [reach] * len(near), self.looks)
+            if frame.index != last[0] - 1 or not chosen.accepted or any(chosen.chosen[index] < 0 for index in places):
+                break
+            places = {index: candidates.centre_px[chosen.chosen[index]] for index in places}
+            found.append((frame, places))
+            last = frame.index, frame.t_s
+        return found[::-1]
 
     def _begin(self, frame: Frame, index: int, place: Array, width: float) -> tuple[Mark, Array] | None:
         """A new mark where a spot stands; None where it is none."""
         refiner = Refiner(width, self._dark(index), float(frame.white_dn), self.backend)
-        fit = refiner.once(self._one(frame, place, refiner))
-        sign = -1.0 if self._dark(index) else 1.0
-        if not fit.good[0] or sign * fit.amplitude_dn[0] <= 0:
-            return None
+        alone = self._one(frame, place, refiner)
+        for fit in (refiner.once(alone), refiner.simplest(alone)):
+            wider = abs(np.log(fit.width_px[0] / width))
+            rises = fit.amplitude_dn[0] < 0 if self._dark(index) else fit.amplitude_dn[0] > 0
+            if fit.good[0] and rises and wider < np.log(BEGIN_WIDTHS):
+                break
+        else:
+            return None  # the fit went to something else
         centre = fit.centre_px[0]
         live = LiveMark(centre, frame.t_s, float(fit.width_px[0]), abs(float(fit.amplitude_dn[0])), self._dark(index))
-        refiner.width_px = float(np.clip(fit.width_px[0], 0.6, 12.0))
+        live.learn_height(frame.luma)
+        refiner.width_px = float(np.clip(fit.width_px[0], 0.6, WIDEST_PX))
         return Mark(live, refiner), centre
 
     def _one(self, frame: Frame, place: Array, refiner: Refiner) -> Stack:
@@ -160,10 +269,39 @@ class SpotFollower:
         assert kept is not None
         return kept[1]
 
-    def _seen_by_user(self) -> list[Array | None]:
-        """seen_at_px holds for the first analysed frame and a moment after it."""
-        stale = self.tried > SEEN_FRAMES
-        return [None if stale or m.seen_at_px is None else np.array(m.seen_at_px) for m in self.markers]
+    def _seen_by_user(self, t_s: float) -> tuple[list[Array | None], list[float]]:
+        """seen_at_px holds for the first analysed frame, and ever less after it."""
+        self.began_s = t_s if self.began_s is None else self.began_s
+        since_s = t_s - self.began_s
+        stale = since_s > SEEN_S
+        near = [None if stale or m.seen_at_px is None else np.array(m.seen_at_px) for m in self.markers]
+        return near, [SEEN_SD_PX + KNOCK_PX_S * since_s] * len(near)
+
+    def _second_sight(self, frame: Frame) -> None:
+        """The frame after the first: the marks are found anew about where they were, and their velocity with that."""
+        self.first_sight = False
+        held = [None if mark is None else np.array([mark.live.filter.u, mark.live.filter.v]) for mark in self.marks]
+        step_s = max(frame.t_s - mark.live.filter.t_s for mark in self.marks if mark is not None)
+        reach = SEEN_SD_PX + SECOND_PX_S * step_s
+
+        def whole(found: Assignment) -> bool:
+            every = zip(found.chosen, held, strict=True)
+            return found.accepted and not any(c < 0 for c, place in every if place is not None)
+
+        chosen, candidates = self.search.about(frame, held, reach, self.looks)
+        if not whole(chosen) or chosen.ambiguous:
+            chosen, candidates = self.search.anywhere(frame, held, [reach] * len(held), self.looks)
+        if not whole(chosen):
+            return
+        pairs = [(p, candidates.centre_px[c]) for c, p in zip(chosen.chosen, held, strict=True) if p is not None]
+        (was_1, now_1), (was_2, now_2) = pairs[0], pairs[-1]
+        was, now = was_2 - was_1, now_2 - now_1
+        if was @ now < np.cos(SECOND_TURN_RAD) * np.hypot(*was) * np.hypot(*now):
+            return  # turned round within a frame: other spots, or each for the other
+        for spot, mark in zip(chosen.chosen, self.marks, strict=True):
+            if mark is not None:
+                mark.live.expect(candidates.centre_px[spot], frame.t_s)
+                mark.replay = mark.live.filter.copy()
 
     def _recover(self, frame: Frame) -> None:
         """Look for lost marks on the whole frame; believed only where the marks that are still held are found as well."""
@@ -177,7 +315,7 @@ class SpotFollower:
             if mark is not None and near[index] is None:  # tells a pair of marks from the same pair turned round
                 near[index] = np.array([mark.replay.u, mark.replay.v])
                 near_sd[index] = KNOCK_PX + KNOCK_PX_S * (frame.t_s - mark.replay.t_s)
-        chosen, candidates = self.search.spots(frame, (width,), near, near_sd)
+        chosen, candidates = self.search.like(frame, width, near, near_sd)
         if not chosen.accepted or chosen.ambiguous:
             return
         self.search.learn_lamps(candidates, chosen.chosen)
@@ -213,6 +351,7 @@ class SpotFollower:
         if not any(self.marks):
             self._write_unseen(stretch.frames)
             stretch.clear()
+            self.waiting.clear()
             return
         found = self._unseen(stretch.frames)
         width = np.full(found.brightness.shape, np.nan)
@@ -229,6 +368,7 @@ class SpotFollower:
             found.place[index, rows[good]] = fit.centre_px[good]
             found.sigma[index, rows[good]] = fit.sigma_px[good]
             found.repeated[index, rows] = repeated
+            found.ground_px2[index] = refined.ground_px2
             found.brightness[index, rows] = np.where(good, fit.amplitude_dn, np.nan)
             width[index, rows] = fit.width_px / mark.refiner.width_px
             excess[index, rows] = refined.excess
@@ -237,7 +377,8 @@ class SpotFollower:
         if self.on_probation and self._broken(found):
             self._dismiss(found)
         else:
-            self.on_probation = False
+            self.proven += len(found.frames)
+            self.on_probation = self.on_probation and self.proven < PROBATION_FRAMES
             self._learn(found)
         self._write(found)
         stretch.clear()
@@ -251,7 +392,15 @@ class SpotFollower:
                 reason[index] = "outside the picture"
         reason[:, [damaged for _, _, damaged in frames]] = "damaged frame"
         nowhere = np.full((*shape, 2), np.nan)
-        return Found(nowhere, nowhere.copy(), reason, np.full(shape, np.nan), np.zeros(shape, dtype=bool), frames)
+        return Found(
+            nowhere,
+            nowhere.copy(),
+            reason,
+            np.full(shape, np.nan),
+            np.zeros(shape, dtype=bool),
+            frames,
+            np.zeros((len(self.markers), 2)),
+        )
 
     def _write_unseen(self, frames: list[tuple[int, float, bool]]) -> None:
         if frames:
@@ -267,12 +416,15 @@ class SpotFollower:
 
     def _broken(self, found: Found) -> bool:
         followed = [i for i, mark in enumerate(self.marks) if mark is not None]
-        reasons = found.reason[followed]
-        return bool(((reasons != "") & (reasons != "damaged frame")).any())
+        whole = [not damaged for _, _, damaged in found.frames]
+        measured = (found.reason[followed][:, whole] == "").mean(axis=1) if any(whole) else np.ones(1)
+        return bool(measured.min() < CONFIRMED)
 
     def _dismiss(self, found: Found) -> None:
         """What was acquired did not hold: those frames were not the marks, and the search begins anew."""
-        found.reason[found.reason != "damaged frame"] = "not confirmed"
+        self.search.dismissed(found, [m is not None for m in self.marks])
+        why = np.array([f"not confirmed ({r})" if r else "not confirmed" for r in found.reason.ravel()], dtype=object)
+        found.reason = np.where(found.reason == "damaged frame", found.reason, why.reshape(found.reason.shape))
         self.marks = [None] * len(self.markers)
         self.rigid.distances.clear()
         self.search.begun_at.clear()

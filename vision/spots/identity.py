@@ -23,16 +23,26 @@ LINE_SD_SHARE = 0.02
 """The same for the taut line (the post's place comes in)."""
 HEADING_LIMIT_RAD = np.radians(80.0)
 """A towed model never heads across the tank beyond this (the equations of motion end at 90 degrees)."""
-SEEN_SD_PX = 6.0
+SEEN_SD_PX = 4.0
 """How far the user's rough pick may lie from the mark, standard deviation: a choice."""
-CONTRAST_WEIGHT = 4.0
-"""Cost of a dimmer spot: by the square of the logarithm, as if contrasts scattered by a factor of e^(1/2), 1.65."""
+CONTRAST_WEIGHT, CONTRAST_MOST = 4.0, 6.0
+"""Cost of a dimmer spot: by the square of the logarithm, as if contrasts scattered by a factor of e^(1/2), 1.65; and at most so
+much: the brightest spot of a frame may be a lamp, or paint."""
+ALIKE_CONTRAST, ALIKE_WIDTH = 0.5, 0.3
+"""Logarithms by which the contrasts and the widths of two marks of one kind differ, standard deviations: choices."""
 STRETCH_WEIGHT = 0.5
 """Cost of a spot longer than 1.3 of its width, by the square of the excess: a choice."""
 MISSING_COST = 30.0
 """A marker without a spot costs as much as one that stands 5.5 standard deviations off."""
 ACCEPT_COST = 25.0
 """Largest cost per pair of markers of an assignment that is believed: 5 standard deviations."""
+SAME_CONTRAST, SAME_WIDTH = 0.5, 0.35
+"""Logarithms by which the contrast and the width of one mark differ from frame to frame, standard deviations: choices."""
+PLATE_WIDTHS, PLATE_CONTRAST, PLATE_COST = 1.6, 0.6, 5.0
+"""A spot that holds another, this many times narrower and of at least this share of the contrast that it has without the other, is
+the plate of a mark rather than a mark: what that costs."""
+CLEAR_COST = 6.0
+"""An assignment stands alone where every other costs so much more: odds of 20 to 1."""
 NEAR_PX = 4.0
 """Two spots so near to each other may be one; the same for a spot and where it was."""
 TINTS = {"blue": (1, 0, 0), "green": (0, 1, 0), "red": (0, 0, 1), "yellow": (0, 1, 1), "white": (1, 1, 1)}
@@ -55,20 +65,25 @@ class Assignment:
     chosen : per marker the candidate's index, or -1
     cost : of the whole assignment (squared standard deviations)
     ambiguous : another assignment with other spots costs nearly as much
+    turned : and that is the same spots in another order
     nearest_m : where nothing fits: the pair distance nearest to the stated one, and the stated one
+    margin : by how much the next best assignment costs more
     """
 
     chosen: tuple[int, ...]
     cost: float
     ambiguous: bool
+    turned: bool
     nearest_m: tuple[float, float] | None
+    margin: float = np.inf
 
     @property
     def accepted(self) -> bool:
-        """At least two markers have a spot and they fit."""
+        """At least two markers (the one, where there is one alone) have a spot and they fit."""
         found = sum(c >= 0 for c in self.chosen)
         missing = len(self.chosen) - found
-        return found >= 2 and self.cost - MISSING_COST * missing <= ACCEPT_COST * (found - 1)
+        fits = self.cost - MISSING_COST * missing <= ACCEPT_COST * max(found - 1, 1)
+        return found >= min(2, len(self.chosen)) and fits
 
 
 def assign(
@@ -78,6 +93,7 @@ def assign(
     run: Run,
     near_px: Sequence[Array | None] | None = None,
     near_sd_px: Sequence[float] | None = None,
+    looks: Sequence[tuple[float, float] | None] | None = None,
 ) -> Assignment:
     """Try every pair of spots as every pair of markers; the rigid body they fix must explain all the others.
 
@@ -89,22 +105,40 @@ def assign(
     run : kind, tow (for the taut line and the heading)
     near_px : per marker where it is expected (the user's seen_at_px, or where it was seen last), or None
     near_sd_px : how far from there it may be, standard deviation (default ``SEEN_SD_PX``)
+    looks : per marker the contrast and the width of the spot that it was a frame before, or None
     """
     body = np.array([m.body_m for m in markers])
     pairs = sorted(
         itertools.combinations(range(len(markers)), 2), key=lambda p: -float(np.hypot(*(body[p[0]] - body[p[1]])))
     )
-    if len(candidates) < 2:
-        return Assignment((-1,) * len(markers), np.inf, False, None)
+    if len(candidates) < min(2, len(markers)):
+        return Assignment((-1,) * len(markers), np.inf, False, False, None)
     place = np.stack([mapping.to_tank(candidates.centre_px, m.depth_m).xy_m for m in markers])
     expected = near_px or [None] * len(markers)
     loose = near_sd_px or [SEEN_SD_PX] * len(markers)
-    own = np.stack([_own_cost(candidates, m, near, sd) for m, near, sd in zip(markers, expected, loose, strict=True)])
+    most = (
+        CONTRAST_MOST if len(markers) > 1 else np.inf
+    )  # one alone has no distances: its contrast is all that tells it
+    own = np.stack(
+        [_own_cost(candidates, m, near, sd, most) for m, near, sd in zip(markers, expected, loose, strict=True)]
+    )
+    own += PLATE_COST * holds_a_mark(candidates)
+    for row, look in enumerate(looks or ()):
+        if look is not None:
+            contrast, width = (
+                np.log(v / was) for v, was in zip((candidates.contrast_dn, candidates.width_px), look, strict=True)
+            )
+            own[row] += (contrast / SAME_CONTRAST) ** 2 + (width / SAME_WIDTH) ** 2
+    if len(markers) == 1:
+        return _alone(candidates, own[0])
+    alike = _unlike(candidates)
     best = (np.inf, (-1,) * len(markers))
-    second = np.inf
+    second = (np.inf, (-1,) * len(markers))
     nearest: tuple[float, float] | None = None
     for first, other in pairs[:3]:
         cost, heading = _pair_costs(place, own, body, first, other, run)
+        if markers[first].colour == markers[other].colour:
+            cost = cost + alike
         stated = float(np.hypot(*(body[first] - body[other])))
         if nearest is None:
             apart = np.linalg.norm(place[first][:, None] - place[other][None], axis=2)
@@ -124,6 +158,7 @@ def assign(
                 float(heading[a, b]),
                 place,
                 own,
+                alike,
                 body,
                 candidates,
                 mapping,
@@ -131,26 +166,58 @@ def assign(
             )
             if total < best[0]:
                 if _differs(chosen, best[1], candidates):
-                    second = best[0]
+                    second = best
                 best = (total, chosen)
-            elif _differs(chosen, best[1], candidates):
-                second = min(second, total)
-    return Assignment(best[1], best[0], bool(second - best[0] < 6.0), nearest)
+            elif total < second[0] and _differs(chosen, best[1], candidates):
+                second = (total, chosen)
+    ambiguous = bool(second[0] - best[0] < CLEAR_COST)
+    turned = ambiguous and _turned(best[1], second[1], candidates)
+    return Assignment(best[1], best[0], ambiguous, turned, nearest, float(second[0] - best[0]))
 
 
-def _own_cost(candidates: Candidates, marker: Marker, near_px: Array | None, near_sd_px: float) -> Array:
-    """Cost of each spot by itself: dimmer than the brightest of its kind, stretched, of another colour, far from where it is
-    expected; infinite for a bright spot where a dark mark is meant.
+def _alone(candidates: Candidates, own: Array) -> Assignment:
+    """One mark alone: the spot that costs least by itself, ambiguous where another elsewhere costs nearly as much."""
+    best = int(np.argmin(own))
+    elsewhere = np.hypot(*(candidates.centre_px - candidates.centre_px[best]).T) > NEAR_PX
+    second = float(own[elsewhere].min(initial=np.inf))
+    cost = float(own[best])
+    chosen = best if np.isfinite(cost) else -1
+    return Assignment((chosen,), cost, bool(second - cost < CLEAR_COST), False, None)
+
+
+def holds_a_mark(candidates: Candidates) -> Array:
+    """(n,) bool: spots that hold another of their shade, much smaller and not much weaker: a plate with its mark."""
+    away = np.linalg.norm(candidates.centre_px[:, None] - candidates.centre_px[None], axis=2)
+    inside = away < candidates.width_px[:, None]
+    smaller = candidates.width_px[None] * PLATE_WIDTHS < candidates.width_px[:, None]
+    without = candidates.contrast_dn[:, None] - candidates.contrast_dn[None]  # the top of a plate is its mark's
+    strong = candidates.contrast_dn[None] > PLATE_CONTRAST * without
+    return (inside & smaller & strong & (candidates.dark[:, None] == candidates.dark[None])).any(axis=1)
+
+
+def _own_cost(candidates: Candidates, marker: Marker, near_px: Array | None, near_sd_px: float, most: float) -> Array:
+    """Cost of each spot by itself: dimmer than the brightest of its kind (at most ``most``), stretched, of another colour, far
+    from where it is expected; infinite for a bright spot where a dark mark is meant.
     """
     kind = candidates.dark == (marker.colour == "dark")
     brightest = candidates.contrast_dn[kind].max() if kind.any() else 1.0
-    cost = CONTRAST_WEIGHT * np.log(brightest / candidates.contrast_dn) ** 2
-    cost += STRETCH_WEIGHT * np.maximum(candidates.stretch - 1.3, 0.0) ** 2
+    cost = STRETCH_WEIGHT * np.maximum(candidates.stretch - 1.3, 0.0) ** 2
     if marker.colour in TINTS:
         cost += _tint_cost(candidates.tint, np.array(TINTS[marker.colour], dtype=float))
     if near_px is not None:
         cost += ((candidates.centre_px - near_px) ** 2).sum(axis=1) / near_sd_px**2
+    else:
+        cost += np.minimum(CONTRAST_WEIGHT * np.log(brightest / candidates.contrast_dn) ** 2, most)
     return np.where(kind, cost, np.inf)
+
+
+def _unlike(candidates: Candidates) -> Array:
+    """(n, n) cost of two spots as marks of one kind: by their contrasts and their widths."""
+    contrast, width = np.log(candidates.contrast_dn), np.log(candidates.width_px)
+    cost = ((contrast[:, None] - contrast[None]) / ALIKE_CONTRAST) ** 2 + (
+        (width[:, None] - width[None]) / ALIKE_WIDTH
+    ) ** 2
+    return np.minimum(cost, 2 * CONTRAST_MOST)
 
 
 def _tint_cost(tint: Array, wanted: Array) -> Array:
@@ -195,6 +262,7 @@ def _complete(
     heading: float,
     place: Array,
     own: Array,
+    alike: Array,
     body: Array,
     candidates: Candidates,
     mapping: Mapping,
@@ -215,6 +283,8 @@ def _complete(
         expected = place[first, a] + rotation @ (body[index] - body[first])
         pixel = mapping.to_pixel(np.array([[*expected, markers[index].depth_m]]))[0]
         away = ((candidates.centre_px - pixel) ** 2).sum(axis=1) / NEAR_PX**2 + own[index]
+        if markers[index].colour == markers[first].colour:
+            away = away + alike[a]
         away[[a, b]] = np.inf
         table[row, : len(candidates)] = np.where(np.isfinite(away), np.minimum(away, 1e6), 1e6)
     rows, columns = linear_sum_assignment(table)
@@ -222,6 +292,15 @@ def _complete(
         if column < len(candidates) and table[row, column] < MISSING_COST:
             chosen[rest[row]] = int(column)
     return tuple(chosen), cost + float(np.minimum(table[rows, columns], MISSING_COST).sum())
+
+
+def _turned(one: tuple[int, ...], two: tuple[int, ...], candidates: Candidates) -> bool:
+    """The same spots, to a few pixels, for other markers."""
+    places = [candidates.centre_px[[i for i in chosen if i >= 0]] for chosen in (one, two)]
+    if len(places[0]) != len(places[1]):
+        return False
+    apart = np.linalg.norm(places[0][:, None] - places[1][None], axis=2)
+    return bool((apart.min(axis=0) <= NEAR_PX).all() and (apart.min(axis=1) <= NEAR_PX).all())
 
 
 def _differs(one: tuple[int, ...], two: tuple[int, ...], candidates: Candidates) -> bool:

@@ -28,6 +28,13 @@ WIDTH_RANGE = (0.55, 1.8)
 """Of a spot's width over its mark's usual width: the same."""
 COVERED_RANGE = (0.8, 1.25)
 """Motion blur spreads a mark's light and leaves its sum; a spot that looks odd and lacks light is partly covered."""
+LOOK_SD = 3.0
+"""A spot's width and height are known, as shares, to about what its place is known to in widths: so many of those standard
+deviations widen their ranges."""
+MOST_UNSURE = 0.5
+"""... but by no more than this logarithm: a spot of which nothing is known is not the mark. A choice."""
+FLUX_SD = 6.0
+"""Three standard deviations of a spot's light, which is known to twice what its place is known to in widths."""
 LARGEST_SIGMA_PX = 0.5
 """A place known less well than this is none: a choice."""
 DISTANCE_MEMORY = 0.3
@@ -41,6 +48,14 @@ def judge(marks: Sequence[Mark | None], found: Found, width: Array, excess: Arra
 
     ``width``, ``excess`` (residual variance) and ``flux`` (of odd frames; 1 elsewhere) are over the usual ones.
 
+    Parameters
+    ----------
+    marks : what is known of each mark; None: not yet seen
+    found : places and sigmas of the stretch
+    width : (markers, frames), over the usual
+    excess : (markers, frames), residual variance over the usual
+    flux : (markers, frames), light of odd frames over the usual; 1 elsewhere
+
     Returns
     -------
     surprise : (markers, frames) px between each place and its prediction; NaN where there is none
@@ -52,13 +67,22 @@ def judge(marks: Sequence[Mark | None], found: Found, width: Array, excess: Arra
             sign = -1.0 if mark.live.dark else 1.0
             with np.errstate(invalid="ignore", divide="ignore"):
                 ratio[index] = np.log(np.maximum(sign * brightness[index] / _reference(mark, brightness[index]), 1e-9))
+    usual = np.array([np.nan if m is None else m.refiner.width_px for m in marks])
+    share = np.nan_to_num(found.sigma.max(axis=2)) / usual[:, None]
+    unsure = np.minimum(LOOK_SD * share, MOST_UNSURE)
     low, high = np.log(BRIGHTNESS_RANGE)
     fine = ratio - _common(ratio, COMMON_SPREAD)[None, :]
-    with np.errstate(invalid="ignore"):
-        _put(reason, "brightness", ~((fine > low) & (fine < high)))
-        _put(reason, "shape", ~((width > WIDTH_RANGE[0]) & (width < WIDTH_RANGE[1])) | (excess > SHAPE_LIMIT))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        _put(reason, "brightness", ~((fine > low - unsure) & (fine < high + unsure)))
+        wide = np.log(width)
+        same = (wide > np.log(WIDTH_RANGE[0]) - unsure) & (wide < np.log(WIDTH_RANGE[1]) + unsure)
+        _put(reason, "shape", ~same | (excess > SHAPE_LIMIT))
         common = np.where(flux == 1.0, 1.0, np.exp(_common(ratio, SAME_SPREAD))[None, :])
-        _put(reason, "covered", ~((flux / common > COVERED_RANGE[0]) & (flux / common < COVERED_RANGE[1])))
+        unsure = FLUX_SD * share
+        light = np.log(np.maximum(flux / common, 1e-9))
+        _put(
+            reason, "covered", (light < np.log(COVERED_RANGE[0]) - unsure) | (light > np.log(COVERED_RANGE[1]) + unsure)
+        )
         _put(reason, "too faint", found.sigma.max(axis=2) > LARGEST_SIGMA_PX)
     surprise = np.full(brightness.shape, np.nan)
     for index, mark in enumerate(marks):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .candidates import Array
+from .ring import RING_WIDTHS, stands_out
 
 SEARCH_PX = 4.0
 """A spot is looked for this far beyond three standard deviations of its prediction."""
@@ -76,6 +77,13 @@ class Filter:
         self.rate_v += gain_rate * gap_v
         self.spread, self.cross, self.rate = (1 - gain) * spread, (1 - gain) * cross, rate - gain_rate * cross
 
+    def began(self, place: Array, t_s: float) -> None:
+        """The mark was seen a second time: its rate is what lies between."""
+        step = t_s - self.t_s
+        self.rate_u, self.rate_v = (float(place[0]) - self.u) / step, (float(place[1]) - self.v) / step
+        self.rate = 2 * COARSE_SD_PX**2 / step**2 + ACCELERATION_PX_S2**2 * step**2
+        self.cross = 0.0
+
     def stop(self) -> None:
         """Forget the rate: the mark was away for long."""
         self.rate_u = self.rate_v = 0.0
@@ -100,6 +108,31 @@ class LiveMark:
             u, v = self.filter.u, self.filter.v
         return u, v, min(SEARCH_PX + 3.0 * math.sqrt(spread), SEARCH_LIMIT_PX)
 
+    def learn_height(self, luma: NDArray[np.uint8]) -> None:
+        """How far it rises above the ring about it, from the frame in which it was first seen."""
+        part, _, _ = self._part(luma, self.filter.u, self.filter.v, 2.0)
+        rise, _ = stands_out(part, self.width_px)
+        middle = rise.shape[0] // 2
+        self.height_dn = max(float(rise[middle - 1 : middle + 2, middle - 1 : middle + 2].max()), 0.0)
+
+    def expect(self, place: Array, t_s: float) -> None:
+        """Where the mark stands in the second frame in which it is seen, on the whole picture."""
+        if t_s > self.filter.t_s:
+            self.filter.began(place, t_s)
+
+    def _part(self, luma: NDArray[np.uint8], u: float, v: float, reach: float) -> tuple[Array, int, int]:
+        """Grey values about a place, so many that all within reach has its ring, and the first one's place; dark marks negated."""
+        import cv2
+
+        rim = int(reach + RING_WIDTHS * self.width_px + 3)
+        u0, u1, v0, v1 = int(u) - rim, int(u) + rim + 1, int(v) - rim, int(v) + rim + 1
+        rows, columns = luma.shape
+        part = luma[max(v0, 0) : min(v1, rows), max(u0, 0) : min(u1, columns)].astype(np.float32)
+        beyond = max(-v0, 0), max(v1 - rows, 0), max(-u0, 0), max(u1 - columns, 0)
+        if any(beyond):
+            part = cv2.copyMakeBorder(part, *beyond, cv2.BORDER_REPLICATE)
+        return (-part if self.dark else part), u0, v0
+
     def look(self, luma: NDArray[np.uint8], t_s: float) -> tuple[float, float] | None:
         """The strongest spot near the prediction, nearer ones preferred: u, v.
 
@@ -113,25 +146,19 @@ class LiveMark:
         if not (0 <= u < columns_all and 0 <= v < rows_all):
             self.unseen += 1
             return None
-        rim = int(reach + 1.5 * self.width_px + 2)
-        u0, v0 = max(int(u) - rim, 0), max(int(v) - rim, 0)
-        part = luma[v0 : min(int(v) + rim + 1, rows_all), u0 : min(int(u) + rim + 1, columns_all)].astype(np.float32)
-        if self.dark:
-            part = 255.0 - part
-        blur = max(0.7, 0.6 * self.width_px)
-        side = 2 * int(2.5 * blur + 0.5) + 1
-        smooth = cv2.GaussianBlur(part, (side, side), blur)
-        ground = float(np.partition(part.ravel(), part.size // 3)[part.size // 3])
-        rows = (np.arange(v0, v0 + part.shape[0], dtype=np.float32) - v) ** 2
-        columns = (np.arange(u0, u0 + part.shape[1], dtype=np.float32) - u) ** 2
+        part, u0, v0 = self._part(luma, u, v, reach)
+        rise, rim = stands_out(part, self.width_px)
+        u0, v0 = u0 + rim, v0 + rim
+        rows = (np.arange(v0, v0 + rise.shape[0], dtype=np.float32) - v) ** 2
+        columns = (np.arange(u0, u0 + rise.shape[1], dtype=np.float32) - u) ** 2
         pull = NEAR_WEIGHT * self.rise_dn / reach**2
         # what is brighter than the mark is not preferred for it: a lamp's mirror image may be
-        limit = ground + BRIGHTER * self.height_dn if self.height_dn > 0 else np.inf
-        score = np.minimum(smooth, limit) - (pull * rows)[:, None] - (pull * columns)[None, :]
+        limit = BRIGHTER * self.height_dn if self.height_dn > 0 else np.inf
+        score = np.minimum(rise, limit) - (pull * rows)[:, None] - (pull * columns)[None, :]
         _, _, _, (column, row) = cv2.minMaxLoc(score)
-        seen_u = u0 + column + _vertex(smooth[row, max(column - 1, 0) : column + 2])
-        seen_v = v0 + row + _vertex(smooth[max(row - 1, 0) : row + 2, column])
-        height = float(smooth[row, column]) - ground
+        seen_u = u0 + column + _vertex(rise[row, max(column - 1, 0) : column + 2])
+        seen_v = v0 + row + _vertex(rise[max(row - 1, 0) : row + 2, column])
+        height = float(rise[row, column])
         self.doubtful = self.doubtful + 1 if self.height_dn and not LIKE < height / self.height_dn < 1 / LIKE else 0
         if height >= LEAST_RISE * (self.height_dn or 0.6 * self.rise_dn):
             if (

@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .candidates import MAD_TO_SD
+
 Array = NDArray[Any]
 
 GROUND, SLOPE_U, SLOPE_V, HEIGHT, U, V, P_UU, P_UV, P_VV, POWER = range(10)
@@ -29,6 +31,12 @@ TAPER_WIDTHS = 2.2
 """With a taper the window is weighed down beyond this many widths from the centre, so that a neighbour pulls less."""
 RIM_WIDTHS = 1.4
 """A spot with an edge ends here."""
+RING_PIXELS = 12
+"""Fewer about a spot do not tell its ground: a choice."""
+RIM_SD = 6.0
+"""What stands out of the ring about a spot by so many standard deviations of the ring's own levels is no part of the ground."""
+DISC_WIDTHS = 2.6
+"""The residuals are judged within so many widths of the spot, where a Gaussian has fallen to 3 % of its height."""
 PLATEAU_PIXELS = 4
 """This many pixels near the window's largest value are a flat top: clipped, or a disc with an edge."""
 PLATEAU_SHARE = 0.08
@@ -201,8 +209,48 @@ def start_of(values: Array, start_px: Array, start_width_px: Array, dark: bool =
     return theta
 
 
+def without_rims(values: Array, width_px: float) -> Array:
+    """Windows about spots without what is not the ground there: the rim of a small plate, a neighbour, a line of print.
+
+    Parameters
+    ----------
+    values : (b, n, n) grey values
+    width_px : their standard deviation
+
+    Returns
+    -------
+    values : (b, n, n), NaN where a pixel beyond ``DISC_WIDTHS`` of the spot stands out of the ring about the spot
+    """
+    half = (values.shape[2] - 1) / 2
+    axis = np.arange(values.shape[2]) - half
+    away = np.hypot(axis[None, :], axis[:, None])
+    ring = (away > 1.7 * width_px + 0.7) & (away < 2.5 * width_px + 1.2)
+    beyond = away > max(DISC_WIDTHS * width_px, 2.1 * width_px + 1.0)
+    if ring.sum() < RING_PIXELS or not beyond.any():
+        return values
+    about = values[:, ring]
+    usable = np.isfinite(about).all(axis=1)
+    if not usable.any():
+        return values
+    level = np.median(about[usable], axis=1)
+    spread = MAD_TO_SD * np.median(np.abs(about[usable] - level[:, None]), axis=1)
+    far = np.abs(values[usable] - level[:, None, None]) > (RIM_SD * np.hypot(spread, 1.0))[:, None, None]
+    far &= beyond
+    if not far.any():
+        return values
+    answer = values.copy()
+    answer[usable] = np.where(far, np.nan, values[usable])
+    return answer
+
+
 def has_plateau(values: Array, dark: bool = False) -> NDArray[np.bool_]:
-    """Windows ``(b, n, n)`` whose spot has a flat top."""
+    """Windows ``(b, n, n)`` whose spot has a flat top.
+
+    Parameters
+    ----------
+    values : (b, n, n) grey values
+    dark : dark spots on light ground
+    """
     data = (-values if dark else values).reshape(len(values), -1)
     data = np.where(np.isfinite(data), data, -np.inf)
     top = data.max(axis=1)
@@ -212,7 +260,13 @@ def has_plateau(values: Array, dark: bool = False) -> NDArray[np.bool_]:
 
 
 def taper_of(q: Any, xp: Any) -> Any:
-    """Weight of pixels at the squared distance ``q`` (in widths) from a spot."""
+    """Weight of pixels at the squared distance ``q`` (in widths) from a spot.
+
+    Parameters
+    ----------
+    q : squared distance in widths
+    xp : numpy or torch
+    """
     return xp.exp(-0.5 * xp.clip(q**0.5 - TAPER_WIDTHS, 0.0, None) ** 2)
 
 
@@ -221,6 +275,12 @@ def expected(theta: Array, corner: Array, size: int) -> tuple[Array, Array]:
     and the taper there.
 
     The slope of the ground counts from the window's middle, so ``size`` must be that of the fit.
+
+    Parameters
+    ----------
+    theta : (b, 16) parameters of the spots
+    corner : (b, 2), u and v of each window's first pixel
+    size : side of the windows, px
     """
     axis = np.arange(size)
     x, y = (axis[None, None, :] + corner[:, 0, None, None], axis[None, :, None] + corner[:, 1, None, None])

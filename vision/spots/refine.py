@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from ..backend import NUMPY, Backend
 from .candidates import Array
 from .fit import fit_spots
+from .ground import pull_about
 from .model import (
     ELLIPSE,
+    GROUND,
     HEIGHT,
     HEIGHT_2,
     P_UU,
@@ -44,6 +46,7 @@ from .model import (
     has_plateau,
     start_of,
     width_of,
+    without_rims,
 )
 
 CHECK_FRAMES = 10
@@ -72,11 +75,16 @@ GATE_SHARE = 1.3
 """A frame's residual variance beyond this many of its standard deviations and this share above the usual tries other steps."""
 SHAPE_LIMIT = 5.0
 """Residual variance over the usual beyond which the spot is not the mark (or only part of it)."""
+SAME_SHAPE = 0.1
+"""What a fit leaves over below this share of the mark's height is no other shape, however little is usual: a choice, a third of
+what a mark covered to a fifth leaves."""
 REFLECTED = tuple(m.name for m in (REFLECTION_SHARED, REFLECTION, REFLECTION_FREE))
 MODEL_SHARE = 0.5
 """Of the squared difference between the places that two models give to a partly covered or blurred mark."""
 REFLECTION_WIDTHS = 1.5
 """In widths of the mark; with the spread below."""
+BESIDE_WIDTHS = 1.5
+"""A mark's width with a reflection beside it is within this factor of what it is without."""
 REFLECTION_SPREAD_PX = 1.5
 """Nearer than this many widths of the mark, or wandering about it by more than this, a second spot is not a reflection but the
 fit's way round a mark that is no Gaussian."""
@@ -89,6 +97,26 @@ MOST_SLOPE_DN = 0.5
 """Largest variance per grey value: 2 electrons a DN."""
 LEAST_GOOD = 0.6
 """Share of a stretch's frames that a model must fit to be taken as its model: a choice."""
+WIDEST_PX = 14.0
+"""Standard deviation of the widest mark that is followed: a disc of 33 px."""
+MOSTLY_GOOD = 0.8
+"""The same of a model with a reflection, which can also be the fit's way round something else: a choice."""
+AWAY_PX = 1.0
+"""A fit stands within this and a width of where the spot was seen."""
+BEGIN_WIDTHS = 2.2
+"""At first sight its width is within this factor of what it seemed."""
+LEAST_SURE_PX = 0.5
+"""A model that leaves a place less sure than this in half of the frames is none for it."""
+SMALL_PX = 2.0
+"""Below this width the pixels may not tell a mark's shape from its noise: a choice."""
+UNSURE_SHARE = 0.1
+"""A shape that leaves so many more of the frames without a sure place than the shared width does is not looked for: a choice."""
+LEAST_LEVEL = 1e-12
+"""Of a residual variance over the noise's, where its logarithm is taken: a picture without noise leaves none."""
+GROUND_FRAMES = 8
+"""Of a stretch from which the ground beside a mark is read: a choice, for its cost."""
+GROUND_EXCESS = 0.3
+"""Of a fit's own variance: what the ground adds counts from there on; less is the estimate's scatter on even ground."""
 LEAST_INSIDE = 0.6
 """A window that lies farther outside the picture is not fitted."""
 
@@ -143,10 +171,11 @@ class Refined:
     Attributes
     ----------
     fit : one row a frame
-    excess : (b,), residual variance over the mark's usual one
+    excess : (b,), residual variance over the mark's usual one, or over what ``SAME_SHAPE`` of its height is where that is more
     flux : (b,), height times width squared over the mark's usual one
     odd : (b,), the frame's residual was not the usual one, and other steps were tried
     step : (b,), the model of each frame
+    ground_px2 : (2,), variance that an uneven ground adds, the same way in all frames
     """
 
     fit: SpotFit
@@ -154,6 +183,7 @@ class Refined:
     flux: Array
     odd: NDArray[np.bool_]
     step: NDArray[np.object_]
+    ground_px2: Array
 
 
 class Refiner:
@@ -165,15 +195,17 @@ class Refiner:
         self.usual: Array | None = None
         self.reflected = self.flat = np.zeros(0)
         self.common_px = np.zeros(2)
-        self.height_dn = 0.0
+        self.ground_dn = self.height_dn = 0.0
         self.noise: tuple[float, float] = (4.0, 0.0)
         self.level = np.nan
         self.stretches = 0
+        self.ground_px2 = np.zeros(2)
+        self.grounds: list[Model] = []
 
     @property
     def half_px(self) -> int:
         """Half side of the windows to keep: room for a reflection and for a start that is some pixels off."""
-        return int(np.clip(round(5 * self.width_px) + 6, 14, 30))
+        return int(np.clip(round(5 * self.width_px) + 6, 14, 44))
 
     def radius(self, model: Model) -> int:
         """Half side of the fitted window."""
@@ -182,7 +214,7 @@ class Refiner:
             return int(np.clip(round(width + 4), 6, 20))  # a flat-topped spot ends soon beyond its edge
         if model.reflects:
             return int(np.clip(round(5 * width), 8, 22))
-        return int(np.clip(round(2.8 * width), 5, 16))
+        return int(np.clip(round(2.8 * width), 5, 38))
 
     def refine(self, stack: Stack) -> Refined:
         """Fit all frames of a stretch."""
@@ -191,8 +223,11 @@ class Refiner:
         fit = self._fit(stack, self.model)
         checked = self._check(stack, fit)
         if checked is not self.model:
-            self.model = checked
-            fit = self._fit(stack, self.model)
+            again = self._fit(stack, checked)
+            if (
+                _sure(again).mean() >= _sure(fit).mean() - UNSURE_SHARE
+            ):  # what costs least in some frames may be lost in many
+                self.model, fit = checked, again
         step = np.full(len(stack), self.model.name, dtype=object)
         self._learn(stack, fit, first=self.stretches == 0)
         if self.stretches == 0:  # the first stretch taught what the mark looks like: once more with that
@@ -202,15 +237,22 @@ class Refiner:
             fit = self._climb(stack, fit, odd, step)
         if self.model.reflects:
             fit = replace(fit, sigma_px=np.hypot(fit.sigma_px, self.common_px))
+        self._look_at_ground(stack, fit, odd)
         self.stretches += 1
         usual = self.height_dn * self.width_px**2
         with np.errstate(divide="ignore", invalid="ignore"):
             flux = fit.amplitude_dn * fit.width_px**2 / usual
-        return Refined(fit, fit.level / max(self.level, 1e-9), flux, odd, step)
+        middle = self.noise[0] + self.noise[1] * abs(self.ground_dn + 0.5 * self.height_dn)
+        alike = (SAME_SHAPE * self.height_dn) ** 2 / (SHAPE_LIMIT * middle)
+        return Refined(fit, fit.level / max(self.level, alike, 1e-9), flux, odd, step, self.ground_px2)
 
     def once(self, stack: Stack) -> SpotFit:
         """Fit without learning: a spot that may be the mark."""
         return self._fit(stack, ELLIPSE if self.usual is None else self.model)
+
+    def simplest(self, stack: Stack) -> SpotFit:
+        """The same of a round spot of the width that is known: where a free shape finds something else."""
+        return self._fit(stack, SHARED)
 
     # what the mark looks like ------------------------------------------------------------------------------------
 
@@ -219,28 +261,40 @@ class Refiner:
         few = stack.rows(_spread(len(stack), CHECK_FRAMES))
         fit = self._fit(few, ELLIPSE)
         good = fit.good & np.isfinite(fit.theta).all(axis=1)
+        good &= np.abs(np.log(fit.width_px / self.width_px)) < np.log(BEGIN_WIDTHS)
+        if good.mean() < LEAST_GOOD:  # a free shape finds something else: a round spot of the width that is known
+            fit = self._fit(few, SHARED)
+            good = fit.good & np.isfinite(fit.theta).all(axis=1)
         if not good.any():
             return
         self.usual = np.median(fit.theta[good], axis=0)
-        self.width_px = float(np.clip(width_of(self.usual), 0.6, 12.0))
-        self.height_dn = float(self.usual[HEIGHT])
+        self.width_px = float(np.clip(width_of(self.usual), 0.6, WIDEST_PX))
+        self.ground_dn, self.height_dn = float(self.usual[GROUND]), float(self.usual[HEIGHT])
 
     def _check(self, stack: Stack, fit: SpotFit) -> Model:
         """The step of the ladder that this stretch asks for."""
         sound = np.flatnonzero(fit.good & ~self._odd(fit))
-        if len(sound) < max(3, LEAST_GOOD * len(stack)) or self.usual is None:
+        if self.usual is None:
             return self.model
+        blurred = False  # too small or too faint for its shape to be told?
+        if self.width_px < SMALL_PX and _sure(fit).mean() < 1 - UNSURE_SHARE:
+            bare = self._fit(stack, SHARED)
+            blurred = bool(_sure(bare).mean() > _sure(fit).mean() + UNSURE_SHARE)
+            sound = np.flatnonzero(_sure(bare) if blurred else fit.good & ~self._odd(fit))
+        if len(sound) < max(3, LEAST_GOOD * len(stack)):
+            return SHARED if blurred else self.model
         few = stack.rows(sound[_spread(len(sound), CHECK_FRAMES)])
         flat = has_plateau(few.cut(few.start_px, self.radius(ELLIPSE))[0], self.dark).mean() > 0.5
-        tried = [SHARED, TAPERED, ELLIPSE, PLATEAU if flat else SLOPED]
+        tried = [SHARED, TAPERED] if blurred else [SHARED, TAPERED, ELLIPSE, PLATEAU if flat else SLOPED]
         cost = {model.name: self._cost(self._fit(few, model), model) for model in tried}
-        if flat and np.isfinite(cost[PLATEAU.name]):
+        if flat and np.isfinite(cost.get(PLATEAU.name, np.inf)):
             self.flat = _middle(self._fit(few, PLATEAU))
             tried.append(PLATEAU_SHARED)
             cost[PLATEAU_SHARED.name] = self._cost(self._fit(few, PLATEAU_SHARED), PLATEAU_SHARED)
-        if (self.stretches % REFLECTION_EVERY == 0 or self.model.reflects) and self._find_reflection(few):
+        looked_for = self.stretches % REFLECTION_EVERY == 0 or self.model.reflects
+        if looked_for and not blurred and self._find_reflection(few):
             free = self._plausible(self._fit(few, REFLECTION_FREE), steady=True)
-            if free.good.mean() > LEAST_GOOD:
+            if free.good.mean() > MOSTLY_GOOD:
                 self.reflected = _middle(free.rows(free.good))
                 tried += [REFLECTION_SHARED, REFLECTION]
                 cost |= {m.name: self._cost(self._plausible(self._fit(few, m)), m) for m in tried[-2:]}
@@ -248,9 +302,12 @@ class Refiner:
 
     def _cost(self, fit: SpotFit, model: Model) -> float:
         """What a step of the ladder leaves, and costs."""
-        if fit.good.mean() <= LEAST_GOOD:
+        if (
+            fit.good.mean() <= (MOSTLY_GOOD if model.reflects else LEAST_GOOD)
+            or np.median(fit.sigma_px[fit.good].max(axis=1)) > LEAST_SURE_PX
+        ):
             return np.inf
-        return float(np.median(np.log(fit.level[fit.good]))) + MARGIN[model.name]
+        return float(np.median(np.log(np.maximum(fit.level[fit.good], LEAST_LEVEL)))) + MARGIN[model.name]
 
     def _find_reflection(self, stack: Stack) -> bool:
         """Start values of a second spot, from the stretch's mean picture; False where nothing stands out."""
@@ -325,9 +382,13 @@ class Refiner:
 
     def _fit(self, stack: Stack, model: Model) -> SpotFit:
         values, corner = stack.cut(stack.start_px, self.radius(model))
-        start = self._start(stack, values, model)
-        fit = fit_spots(values, corner, start, model, self.noise, self.white_dn, self.backend)
         inside = np.isfinite(values).mean(axis=(1, 2)) >= LEAST_INSIDE
+        start = self._start(stack, values, model)
+        if not model.reflects:
+            values = without_rims(values, self.width_px)
+        fit = fit_spots(values, corner, start, model, self.noise, self.white_dn, self.backend)
+        if not model.reflects:  # a spot was seen there: what stands elsewhere is another one
+            inside &= np.linalg.norm(fit.centre_px - stack.start_px, axis=1) < AWAY_PX + self.width_px
         return replace(fit, good=fit.good & inside)
 
     def _odd(self, fit: SpotFit) -> NDArray[np.bool_]:
@@ -340,7 +401,7 @@ class Refiner:
         index = np.flatnonzero(odd)
         few = stack.rows(index)
         best = fit.rows(index)
-        cost = np.where(best.good, np.log(best.level) + MARGIN[self.model.name], np.inf)
+        cost = np.where(best.good, np.log(np.maximum(best.level, LEAST_LEVEL)) + MARGIN[self.model.name], np.inf)
         names = step[index]
         tries: list[tuple[Model, SpotFit]] = [
             (model, self._fit(few, model)) for model in (TAPERED, ELLIPSE, SLOPED, PLATEAU) if model is not self.model
@@ -348,13 +409,15 @@ class Refiner:
         if self.usual is not None and not self.model.reflects:
             tries.append((REFLECTION, self._plausible(self._two_lights(few))))
         for model, again in tries:
-            other = np.where(again.good, np.log(np.maximum(again.level, 1e-12)) + MARGIN[model.name], np.inf)
+            sure = again.good & (again.sigma_px.max(axis=1) <= LEAST_SURE_PX)
+            other = np.where(sure, np.log(np.maximum(again.level, LEAST_LEVEL)) + MARGIN[model.name], np.inf)
             win = other < cost
             best, cost = best.with_rows(win, again.rows(win)), np.where(win, other, cost)
             names = np.where(win, model.name, names)
         step[index] = names
         # what a frame that does not fit shows depends on the model: by how much is part of its uncertainty
-        bare = self._fit(few, SHARED)
+        flat = self.model in (PLATEAU, PLATEAU_SHARED)
+        bare = self._fit(few, PLATEAU_SHARED if flat else SHARED)
         moved = np.where((bare.good & ~np.isin(names, REFLECTED))[:, None], best.centre_px - bare.centre_px, 0.0)
         best = replace(best, sigma_px=np.sqrt(best.sigma_px**2 + MODEL_SHARE * moved**2))
         return fit.with_rows(index, best)
@@ -404,6 +467,8 @@ class Refiner:
         good &= np.linalg.norm(away, axis=1) > REFLECTION_WIDTHS * width_of(theta)
         if self.usual is not None and self.usual[HEIGHT_2] != 0:
             good &= np.abs(np.log(width_of(theta) / self.width_px)) < np.log(1.4)
+        if steady:  # what is beside a mark does not make another mark of it
+            good &= np.abs(np.log(width_of(theta) / self.width_px)) < np.log(BESIDE_WIDTHS)
         if steady and good.sum() > 2:
             spread = np.median(np.abs(away - np.median(away[good], axis=0)), axis=0)
             good &= bool((spread < REFLECTION_SPREAD_PX).all())
@@ -445,12 +510,31 @@ class Refiner:
         if before is not None and (before[HEIGHT_2] == 0) == (new[HEIGHT_2] == 0):
             new = before + share * (new - before)
         self.usual = new
-        self.width_px = float(np.clip(width_of(new), 0.6, 12.0))
-        self.height_dn = float(new[HEIGHT])
+        self.width_px = float(np.clip(width_of(new), 0.6, WIDEST_PX))
+        self.ground_dn, self.height_dn = float(new[GROUND]), float(new[HEIGHT])
         self._learn_noise(few, fit.rows(index), share)
         again = fit.rows(index) if not first else self._fit(few, self.model)
         level = float(np.median(again.level))
         self.level = level if first else self.level + share * (level - self.level)
+
+    def _look_at_ground(self, stack: Stack, fit: SpotFit, odd: NDArray[np.bool_]) -> None:
+        """How far the ground about the mark may pull it: seldom, since it goes with the deck."""
+        count = self.stretches + 1
+        same = bool(self.grounds) and self.grounds[-1] is self.model
+        usable = np.flatnonzero(fit.good & ~odd)
+        if len(usable) < 3 or (same and count & (count - 1)):  # every stretch twice as late as the one before
+            return
+        index = usable[_spread(len(usable), GROUND_FRAMES)]
+        few, found = stack.rows(index), fit.rows(index)
+        windows = [few.cut(few.start_px, radius) for radius in (self.half_px, self.radius(self.model))]
+        if not self.model.reflects:
+            windows = [(without_rims(values, self.width_px), corner) for values, corner in windows]
+        own = np.median(found.sigma_px**2, axis=0)
+        by_noise = np.median(found.sigma_px**2 / np.maximum(found.chi_square, LEAST_LEVEL)[:, None], axis=0)
+        more = by_noise * pull_about(windows[0], windows[1], found.theta, self.model, self.noise) - own
+        now = np.where(more > GROUND_EXCESS * own, more, 0.0)
+        self.grounds = [*self.grounds, self.model] if same else [self.model]
+        self.ground_px2 = self.ground_px2 + (now - self.ground_px2) / len(self.grounds)
 
     @property
     def _learn_frames(self) -> int:
@@ -484,6 +568,11 @@ class Refiner:
         floor = max(float(var_low - slope * max(at_low, 0.0)), LEAST_NOISE_DN2)
         before = self.noise
         self.noise = before[0] + share * (floor - before[0]), before[1] + share * (slope - before[1])
+
+
+def _sure(fit: SpotFit) -> NDArray[np.bool_]:
+    """Fits whose place is known."""
+    return fit.good & (fit.sigma_px.max(axis=1) <= LEAST_SURE_PX)
 
 
 def _mean(values: Array, where: NDArray[np.bool_]) -> Array:

@@ -9,11 +9,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from .candidates import Array
-from .live import LiveMark
+from .live import Filter, LiveMark
 from .refine import Refiner, Stack
 
 CORE = 3
 """The inner part of a window, by which a picture is known again: its half size over this."""
+GROUND_COLUMNS = "ground_u_px2", "ground_v_px2"
+"""Of the table: variance that an uneven ground adds to u and v; ``scatter`` puts it into the sigmas."""
 Window = tuple[NDArray[np.uint8], tuple[int, int]]
 """Pixels, and the corner (u, v) where they were cut."""
 
@@ -26,6 +28,14 @@ class Mark:
         self.replay = live.filter.copy()
         self.brightness_dn = live.rise_dn
         self.lost = 0
+
+    def began(self, places_px: list[Array], t_s: list[float]) -> None:
+        """It was seen in some frames before its filters begin: they know its rate from the last two."""
+        self.replay = Filter(places_px[0], t_s[0])
+        self.replay.began(places_px[1], t_s[1])
+        self.live.filter = Filter(places_px[-2], t_s[-2])
+        self.live.filter.began(places_px[-1], t_s[-1])
+        self.live.filter.update(float(places_px[-1][0]), float(places_px[-1][1]), t_s[-1])
 
 
 class Stretch:
@@ -92,6 +102,7 @@ class Found:
     place, sigma : of each
     reason : why a place is missing ("" = measured)
     repeated : the picture about the mark is the frame's before, to the pixel
+    ground_px2 : (markers, 2), variance that an uneven ground adds to each
     """
 
     place: Array
@@ -100,6 +111,7 @@ class Found:
     brightness: Array
     repeated: NDArray[np.bool_]
     frames: list[tuple[int, float, bool]]
+    ground_px2: Array
 
     def both(self, i: int, j: int) -> NDArray[np.int64]:
         """Frames in which two markers were measured."""
@@ -107,12 +119,19 @@ class Found:
 
 
 def table_of(done: list[Found], names: list[str]) -> pd.DataFrame:
-    """Rows of tracks.csv, with the reasons, of all stretches."""
+    """Rows of tracks.csv, with the reasons, of all stretches.
+
+    Parameters
+    ----------
+    done : the stretches
+    names : of the markers
+    """
     count = len(names)
     place = np.concatenate([f.place for f in done], axis=1).swapaxes(0, 1).reshape(-1, 2)
     sigma = np.concatenate([f.sigma for f in done], axis=1).swapaxes(0, 1).reshape(-1, 2)
     reason = np.concatenate([f.reason for f in done], axis=1).T.ravel()
     repeated = np.concatenate([f.repeated for f in done], axis=1).T.ravel()
+    ground = np.concatenate([np.repeat(f.ground_px2[None], len(f.frames), axis=0) for f in done]).reshape(-1, 2)
     index = np.concatenate([[i for i, _, _ in f.frames] for f in done])
     t_s = np.concatenate([[t for _, t, _ in f.frames] for f in done])
     return pd.DataFrame(
@@ -127,5 +146,7 @@ def table_of(done: list[Found], names: list[str]) -> pd.DataFrame:
             "status": np.where(reason == "", "measured", "lost"),
             "reason": reason,
             "repeated": (repeated & (reason == "")).astype(int),
+            GROUND_COLUMNS[0]: ground[:, 0],
+            GROUND_COLUMNS[1]: ground[:, 1],
         }
     )

@@ -1,0 +1,209 @@
+"""Everything in a frame that could be a mark of whatever size, on whatever ground: what stands out of a ring about it.
+
+``candidates`` knows the ground by the picture's median, which a mark on a small plate is not part of; here the ground is what lies
+next to the spot. It costs more, and is asked where the other has not found the marks.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .candidates import MAD_TO_SD, Candidates, stretch_of
+from .ring import RING_WIDTHS, rise_of, smoothing_px
+
+Array = NDArray[Any]
+
+WIDTHS_PX = tuple(0.7 * 2 ** (k / 2) for k in range(10))
+"""Of the scales looked at, standard deviations, a factor sqrt(2) apart: discs of 1.6 to 37 px."""
+COARSE_PX = 2.0
+"""A scale of this width or more is looked for in a picture of half the size, and so on."""
+LEAST_RISE_DN = 3.0
+"""Nothing fainter is taken: a choice, a third of what ``candidates`` asks, since here it is above the ring and not the picture."""
+LEAST_RISE_SD = 4.0
+"""Nor what stands out by less than this many standard deviations of the picture's own noise at that scale."""
+NOISE_TILE_PX, QUIET_SHARE = 32, 0.25
+"""The picture's noise is that of the quietest quarter of its parts of this size: print, gravel or a net is none, and hides no mark
+on a quiet plate. Choices."""
+PER_SCALE, IN_ALL = 80, 150
+"""The most significant candidates kept of a scale, and of all."""
+SAME_WIDTHS, SAME_PX = 0.5, 0.7
+"""Peaks of two scales nearer to each other than this many widths of the larger, and a pixel's share, are one spot."""
+NESTED = 2.1
+"""Unless one is wider than the other by more than this: a mark on a small plate that itself stands out."""
+SAME_OUTLINE = 1.6
+"""Outlines of one centre whose widths differ by less than this factor are one."""
+GROWTHS, GROWTH = 3, 1.5
+"""A spot whose outline reaches its ring is measured again with a wider one, by this factor, so many times in all."""
+HALF = 0.5
+"""A spot's outline: where it has fallen to this share of its rise."""
+
+
+def find_spots(
+    luma: NDArray[np.uint8],
+    dark: bool = False,
+    near_px: Array | None = None,
+    near_reach_px: float = 0.0,
+    most: int = IN_ALL,
+) -> Candidates:
+    """Find bright (or ``dark``) spots of all sizes by what lies around each.
+
+    Parameters
+    ----------
+    luma : (h, w) uint8
+    dark : dark spots on light ground
+    near_px : (m, 2), places about which weak spots are kept too
+    near_reach_px : how far about them
+    most : so many of the most significant are kept
+    """
+    picture = -luma.astype(np.float32) if dark else luma.astype(np.float32)
+    peaks = _peaks(picture, near_px, near_reach_px, most)
+    rows = [row for place, width in peaks if (row := _measured(picture, place, width)) is not None]
+    if not rows:
+        nothing = np.zeros(0)
+        return Candidates(np.zeros((0, 2)), nothing, nothing, nothing, np.zeros(0, dtype=bool), np.zeros((0, 3)))
+    centre, contrast, width, stretch = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
+    alone = _distinct(centre, width)
+    count = len(alone)
+    return Candidates(
+        centre[alone], contrast[alone], width[alone], stretch[alone], np.full(count, dark), np.full((count, 3), np.nan)
+    )
+
+
+def _peaks(picture: Array, near_px: Array | None, near_reach_px: float, most: int) -> list[tuple[Array, float]]:
+    """(u, v) and width of what stands out, the most significant first."""
+    import cv2
+
+    noise = noise_of(picture)
+    places, widths, marks = [], [], []
+    part, factor = picture, 1
+    for width in WIDTHS_PX:
+        while width / factor >= COARSE_PX:
+            part, factor = (
+                cv2.resize(part, (part.shape[1] // 2, part.shape[0] // 2), interpolation=cv2.INTER_AREA),
+                2 * factor,
+            )
+        here = width / factor
+        blur = smoothing_px(here)
+        smooth = cv2.GaussianBlur(part, (0, 0), blur, borderType=cv2.BORDER_REPLICATE)
+        rim = int(np.ceil(RING_WIDTHS * here)) + 1
+        smooth = cv2.copyMakeBorder(smooth, rim, rim, rim, rim, cv2.BORDER_REPLICATE)
+        rise, edge = rise_of(smooth, here)
+        cut = rim - edge
+        rise = np.ascontiguousarray(rise[cut : rise.shape[0] - cut, cut : rise.shape[1] - cut])
+        own_noise = noise / factor / max(1.0, 2 * np.sqrt(np.pi) * blur)
+        top = (rise >= cv2.dilate(rise, np.ones((3, 3), np.uint8))) & (
+            rise > max(LEAST_RISE_DN, LEAST_RISE_SD * own_noise)
+        )
+        v, u = np.nonzero(top)
+        if not len(u):
+            continue
+        found = np.column_stack([u, v]) * float(factor) + 0.5 * (factor - 1)
+        worth = rise[v, u] / np.hypot(_scatter(smooth, u + rim, v + rim, here), own_noise + 0.5)
+        order = np.argsort(-worth)
+        kept = order[:PER_SCALE]
+        if near_px is not None and len(near_px):
+            away = np.linalg.norm(found[:, None] - near_px[None], axis=2).min(axis=1)
+            kept = np.union1d(kept, np.flatnonzero(away < near_reach_px))
+            worth = np.where(away < near_reach_px, worth + 1e3, worth)
+        places.append(found[kept])
+        widths.append(np.full(len(kept), width))
+        marks.append(worth[kept])
+    if not places:
+        return []
+    place, width, worth = np.concatenate(places), np.concatenate(widths), np.concatenate(marks)
+    chosen: list[int] = []
+    for index in np.argsort(-worth):
+        apart = np.hypot(*(place[chosen] - place[index]).T) if chosen else np.zeros(0)
+        ratio = np.maximum(width[chosen], width[index]) / np.minimum(width[chosen], width[index])
+        if ((apart > SAME_PX + SAME_WIDTHS * np.maximum(width[chosen], width[index])) | (ratio > NESTED)).all():
+            chosen.append(int(index))
+            if len(chosen) >= most:
+                break
+    return [(place[i], float(width[i])) for i in chosen]
+
+
+def noise_of(picture: Array) -> float:
+    """Standard deviation of a picture's pixel noise: of second differences along its rows, in the quieter of its parts.
+
+    Parameters
+    ----------
+    picture : (h, w) grey values
+    """
+    part = picture[::2]
+    second = np.abs(part[:, 2:] - 2 * part[:, 1:-1] + part[:, :-2])
+    down, across = (max(n // NOISE_TILE_PX, 1) for n in second.shape)
+    high, wide = second.shape[0] // down, second.shape[1] // across
+    tiles = second[: down * high, : across * wide].reshape(down, high, across, wide).transpose(0, 2, 1, 3)
+    medians = np.median(tiles.reshape(down * across, -1), axis=1)
+    return MAD_TO_SD * float(np.quantile(medians, QUIET_SHARE)) / np.sqrt(6)
+
+
+def _scatter(smooth: Array, u: NDArray[Any], v: NDArray[Any], width: float) -> Array:
+    """Standard deviation of the levels on the ring about some places of a smoothed picture."""
+    angles = np.arange(16) * np.pi / 8
+    reach = max(2.0, RING_WIDTHS * width)
+    a = np.clip(np.rint(u[:, None] + reach * np.cos(angles)).astype(int), 0, smooth.shape[1] - 1)
+    b = np.clip(np.rint(v[:, None] + reach * np.sin(angles)).astype(int), 0, smooth.shape[0] - 1)
+    return smooth[b, a].std(axis=1)
+
+
+def _measured(picture: Array, place: Array, width: float) -> tuple[tuple[float, float], float, float, float] | None:
+    """Centroid, contrast, width and stretch of the spot at a place; None where it has no outline of its own."""
+    found = None
+    for _ in range(GROWTHS):
+        now, complete = _outlined(picture, place, width)
+        if now is None:
+            break
+        found = now
+        if complete:
+            break
+        width *= GROWTH
+    return found
+
+
+def _outlined(
+    picture: Array, place: Array, width: float
+) -> tuple[tuple[tuple[float, float], float, float, float] | None, bool]:
+    """The same with a ring for a spot of ``width``; and whether its outline ends within that ring."""
+    import cv2
+
+    reach = int(np.ceil(RING_WIDTHS * width)) + 2
+    u0, v0 = max(int(place[0]) - reach, 0), max(int(place[1]) - reach, 0)
+    part = picture[v0 : int(place[1]) + reach + 1, u0 : int(place[0]) + reach + 1]
+    v, u = np.indices(part.shape, dtype=np.float32)
+    away = np.hypot(u + u0 - place[0], v + v0 - place[1])
+    ring = part[(away > 1.7 * width + 0.5) & (away < RING_WIDTHS * width + 1.5)]
+    if len(ring) < 8:
+        return None, True
+    ground = float(np.median(ring))
+    near = cv2.blur(part, (3, 3)) if width > 1.2 else part
+    core = away <= max(1.0, 0.8 * width)
+    contrast = float(near[core].max()) - ground
+    if contrast < LEAST_RISE_DN:
+        return None, True
+    level = cv2.GaussianBlur(part, (0, 0), max(0.5, 0.3 * width), borderType=cv2.BORDER_REPLICATE) - ground
+    top = float(level[core].max())
+    count, labels = cv2.connectedComponents((level > HALF * top).astype(np.uint8))
+    label = labels[np.unravel_index(np.argmax(np.where(core, level, -np.inf)), level.shape)]
+    if count < 2 or not label:
+        return None, True
+    rows, columns = np.nonzero(labels == label)
+    weight = np.maximum(level[rows, columns], 1e-3)
+    centre = (columns @ weight / weight.sum() + u0, rows @ weight / weight.sum() + v0)
+    spread = max(0.6, float(np.sqrt(len(rows) / np.pi)) / 1.18)
+    complete = bool(away[rows, columns].max() < 1.9 * width + 1.0)
+    return (centre, contrast, spread, stretch_of(rows, columns)), complete
+
+
+def _distinct(centre: Array, width: Array) -> list[int]:
+    """Of spots whose outlines are one and the same, the first."""
+    kept: list[int] = []
+    for index in range(len(centre)):
+        apart = np.hypot(*(centre[kept] - centre[index]).T) if kept else np.zeros(0)
+        ratio = np.maximum(width[kept], width[index]) / np.minimum(width[kept], width[index])
+        if ((apart > np.maximum(1.0, 0.5 * np.minimum(width[kept], width[index]))) | (ratio > SAME_OUTLINE)).all():
+            kept.append(index)
+    return kept

@@ -68,6 +68,7 @@ def chain_motion(pixel_px: Array, chain: Chain, weight: Array, start: Array, dev
     Parameters
     ----------
     pixel_px : (n, m, 2), measured
+    chain : camera, marks and line
     weight : (n, m, 2, 2), inverse covariances of the places, held fixed
     start : (n, 3), x, y, beta near the answer
     device : of torch, "cpu" or "cuda"

@@ -60,6 +60,15 @@ def datum_model(
 ) -> DatumModel:
     """Choose the model and its start.
 
+    Parameters
+    ----------
+    tank_m : (n, 3) places in the tank
+    pixel_px : (n, 2) picks
+    camera : [camera] of run.toml, or None
+    marker_depths_m : of the marks, for planes beside the datum's
+    image_size_px : width and height
+    lens_covariance : (9, 9) of the stated lens, or None
+
     Raises
     ------
     GeometryError : too little is known

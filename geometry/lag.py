@@ -35,7 +35,14 @@ RATE_S = 0.3
 
 
 def mark_rate(t_s: Array, path_px: Array, at_s: Array) -> Array:
-    """Rate (k,) px/s of a coordinate ``path_px (n,)`` of a mark, measured at ``t_s``, about the times ``at_s (k,)``."""
+    """Rate (k,) px/s of a coordinate ``path_px (n,)`` of a mark, measured at ``t_s``, about the times ``at_s (k,)``.
+
+    Parameters
+    ----------
+    t_s : (n,) times of the path, s
+    path_px : (n,) one coordinate of the mark
+    at_s : (k,) times that are asked for, s
+    """
     early, late = (np.clip(at_s + by, t_s[0], t_s[-1]) for by in (-RATE_S, RATE_S))
     way = np.interp(late, t_s, path_px) - np.interp(early, t_s, path_px)
     return np.divide(way, late - early, out=np.zeros_like(way), where=late > early)

@@ -10,7 +10,13 @@ from .camera import Array
 
 
 def pose_start(tank: Array, ideal: Array) -> Array:
-    """Rotation vector and translation from normalised points, by OpenCV's SQPnP (global optimum, planar or not)."""
+    """Rotation vector and translation from normalised points, by OpenCV's SQPnP (global optimum, planar or not).
+
+    Parameters
+    ----------
+    tank : (n, d) places in the tank, m
+    ideal : (n, 2) normalised places in the picture
+    """
     import cv2
 
     wrong = "datum: no camera pose fits the points; are tank_m and pixel_px in the same order?"
@@ -46,7 +52,13 @@ def normaliser(points: Array) -> Array:
 
 
 def linear_camera(source: Array, pixel: Array) -> Array:
-    """Direct linear transform of homogeneous ``source (n, d+1)`` to pixels; (3, d+1)."""
+    """Direct linear transform of homogeneous ``source (n, d+1)`` to pixels; (3, d+1).
+
+    Parameters
+    ----------
+    source : (n, d+1) homogeneous points
+    pixel : (n, 2) places in the picture
+    """
     rows = []
     for point, (u, v) in zip(source, pixel, strict=True):
         zero = np.zeros_like(point)
@@ -55,7 +67,13 @@ def linear_camera(source: Array, pixel: Array) -> Array:
 
 
 def camera_matrix(tank: Array, pixel: Array) -> Array:
-    """Camera matrix (3, 4) by the linear equations of points ``tank (n, 3)`` m and ``pixel (n, 2)``, scaled to be ahead of it."""
+    """Camera matrix (3, 4) by the linear equations of points ``tank (n, 3)`` m and ``pixel (n, 2)``, scaled to be ahead of it.
+
+    Parameters
+    ----------
+    tank : (n, d) places in the tank, m
+    pixel : (n, 2) places in the picture
+    """
     left, right = normaliser(pixel), normaliser(tank)
     source = np.column_stack([tank, np.ones(len(tank))]) @ right.T
     target = (np.column_stack([pixel, np.ones(len(pixel))]) @ left.T)[:, :2]
@@ -63,7 +81,13 @@ def camera_matrix(tank: Array, pixel: Array) -> Array:
 
 
 def plane_matrix(xy: Array, pixel: Array) -> Array:
-    """Homography (3, 3) by the linear equations of points ``xy (n, 2)`` m of a plane and ``pixel (n, 2)``, scaled alike."""
+    """Homography (3, 3) by the linear equations of points ``xy (n, 2)`` m of a plane and ``pixel (n, 2)``, scaled alike.
+
+    Parameters
+    ----------
+    xy : (n, 2) places in the plane, m
+    pixel : (n, 2) places in the picture
+    """
     left, right = normaliser(pixel), normaliser(xy)
     source = np.column_stack([xy, np.ones(len(xy))]) @ right.T
     target = (np.column_stack([pixel, np.ones(len(pixel))]) @ left.T)[:, :2]
@@ -77,7 +101,14 @@ def _signed(matrix: Array, points: Array) -> Array:
 
 
 def focal_from_plane(plane: Array, centre: Array, width: int) -> float:
-    """Focal length in px from a plane's homography under square pixels (orthogonality and equal length of r1, r2)."""
+    """Focal length in px from a plane's homography under square pixels (orthogonality and equal length of r1, r2).
+
+    Parameters
+    ----------
+    plane : (3, 3) homography
+    centre : (2,) principal point, px
+    width : of the picture, px
+    """
     shift = np.array([[1, 0, -centre[0]], [0, 1, -centre[1]], [0, 0, 1.0]])
     h1, h2 = (shift @ plane)[:, 0], (shift @ plane)[:, 1]
     top = np.array([h1[0] * h2[0] + h1[1] * h2[1], h1[0] ** 2 + h1[1] ** 2 - h2[0] ** 2 - h2[1] ** 2])

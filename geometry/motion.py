@@ -14,6 +14,7 @@ from ..record.run import RUN_FILE, Run
 from ..record.schema import Marker
 from .camera import Array
 from .datum import DatumFit, fit_datum
+from .line import alpha_of, tow_arm
 from .mapping import Mapping
 from .poses import Poses, poses_from_tracks
 from .trapezoid import TrapezoidMapping, trapezoid_from_datum
@@ -31,7 +32,8 @@ class Motion:
     motion : formats.md's motion.csv; sigma_* is the part that varies from frame to frame, common_* the part common to
         the run (camera, heights); cov_y_cg_beta_m_rad is the frame part's covariance
     common : (k, n, 3), change of y_cg_m, beta_rad, alpha_rad with each independent unit-variance common mode
-    lag : (l, n, 3), the same of the modes in which the codec holds marks back (``lag``); not smooth in the place
+    lag : (l, n, 3), the same of the modes in which what stands beside a mark pulls it (``pull``) and the codec holds it back
+        (``lag``); they go with angles, way and speed, not with the place
     camera : the datum's result
     """
 
@@ -122,12 +124,12 @@ def motion_from_tracks(
     """
     notes = list(fit.notes)
     mapping = run_mapping(run, fit, method)
-    found = poses_from_tracks(run, tracks, mapping, fit, datum_tracks)
+    found = poses_from_tracks(run, tracks, mapping, fit, datum_tracks, pulled=True)
     notes += found.notes
     markers, rigid = found.markers, found.rigid
     frames, times, place, covariance = found.frames, found.t_s, found.place_m, found.covariance_m2
     modes, pose_modes = found.modes_m, found.pose_modes
-    alpha, alpha_slope = _alpha(run, rigid.pose)
+    alpha, alpha_slope = alpha_of(run, rigid.pose)
     slope = np.zeros((len(frames), 3, 3))  # (y_cg, beta, alpha) by (x, y, beta)
     slope[:, 0, 1] = slope[:, 1, 2] = 1.0
     slope[:, 2] = alpha_slope
@@ -179,34 +181,26 @@ def motion_from_tracks(
     )
 
 
-def _alpha(run: Run, pose: Array) -> tuple[Array, Array]:
-    """alpha = atan2(y_T - y_post, x_post - x_T) (n,) and its slope by (x, y, beta) (n, 3); NaN without a line."""
-    tow = run.file.tow
-    if run.file.kind != "tow" or tow is None or tow.tow_point_m is None:
-        # a forced post moves: its place at each frame is not in run.toml's post_m
-        return np.full(len(pose), np.nan), np.full((len(pose), 3), np.nan)
-    cosine, sine = np.cos(pose[:, 2]), np.sin(pose[:, 2])
-    arm = np.column_stack(
-        [
-            tow.tow_point_m * cosine - tow.tow_point_offset_m * sine,
-            tow.tow_point_m * sine + tow.tow_point_offset_m * cosine,
-        ]
-    )
-    ahead = tow.post_m[0] - pose[:, 0] - arm[:, 0]
-    aside = pose[:, 1] + arm[:, 1] - tow.post_m[1]
-    square = ahead**2 + aside**2
-    slope = np.column_stack([aside, ahead, ahead * arm[:, 0] - aside * arm[:, 1]]) / square[:, None]
-    return np.arctan2(aside, ahead), slope
-
-
 def invariants(run: Run, poses: Poses) -> dict[str, Measured]:
-    """Mean and scatter over frames of what ``invariant_series`` gives."""
+    """Mean and scatter over frames of what ``invariant_series`` gives.
+
+    Parameters
+    ----------
+    run : the run folder as read
+    poses : of the body, frame by frame
+    """
     found = {name: _mean_and_scatter(values) for name, values in invariant_series(run, poses).items()}
     return {name: value for name, value in found.items() if np.isfinite([value.value, value.std]).all()}
 
 
 def invariant_series(run: Run, poses: Poses) -> dict[str, Array]:
-    """Marker distances and the taut line's length over time, minus stated, m: name -> (n,) (theory.md 4)."""
+    """Marker distances and the taut line's length over time, minus stated, m: name -> (n,) (theory.md 4).
+
+    Parameters
+    ----------
+    run : the run folder as read
+    poses : of the body, frame by frame
+    """
     place, pose, markers = poses.place_m, poses.rigid.pose, poses.markers
     found: dict[str, Array] = {}
     for j in range(len(markers)):
@@ -216,10 +210,8 @@ def invariant_series(run: Run, poses: Poses) -> dict[str, Array]:
             found[f"distance {markers[i].name}-{markers[j].name}"] = apart - stated
     tow = run.file.tow
     if run.file.kind == "tow" and tow is not None and tow.tow_point_m is not None and tow.line_length_m is not None:
-        cosine, sine = np.cos(pose[:, 2]), np.sin(pose[:, 2])
-        x = pose[:, 0] + tow.tow_point_m * cosine - tow.tow_point_offset_m * sine
-        y = pose[:, 1] + tow.tow_point_m * sine + tow.tow_point_offset_m * cosine
-        found["taut line"] = np.hypot(x - tow.post_m[0], y - tow.post_m[1]) - tow.line_length_m
+        point = pose[:, :2] + tow_arm(pose[:, 2], tow)
+        found["taut line"] = np.hypot(*(point - np.array(tow.post_m)).T) - tow.line_length_m
     return found
 
 

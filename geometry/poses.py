@@ -10,12 +10,15 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ..record.errors import InputError
-from ..record.run import Run
+from ..record.run import RUN_FILE, Run
 from ..record.schema import Marker
+from ..record.tables import seen_rows
 from .camera import Array
 from .datum import DatumFit
 from .lag import lag_modes
+from .line import alpha_of
 from .mapping import Mapping
+from .pull import pull_modes
 from .rigid import RigidFit, fit_rigid
 from .shake import camera_shake, turned_back
 
@@ -40,7 +43,7 @@ class Poses:
     place_m, covariance_m2, modes_m : (n, m, 2), (n, m, 2, 2), (k, n, m, 2), in tank axes as filmed
     rigid : poses; in the carriage's axes where the camera is fixed to the tank
     pose_modes : (k, n, 3)
-    lags : so many of the modes, the first ones, are lags of the codec
+    lags : so many of the modes, the first ones, are pulls by what stands beside a mark (``pull``) and lags of the codec (``lag``)
     notes : assumptions, for the user
     """
 
@@ -64,6 +67,7 @@ def poses_from_tracks(
     mapping: Mapping,
     fit: DatumFit | None = None,
     datum_tracks: pd.DataFrame | None = None,
+    pulled: bool = False,
 ) -> Poses:
     """Map the tracks into the tank and fit the rigid model in every frame.
 
@@ -75,12 +79,15 @@ def poses_from_tracks(
     run, tracks, datum_tracks : see ``motion_from_tracks``
     mapping : ``run_mapping``'s
     fit : the datum's, needed with ``datum_tracks``
+    pulled : with the modes by which what stands beside a mark may pull it (``pull``)
 
     Raises
     ------
-    InputError : the tracks hold no marker of run.toml, or never two at once
+    InputError : the tracks hold no marker of run.toml, or never two at once; or run.toml has one alone on the model
     """
     everyone = run.file.marker
+    if (missing := missing_with_one(run)) is not None:
+        raise InputError(run.folder / RUN_FILE, "marker", missing)
     notes: list[str] = []
     pixel, sigma, repeated, frames, times = _by_frame(run, tracks, everyone)
     if not np.isfinite(sigma[np.isfinite(pixel).all(axis=2)]).all():
@@ -88,13 +95,19 @@ def poses_from_tracks(
     sigma = np.where(np.isfinite(sigma) & (sigma > 0), sigma, DEFAULT_SIGMA_PX)
     lags = lag_modes(frames, times, pixel, _lag_sigma(tracks, everyone), repeated)
     if any(p.track for p in run.file.datum) and fit is not None:
-        pixel, sigma, note = _steadied(datum_tracks, run, fit, frames, pixel, sigma)
+        pixel, sigma, note = _without_shake(datum_tracks, run, fit, frames, pixel, sigma)
         notes.append(note)
-    place, covariance, modes = _places(run, mapping, everyone, pixel, sigma, lags)
+    place, covariance, modes, per_px = _places(run, mapping, everyone, pixel, sigma, lags)
     on_model = np.array([m.on == "model" for m in everyone])
     markers = tuple(m for m in everyone if m.on == "model")
     body = np.array([m.body_m for m in markers])
     rigid = fit_rigid(place[:, on_model], covariance[:, on_model], body)
+    slow = len(lags)
+    if pulled:
+        by_px = pull_modes(times, rigid.pose[:, 2], alpha_of(run, rigid.pose)[0], int(on_model.sum()))
+        pulls = np.zeros((len(by_px), *place.shape))
+        pulls[:, :, on_model] = np.einsum("nmij,knmj->knmi", per_px[:, on_model], by_px)
+        modes, slow = np.concatenate([pulls, modes]), slow + len(pulls)
     own = modes[:, :, on_model]
     if run.file.priors.marker_place_sd_m:
         extra = _body_modes(run, rigid, body)
@@ -119,8 +132,19 @@ def poses_from_tracks(
         own,
         rigid,
         pose_modes,
-        len(lags),
+        slow,
         tuple(notes),
+    )
+
+
+def missing_with_one(run: Run) -> str | None:
+    """What cannot be computed where one mark alone stands on the model, in words; None where there are two."""
+    marks = [m.name for m in run.file.marker if m.on == "model"]
+    if len(marks) != 1:
+        return None
+    return (
+        f"{marks[0]!r} alone on the model: where it is in the picture is all it tells; the heading, with it the motion (y_CG, "
+        "beta, alpha) and the derivatives, need a second [[marker]] away from it"
     )
 
 
@@ -153,10 +177,10 @@ def _from_carriage(
     return replace(rigid, pose=pose, covariance=spread), pose_modes
 
 
-def _steadied(
+def _without_shake(
     datum_tracks: pd.DataFrame | None, run: Run, fit: DatumFit, frames: Array, pixel: Array, sigma: Array
 ) -> tuple[Array, Array, str]:
-    """Pixels and sigmas as the camera of the picked frame would have them, and what to tell the user."""
+    """Take the camera's turns out of the marks: pixels and sigmas as in the frame whose datum points were picked, and a note."""
     if datum_tracks is None:
         return pixel, sigma, "datum.track: no video to re-find the points in; the camera is taken as standing still"
     shake = camera_shake(datum_tracks, run.file.datum, fit.mapping)
@@ -193,7 +217,7 @@ def _by_frame(
     sigma = np.full_like(pixel, np.nan)
     row = np.searchsorted(frames, known["frame"].to_numpy())
     column = known["marker"].map({name: i for i, name in enumerate(names)}).to_numpy()
-    measured = (known["status"] == "measured").to_numpy()
+    measured = seen_rows(known)
     pixel[row[measured], column[measured]] = known[["u_px", "v_px"]].to_numpy()[measured]
     sigma[row[measured], column[measured]] = known[["sigma_u_px", "sigma_v_px"]].to_numpy()[measured]
     repeated = np.zeros(pixel.shape[:2], dtype=bool)
@@ -212,18 +236,19 @@ def _lag_sigma(tracks: pd.DataFrame, markers: Sequence[Marker]) -> Array:
 
 def _places(
     run: Run, mapping: Mapping, markers: Sequence[Marker], pixel: Array, sigma: Array, lags: Array
-) -> tuple[Array, Array, Array]:
-    """Places (n, m, 2), their frame covariance (n, m, 2, 2) and common modes (k, n, m, 2), those of the lags (px) first."""
+) -> tuple[Array, Array, Array, Array]:
+    """Places (n, m, 2), their frame covariance (n, m, 2, 2), common modes (k, n, m, 2), those of the lags first, and m per px."""
     n = len(pixel)
     depth_sd = run.file.priors.marker_depth_sd_m
     place = np.full((n, len(markers), 2), np.nan)
-    covariance = np.full((n, len(markers), 2, 2), np.nan)
+    covariance, per_px = (np.full((n, len(markers), 2, 2), np.nan) for _ in range(2))
     shared: list[Array] = []
     own: list[Array] = []
     lagging = np.zeros_like(lags)
     for index, marker in enumerate(markers):
         found = mapping.to_tank(pixel[:, index], marker.depth_m)
         place[:, index] = found.xy_m
+        per_px[:, index] = found.per_px
         spread = found.per_px * sigma[:, index][:, None, :]
         covariance[:, index] = spread @ spread.transpose(0, 2, 1)
         shared.append(found.modes_m)
@@ -233,7 +258,7 @@ def _places(
             mode = np.zeros((1, n, len(markers), 2))
             mode[0, :, index] = (lower - found.xy_m) / _DEPTH_STEP_M * depth_sd
             own.append(mode)
-    return place, covariance, np.concatenate([lagging, np.stack(shared, axis=2), *own])
+    return place, covariance, np.concatenate([lagging, np.stack(shared, axis=2), *own]), per_px
 
 
 def _body_modes(run: Run, rigid: RigidFit, body: Array) -> Array:
@@ -246,4 +271,4 @@ def _body_modes(run: Run, rigid: RigidFit, body: Array) -> Array:
     return modes * run.file.priors.marker_place_sd_m
 
 
-__all__ = ["LAG_COLUMN", "Poses", "poses_from_tracks", "without_lags"]
+__all__ = ["LAG_COLUMN", "Poses", "missing_with_one", "poses_from_tracks", "without_lags"]

@@ -103,8 +103,10 @@ def turned_back(shake: Shake, frames: Array, pixel_px: Array, mapping: Projectiv
 
     Parameters
     ----------
+    shake : from the datum points of every frame
     frames : (n,) frame numbers
     pixel_px : (n, m, 2)
+    mapping : pixel -> tank
 
     Returns
     -------

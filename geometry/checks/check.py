@@ -126,7 +126,14 @@ def check_geometry(runs: Sequence[Run], tracks: Sequence[pd.DataFrame], fit: Dat
 
 
 def bundle_of(runs: Sequence[Run], tracks: Sequence[pd.DataFrame], fit: DatumFit) -> Bundle:
-    """The bundle of one set-up, at what is stated."""
+    """The bundle of one set-up, at what is stated.
+
+    Parameters
+    ----------
+    runs : the runs, in their order
+    tracks : tables of the runs, in their order
+    fit : of the run's datum
+    """
     first = runs[0].file
     markers = [m for m in first.marker if m.on == "model"]
     films, close, poses = [], [], []
@@ -193,7 +200,14 @@ def camera_of(mapping: ProjectiveMapping) -> tuple[Lens, float, Array, Array]:
 
 
 def tolerances(bundle: Bundle, run: Run, fit: DatumFit) -> Array:
-    """Prior standard deviations: what is stated, else what a careful person reaches; the pose is free."""
+    """Prior standard deviations: what is stated, else what a careful person reaches; the pose is free.
+
+    Parameters
+    ----------
+    bundle : all that the recording says, at what is stated
+    run : the run folder as read
+    fit : of the run's datum
+    """
     priors, camera = run.file.priors, run.file.camera
     stated = {
         "depth": priors.marker_depth_sd_m,
@@ -225,7 +239,13 @@ def tolerances(bundle: Bundle, run: Run, fit: DatumFit) -> Array:
 
 
 def tolerance_names(check: Check, marks: Sequence[str]) -> list[tuple[str, float]]:
-    """Tolerances by name (a mark's number becomes its name), without what is fixed or free."""
+    """Tolerances by name (a mark's number becomes its name), without what is fixed or free.
+
+    Parameters
+    ----------
+    check : of the set-up
+    marks : their names
+    """
     answer = []
     for name, sd in zip(check.bundle.names, check.sd, strict=True):
         if 0 < sd < np.inf:
@@ -250,7 +270,7 @@ def _inflation(bundle: Bundle, null: Solution) -> float:
         slow = [(SLOW_PX / sigma) ** 2, (SLOW_LINE_M / bundle.line_sd_m) ** 2 if film.line_m is not None else 0.0]
         share = np.einsum("njj->nj", project[used])
         shown = [
-            _long_run(t_s, left[used, j] / np.sqrt(share[:, j]))
+            long_run_variance(t_s, left[used, j] / np.sqrt(share[:, j]))
             for j in range(2 * m + 1)
             if np.median(share[:, j]) > LEAST_SHARE
         ]
@@ -258,8 +278,17 @@ def _inflation(bundle: Bundle, null: Solution) -> float:
     return worst
 
 
-def _long_run(t_s: Array, series: Array) -> float:
-    """Variance that sums of the series show, per sample, after its slow part (a spline) is taken out."""
+def long_run_variance(t_s: Array, series: Array) -> float:
+    """Variance that sums of a coloured series show, per sample, after its slow part (a spline) is taken out.
+
+    Parameters
+    ----------
+    t_s, series : (n,)
+
+    Returns
+    -------
+    variance : n samples of it sum to n times this; for white noise the variance itself
+    """
     from scipy.interpolate import LSQUnivariateSpline
 
     knots = np.arange(t_s[0] + SMOOTH_S, t_s[-1] - SMOOTH_S, SMOOTH_S)

@@ -86,7 +86,14 @@ class Scored:
 
 
 def screen(bundle: Bundle, null: Solution, sd: Array) -> list[Scored]:
-    """Score every fault by one linear step from the fit without faults, best first."""
+    """Score every fault by one linear step from the fit without faults, best first.
+
+    Parameters
+    ----------
+    bundle : all that the recording says, at what is stated
+    null : its fit without faults
+    sd : prior standard deviations of the bundle's parameters
+    """
     names = list(bundle.names)
     free = np.flatnonzero(sd > 0)
     normal = null.normal
@@ -127,7 +134,15 @@ def rig_faults(bundle: Bundle) -> Iterator[Fault]:
 
 
 def refit(bundle: Bundle, null: Solution, sd: Array, scored: Scored) -> Scored:
-    """Score a fault by the full fit with its numbers released."""
+    """Score a fault by the full fit with its numbers released.
+
+    Parameters
+    ----------
+    bundle : all that the recording says, at what is stated
+    null : its fit without faults
+    sd : prior standard deviations of the bundle's parameters
+    scored : the fault with its score
+    """
     fault = scored.fault
     names = list(bundle.names)
     wide = sd.copy()
@@ -232,7 +247,14 @@ def _turned(bundle: Bundle, null: Solution, free: Array, covariance: Array, inde
 
 
 def jump_of(bundle: Bundle, null: Solution, index: int) -> Jump | None:
-    """The most likely jump of a film."""
+    """The most likely jump of a film.
+
+    Parameters
+    ----------
+    bundle : all that the recording says, at what is stated
+    null : its fit without faults
+    index : of the film
+    """
     film, close, m = bundle.films[index], bundle.close[index], len(bundle.rig.depth_m)
     seen = np.isfinite(film.pixel_px).all(axis=(1, 2))
     if not seen.any():

@@ -40,6 +40,7 @@ def refined(check: Check, wanted: Sequence[str]) -> tuple[list[Refined], list[st
 
     Parameters
     ----------
+    check : of the set-up
     wanted : of CHOICES
 
     Returns
@@ -77,7 +78,7 @@ def refined(check: Check, wanted: Sequence[str]) -> tuple[list[Refined], list[st
                 observable=bool(std < OBSERVABLE * loose),
             )
         )
-    return values, _words(chosen, covariance, wide, values)
+    return values, open_words(chosen, covariance, wide, values)
 
 
 def _stated(check: Check, name: str) -> tuple[float, str]:
@@ -97,7 +98,20 @@ def _stated(check: Check, name: str) -> tuple[float, str]:
     return 0.0, "m"
 
 
-def _words(names: Sequence[str], covariance: np.ndarray, wide: np.ndarray, values: Sequence[Refined]) -> list[str]:
+def open_words(names: Sequence[str], covariance: np.ndarray, wide: np.ndarray, values: Sequence[Refined]) -> list[str]:
+    """Say which numbers the runs do not tell, alone or apart from another.
+
+    Parameters
+    ----------
+    names : of the k numbers
+    covariance : (k, k) as fitted
+    wide : (k,) how far each may be off at most
+    values : the numbers as refined
+
+    Returns
+    -------
+    said : one sentence for each number that is left as stated, each pair known only together, and each open direction
+    """
     said = [
         f"{v.parameter} is not told by these runs (+- {v.std:.3g} {v.unit}".rstrip() + "); it is left as stated"
         for v in values

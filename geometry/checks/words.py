@@ -19,6 +19,8 @@ def found_fault(
 
     Parameters
     ----------
+    check : of the set-up
+    scored : the fault with its score
     points, marks, runs : names
     """
     fault = scored.fault
@@ -45,7 +47,13 @@ def found_fault(
 
 
 def sizes_of(check: Check, scored: Scored) -> dict[str, Measured]:
-    """A fault's numbers with their standard deviations: departures from what is stated."""
+    """A fault's numbers with their standard deviations: departures from what is stated.
+
+    Parameters
+    ----------
+    check : of the set-up
+    scored : the fault with its score
+    """
     solution = scored.solution
     if solution is None:
         return {}

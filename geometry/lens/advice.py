@@ -28,7 +28,13 @@ SHAPE_SHARE = 5e-4
 
 
 def advice(calibration: Calibration, found: Coverage) -> list[str]:
-    """Sentences on the coefficients, the views and the board."""
+    """Sentences on the coefficients, the views and the board.
+
+    Parameters
+    ----------
+    calibration : from ``calibrate``
+    found : from ``coverage``
+    """
     free = int((calibration.fit.basis[4:] != 0).any(1).sum())
     square = bool((calibration.fit.basis[0] == calibration.fit.basis[1]).all())
     return [

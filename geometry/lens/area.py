@@ -8,6 +8,7 @@ import numpy as np
 
 from ...record.errors import InputError
 from ...record.run import RUN_FILE, Run
+from ...record.tables import seen_rows
 from .coverage import Coverage, uncovered
 
 if TYPE_CHECKING:
@@ -19,6 +20,11 @@ Box = tuple[float, float, float, float]
 def working_box(run: Run, tracks: pd.DataFrame | None) -> Box:
     """Left, top, right, bottom, px.
 
+    Parameters
+    ----------
+    run : the run folder as read
+    tracks : tracks table, or None
+
     Raises
     ------
     InputError : the run names no pixel at all.
@@ -27,7 +33,7 @@ def working_box(run: Run, tracks: pd.DataFrame | None) -> Box:
     places += [marker.seen_at_px for marker in run.file.marker if marker.seen_at_px is not None]
     found = np.array(places, dtype=float).reshape(-1, 2)
     if tracks is not None:
-        rows = tracks[tracks["status"] == "measured"] if "status" in tracks else tracks
+        rows = tracks[seen_rows(tracks)] if "status" in tracks else tracks
         found = np.concatenate([found, rows[["u_px", "v_px"]].dropna().to_numpy(dtype=float)])
     if not len(found):
         raise InputError(run.folder / RUN_FILE, "datum", "no pixel is named, and out/tracks.csv is not there")
@@ -35,7 +41,15 @@ def working_box(run: Run, tracks: pd.DataFrame | None) -> Box:
 
 
 def area_notes(found: Coverage, box: Box, name: str, size: tuple[int, int] | None) -> list[str]:
-    """Warnings where the lens was calibrated for another picture, or not where the work is done; else that it was."""
+    """Warnings where the lens was calibrated for another picture, or not where the work is done; else that it was.
+
+    Parameters
+    ----------
+    found : from ``coverage``
+    box : left, top, right, bottom, px
+    name : of the run, in the notes
+    size : width and height of the picture that is to be measured, px, or None
+    """
     if size is not None and size != found.image_size_px:
         return [
             f"run {name}: its picture is {size[0]} x {size[1]} px, the calibration's "

@@ -116,7 +116,7 @@ def find_board(luma: Array, board: Board, name: str = "", window_px: int | None 
     if found is None:
         return None
     ids, rough = found
-    near = _nearest(board, ids, rough)
+    near = nearest_corners_px(board, ids, rough)
     if (near < SHORTEST_SIDE_PX).any():
         return None
     pixel = _refined(luma, rough, board.window_share * near, window_px)
@@ -189,8 +189,19 @@ def _opencv_board(board: Board):
     return made
 
 
-def _nearest(board: Board, ids: Array, places: Array) -> Array:
-    """Distance of each corner's nearest neighbour along rows and columns, (n,) px."""
+def nearest_corners_px(board: Board, ids: Array, places: Array) -> Array:
+    """Measure how near each corner's nearest neighbour along rows and columns is in the picture.
+
+    Parameters
+    ----------
+    board : which pattern
+    ids : (n,) which of its corners
+    places : (n, 2) px
+
+    Returns
+    -------
+    distance : (n,) px; a corner that stands alone in its row and column gets the smallest of the others
+    """
     columns, rows = board.grid
     grid = np.full((rows * columns, 2), np.nan)
     grid[ids] = places

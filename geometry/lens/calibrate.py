@@ -166,6 +166,12 @@ def calibrate(
 def start(views: Sequence[BoardView], image_size_px: tuple[int, int], basis: Array) -> tuple[Array, Poses]:
     """Lens and poses to start from, by OpenCV.
 
+    Parameters
+    ----------
+    views : of the board
+    image_size_px : width and height
+    basis : (9, m), what is free
+
     Raises
     ------
     GeometryError : OpenCV finds no lens.

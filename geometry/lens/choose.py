@@ -22,7 +22,15 @@ APART_SHARE = 0.02
 def still_views(
     frames: Iterable[tuple[str, Array]], board: Board, every: int, window_px: int | None = None
 ) -> Iterator[BoardView]:
-    """Views from every ``every``-th frame in which the board is found and stands still until the next one."""
+    """Views from every ``every``-th frame in which the board is found and stands still until the next one.
+
+    Parameters
+    ----------
+    frames : name and luma (h, w) of each frame
+    board : which pattern, how many corners, how large
+    every : frames from one try to the next
+    window_px : half-width of the refinement window; None: by each corner's nearest neighbour
+    """
     before: BoardView | None = None
     for index, (name, luma) in enumerate(frames):
         if before is not None:
@@ -35,7 +43,14 @@ def still_views(
 
 
 def apart(views: Sequence[BoardView], width_px: int, most: int = MOST_VIEWS) -> list[BoardView]:
-    """At most ``most`` views, each as far as can be from those before, and none too near; in the order given."""
+    """At most ``most`` views, each as far as can be from those before, and none too near; in the order given.
+
+    Parameters
+    ----------
+    views : of the board
+    width_px : of the picture
+    most : views to choose at most
+    """
     if not views:
         return []
     chosen = [0]

@@ -76,7 +76,13 @@ def coverage(calibration: Calibration) -> Coverage:
 
 
 def covered_cells(views: Sequence[BoardView], size: tuple[int, int]) -> tuple[Array, Array]:
-    """Corners per cell, and which cells are covered, both (rows, columns)."""
+    """Corners per cell, and which cells are covered, both (rows, columns).
+
+    Parameters
+    ----------
+    views : of the board
+    size : width and height of the picture, px
+    """
     from scipy.spatial import ConvexHull
 
     columns, rows = _cells(size)
@@ -97,6 +103,13 @@ def mapping_sd_px(lens: Lens, covariance: Array, size: tuple[int, int], covered:
 
     A wrong principal point is mostly a turned camera, which the datum takes up: the turn that fits the covered cells best is taken
     off (as Hagemann et al., "Inferring bias and uncertainty in camera calibration", IJCV 2022, do in their expected mapping error).
+
+    Parameters
+    ----------
+    lens : of the camera
+    covariance : (9, 9) of the lens
+    size : width and height of the picture, px
+    covered : (rows, columns) of bool
     """
     middle = _middles(size)
     by_lens, by_turn = np.full((len(middle), 2, 9), np.nan), np.full((len(middle), 2, 3), np.nan)

@@ -101,7 +101,10 @@ def joint_fit(views: Sequence[BoardView], theta: Array, basis: Array, poses: Pos
 
     Parameters
     ----------
-    theta : (9,) start; basis : (9, m); poses : start
+    views : of the board
+    theta : (9,) start
+    basis : (9, m), what is free
+    poses : of the board in each view, to start from
     shaped : the board's shape is fitted too; else it is flat and true
 
     Raises
@@ -119,13 +122,13 @@ def joint_fit(views: Sequence[BoardView], theta: Array, basis: Array, poses: Pos
     variance = fit.variance_px2
     for _ in range(_SHAPE_ROUNDS):
         before = np.array([*sd**2, variance])
-        fit = _descended(corners, fit.theta, basis, fit.poses, fit.shape_m, _prior(sd, variance, len(shape)))
+        fit = _descended(corners, fit.theta, basis, fit.poses, fit.shape_m, offset_weights(sd, variance, len(shape)))
         sd, variance = _variances(fit, sd, variance, _SMALLEST_SHAPE * board)
         change = np.abs(np.log(np.array([*sd**2, variance]) / before))
         gone = np.array([*(sd < 10 * _SMALLEST_SHAPE * board), False])
         if (change[~gone] < _VARIANCE_CONVERGED).all():
             break
-    fit = _descended(corners, fit.theta, basis, fit.poses, fit.shape_m, _prior(sd, variance, len(shape)))
+    fit = _descended(corners, fit.theta, basis, fit.poses, fit.shape_m, offset_weights(sd, variance, len(shape)))
     return JointFit(
         fit.theta,
         basis,
@@ -141,8 +144,19 @@ def joint_fit(views: Sequence[BoardView], theta: Array, basis: Array, poses: Pos
     )
 
 
-def _prior(sd_m: Array, variance_px2: float, points: int) -> Array:
-    """The prior's weight on each offset, (3 points,), in the units of the information, 1/m^2 px^2."""
+def offset_weights(sd_m: Array, variance_px2: float, points: int) -> Array:
+    """Weights of the corners' offsets from the board, from how far these usually are.
+
+    Parameters
+    ----------
+    sd_m : (2,) standard deviations of the offsets within the board and across it
+    variance_px2 : of a corner's coordinate in the picture
+    points : corners of the board
+
+    Returns
+    -------
+    weights : (3 points,), per corner along both sides and across, in the units of the information, px^2/m^2
+    """
     return np.tile(variance_px2 / sd_m[[0, 0, 1]] ** 2, points)
 
 
@@ -158,7 +172,7 @@ def _variances(fit: JointFit, sd_m: Array, variance_px2: float, least_m: float) 
     kind = np.tile([0, 0, 1], len(fit.shape_m))
     gap = fit.score.sum(0)
     for _ in range(_VARIANCE_STEPS):
-        prior = np.concatenate([np.zeros(size), _prior(sd_m, variance_px2, len(fit.shape_m))])
+        prior = np.concatenate([np.zeros(size), offset_weights(sd_m, variance_px2, len(fit.shape_m))])
         inverse = np.linalg.inv(data + np.diag(prior))
         moved = inverse @ side - now
         offset = (now + moved)[size:]
@@ -279,7 +293,16 @@ class _Normal:
 def posed(
     theta: Array, poses: Poses, corners: Corners, shape_m: Array | None = None, steps: int = 4
 ) -> tuple[Poses, Array]:
-    """Poses and residuals (n, 2) px with the lens held; ``theta`` is (9,), or (v, 9) with a lens of its own for each view."""
+    """Poses and residuals (n, 2) px with the lens held; ``theta`` is (9,), or (v, 9) with a lens of its own for each view.
+
+    Parameters
+    ----------
+    theta : (9,) lens, or (v, 9)
+    poses : of the board in each view
+    corners : of all views, in one list
+    shape_m : (k, 3), how far the board's corners lie from where they should be; None: nowhere
+    steps : Gauss-Newton steps
+    """
     residual = residuals(theta, poses, corners, shape_m)
     for _ in range(steps):
         _, by_pose, _ = slopes(theta, poses, corners, shape_m)

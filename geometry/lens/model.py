@@ -71,7 +71,13 @@ class Corners:
 
 
 def free_basis(coefficients: int = 5, square_pixels: bool = False) -> Array:
-    """What is free, (9, m): focal lengths (one for both with ``square_pixels``), principal point, the coefficients asked for."""
+    """What is free, (9, m): focal lengths (one for both with ``square_pixels``), principal point, the coefficients asked for.
+
+    Parameters
+    ----------
+    coefficients : how many of k1 k2 p1 p2 k3
+    square_pixels : one focal length
+    """
     names = ["cx", "cy", *COEFFICIENTS[coefficients]]
     focal = np.zeros((9, 1 if square_pixels else 2))
     focal[0, 0] = focal[1, -1] = 1.0
@@ -79,7 +85,13 @@ def free_basis(coefficients: int = 5, square_pixels: bool = False) -> Array:
 
 
 def nearest(theta: Array, basis: Array) -> Array:
-    """The lens (9,) that is nearest to ``theta`` among those that ``basis`` can reach (what it holds is zero)."""
+    """The lens (9,) that is nearest to ``theta`` among those that ``basis`` can reach (what it holds is zero).
+
+    Parameters
+    ----------
+    theta : (9,) lens, as ``Lens.vector``
+    basis : (9, m), what is free
+    """
     return basis @ np.linalg.pinv(basis) @ theta
 
 
@@ -89,6 +101,8 @@ def residuals(theta: Array, poses: Poses, corners: Corners, shape_m: Array | Non
     Parameters
     ----------
     theta : (9,), or (v, 9) with a lens of its own for each view
+    poses : of the board in each view
+    corners : of all views, in one list
     shape_m : (k, 3), how far the board's corners are from where they should be, or (v, k, 3) for each view; None = nowhere
     """
     seen = _seen(poses, corners, shape_m)
@@ -99,6 +113,13 @@ def residuals(theta: Array, poses: Poses, corners: Corners, shape_m: Array | Non
 
 def slopes(theta: Array, poses: Poses, corners: Corners, shape_m: Array | None = None) -> tuple[Array, Array, Array]:
     """Derivatives of the projected pixels.
+
+    Parameters
+    ----------
+    theta : (9,) lens, as ``Lens.vector``
+    poses : of the board in each view
+    corners : of all views, in one list
+    shape_m : (k, 3), how far the board's corners lie from where they should be; None: nowhere
 
     Returns
     -------

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ... import __version__
+from ...__version__ import __version__
 from ...record.lens_file import BoardPart, CoveragePart, LensFile, LensView
 from .boards import Board
 from .calibrate import DOUBTFUL, Calibration
@@ -22,7 +22,17 @@ def lens_file(
     notes: Sequence[str],
     inputs: dict[str, str],
 ) -> LensFile:
-    """The result file of a calibration."""
+    """The result file of a calibration.
+
+    Parameters
+    ----------
+    answer : of ``calibrate``
+    found : from ``coverage``
+    board : which pattern, how many corners, how large
+    not_found : names of pictures in which no board was found
+    notes : sentences for the user
+    inputs : name of an input -> its SHA-256, as the file states them
+    """
     shape = answer.fit.shape_m
     rms = np.sqrt((shape**2).mean(0))
     return LensFile(
@@ -79,7 +89,14 @@ def _sds(covariance: np.ndarray) -> dict[str, float]:
 
 
 def report_lines(result: LensFile, found: Coverage, file_name: str = "") -> list[str]:
-    """What the terminal shows; ``file_name`` of the result file."""
+    """What the terminal shows; ``file_name`` of the result file.
+
+    Parameters
+    ----------
+    result : of ``lens_file``
+    found : from ``coverage``
+    file_name : of the result file
+    """
     used = sum(view.used for view in result.views)
     lines = [
         f"{used} of {len(result.views)} views used, {sum(v.points for v in result.views if v.used)} corners, "

@@ -62,7 +62,13 @@ def view_scatter(fit: JointFit) -> ViewScatter:
 
 
 def widened(covariance: Array, scatter: ViewScatter) -> Array:
-    """``covariance`` (9, 9) times the ratio, and wider still for a parameter whose own scatter is larger by twice its chance."""
+    """``covariance`` (9, 9) times the ratio, and wider still for a parameter whose own scatter is larger by twice its chance.
+
+    Parameters
+    ----------
+    covariance : (9, 9) of the lens
+    scatter : from ``view_scatter``
+    """
     wide = covariance * max(1.0, scatter.ratio)
     own = np.diag(wide)
     ratio = np.divide(np.diag(scatter.covariance), own, out=np.ones(9), where=own > 0)

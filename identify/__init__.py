@@ -6,7 +6,7 @@ from .data import RunData, run_data
 from .fit import FORMS, Fit, fit_runs
 from .free import FreeData, FreeFit, fit_free, free_data, free_file
 from .prime import prime_factors
-from .report import derivatives_file, steady_file
+from .report import derivatives_file, six_file, steady_file
 from .steady import SteadyFit, SteadyState, fit_steady, steady_state, two_tow_x_v
 from .trim import same_trim, trim_groups
 
@@ -30,6 +30,7 @@ __all__ = [
     "prime_factors",
     "run_data",
     "same_trim",
+    "six_file",
     "steady_file",
     "steady_state",
     "trim_groups",

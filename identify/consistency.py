@@ -21,7 +21,8 @@ from .joint.solve import minimise
 from .joint.thin import thinned
 from .limits.combinations import determined
 from .noise import stated
-from .still import colours, reweighted
+from .static_records import colours
+from .still import reweighted
 
 LEAST_GAIN = 1e-3
 """A part whose variance is less than this share above the joint fit's holds all that the joint fit knows: no z."""
@@ -87,6 +88,13 @@ def consistency(
 
     A part's estimate and the joint one share the part's data: for efficient estimates the difference has the covariance
     cov(part) - cov(joint) (Hausman, Econometrica 46, 1978).
+
+    Parameters
+    ----------
+    fit : the joint fit
+    runs : as fitted
+    progress : is told in a sentence what is done
+    each : does a run's share, here or by workers
     """
     alone, without = _refitted(fit, runs, progress, each) if 1 < len(runs) <= REFITTED else _stepped(fit, runs)
     kept = np.array([np.where(p.fixed, p.part.six, np.nan) for p in alone])
@@ -220,7 +228,13 @@ class Judged:
 
 
 def judged(fit: Fit, runs: list[RunData]) -> list[Judged]:
-    """Residuals and input of each run of ``fit``."""
+    """Residuals and input of each run of ``fit``.
+
+    Parameters
+    ----------
+    fit : the joint fit
+    runs : as fitted
+    """
     found = []
     for data, response, white in zip(runs, fit.response, fit.innovation, strict=True):
         tow = data.tow

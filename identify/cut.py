@@ -41,6 +41,7 @@ def cut_of(run: Run, motion: pd.DataFrame) -> Cut | None:
 
     Parameters
     ----------
+    run : the run folder as read
     motion : t_s, y_cg_m, beta_rad, status
 
     The hull is an ellipse of Lpp and beam about the LCG, the walls stand at y = +- tank_width_m / 2.
@@ -50,7 +51,13 @@ def cut_of(run: Run, motion: pd.DataFrame) -> Cut | None:
 
 
 def before_cut(run: Run, motion: pd.DataFrame) -> Array:
-    """(n,) of bool: the rows of ``motion`` before ``cut_of``."""
+    """(n,) of bool: the rows of ``motion`` before ``cut_of``.
+
+    Parameters
+    ----------
+    run : the run folder as read
+    motion : motion table
+    """
     cut = cut_of(run, motion)
     times = motion["t_s"].to_numpy(dtype=float)
     return np.ones(len(times), dtype=bool) if cut is None else times < cut.t_s

@@ -181,7 +181,13 @@ def run_data(
 
 
 def measured_rows(run: Run, motion: pd.DataFrame) -> Array:
-    """(n,) which rows of the motion are measured and lie within the span; InputError where fewer than 20 are."""
+    """(n,) which rows of the motion are measured and lie within the span; InputError where fewer than 20 are.
+
+    Parameters
+    ----------
+    run : the run folder as read
+    motion : motion table
+    """
     span = run.file.source.span_s
     measured = (motion["status"] == "measured").to_numpy() & np.isfinite(motion[["y_cg_m", "beta_rad"]].to_numpy()).all(
         axis=1
@@ -198,6 +204,12 @@ def usual_resistance(mass_kg: float, length_pp_m: float, speed_m_s: float) -> fl
     """R of a bare hull of this size, N: where a fit begins that weighs the model and knows no tension.
 
     rho/2 S U^2 C_T with C_T 0.0045 and the wetted surface S = 2.6 sqrt(displacement length) (Taylor).
+
+    Parameters
+    ----------
+    mass_kg : of the model, kg
+    length_pp_m : LBP, m
+    speed_m_s : U, m/s
     """
     surface = 2.6 * np.sqrt(mass_kg / WATER_KG_M3 * length_pp_m)
     return float(0.5 * WATER_KG_M3 * surface * speed_m_s**2 * 0.0045)
@@ -221,7 +233,13 @@ def _check_taut(run: Run, tow: Tow, speed: tuple[Array, Array], times: Array) ->
 
 
 def check_times(run: Run, times: Array) -> None:
-    """InputError unless the times of a motion are finite and rise strictly, as ``read_motion`` sees to."""
+    """InputError unless the times of a motion are finite and rise strictly, as ``read_motion`` sees to.
+
+    Parameters
+    ----------
+    run : the run folder as read
+    times : (n,), s
+    """
     if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
         raise InputError(run.source_path, "t_s", "times must be finite and rise strictly")
     if len(times) > 1 and times[-1] - times[0] > LONGEST_S:
@@ -238,7 +256,17 @@ def _still(motion: pd.DataFrame) -> Still:
 def history_of(
     run: Run, name: str, column: str, delay_s: float, times: Array, whole: bool = True
 ) -> tuple[Array, Array]:
-    """A history on the recording's clock; ``whole``: it must cover all of the record, else ``SHORTEST_LOG_S`` of it."""
+    """A history on the recording's clock; ``whole``: it must cover all of the record, else ``SHORTEST_LOG_S`` of it.
+
+    Parameters
+    ----------
+    run : the run folder as read
+    name : of the history's file
+    column : of its table
+    delay_s : added to its clock
+    times : (n,) of the record, s
+    whole : it must cover all of the record
+    """
     table = read_history(run.path(name), column)
     clock = table["t_s"].to_numpy() + delay_s
     together = min(clock[-1], times[-1]) - max(clock[0], times[0])

@@ -25,7 +25,14 @@ THINNED = 200
 
 
 def limits_of(t: Array, reduced: bool, sign: Sign) -> tuple[Array, Array]:
-    """Lower and upper of (l2, l3, w) or (l1 - l2, l2, l3, w)."""
+    """Lower and upper of (l2, l3, w) or (l1 - l2, l2, l3, w).
+
+    Parameters
+    ----------
+    t : (n,), s from the record's start
+    reduced : one exponential less
+    sign : of the pair's damping: "stable", "unstable" or "free"
+    """
     span, rate = t[-1], (len(t) - 1) / t[-1]
     slow, fast = SLOWEST_SHARE / span, FASTEST_SHARE * rate
     tiny, grow = 1e-9 / span, LARGEST_GROWTH / span
@@ -37,7 +44,14 @@ def limits_of(t: Array, reduced: bool, sign: Sign) -> tuple[Array, Array]:
 
 
 def basis_of(t: Array, p: Array, reduced: bool) -> tuple[Array, Array]:
-    """Columns 1, e1, e2, cos, sin, (n, k), and their slopes by p, (len(p), n, k)."""
+    """Columns 1, e1, e2, cos, sin, (n, k), and their slopes by p, (len(p), n, k).
+
+    Parameters
+    ----------
+    t : (n,), s from the record's start
+    p : (k,) rates
+    reduced : one exponential less
+    """
     l2, l3, w = p[-3:]
     swing, e2 = np.exp(-l3 * t), np.exp(-l2 * t)
     cos, sin = swing * np.cos(w * t), swing * np.sin(w * t)
@@ -54,7 +68,16 @@ def basis_of(t: Array, p: Array, reduced: bool) -> tuple[Array, Array]:
 
 
 def best_model(t: Array, p: Array, values: Array, weight: Whitener, reduced: bool):
-    """Best model (n, 2), its amplitudes (2, k), whitened residual (2n,) and Kaufman Jacobian (2n, len(p))."""
+    """Best model (n, 2), its amplitudes (2, k), whitened residual (2n,) and Kaufman Jacobian (2n, len(p)).
+
+    Parameters
+    ----------
+    t : (n,), s from the record's start
+    p : (k,) rates
+    values : (n, 2)
+    weight : whitens residuals
+    reduced : one exponential less
+    """
     basis, slopes = basis_of(t, p, reduced)
     white = weight(np.repeat(basis[:, None, :], 2, axis=1))
     target = weight(values)
@@ -132,7 +155,7 @@ def from_all_starts(t: Array, values: Array, weight: Whitener, limits: tuple[Arr
     -------
     rates (k,), how many of the starts reached them, and how many there were
     """
-    peak = _peak_rad_s(t, values)
+    peak = strongest_rad_s(t, values)
     if not np.isfinite(peak):
         raise EstimationError(
             f"no oscillation of at least three quarters of a swing in {t[-1]:.1f} s; (8.20) needs one"
@@ -154,8 +177,18 @@ def from_all_starts(t: Array, values: Array, weight: Whitener, limits: tuple[Arr
     return search(t, values, weight, best.x, limits, reduced).x, reached, len(starts)
 
 
-def _peak_rad_s(t: Array, values: Array) -> float:
-    """Frequency of the strongest line of both channels (Lomb-Scargle by least squares on sin, cos, 1, t)."""
+def strongest_rad_s(t: Array, values: Array) -> float:
+    """Find the strongest line in the spectrum of both channels together (Lomb-Scargle by least squares on sin, cos, 1, t).
+
+    Parameters
+    ----------
+    t : (n,) s, from 0
+    values : (n, 2)
+
+    Returns
+    -------
+    frequency : rad/s, on a grid of 160 from three quarters of a cycle to thirty cycles over the record
+    """
     trial = np.linspace(1.5 * np.pi / t[-1], min(60 * np.pi / t[-1], np.pi * len(t) / t[-1] / 3), 160)
     scaled = values / np.maximum(np.ptp(values, axis=0), 1e-300)
     window = np.column_stack([np.ones_like(t), t / t[-1]])

@@ -29,13 +29,14 @@ from .joint.problem import OWN, Answer, Problem
 from .joint.solve import Optimum, minimise
 from .joint.thin import without_modes
 from .noise import Whitener, stated
+from .static_records import colours
 from .stepping import refuse_stepping, why_not_followed
-from .still import Colour, colours, reweighted
+from .still import Colour, reweighted
 
 FORMS = ("linear", "full")
 REWEIGHTINGS = 4
 """Fits with the noise measured anew before each, at most; they end earlier when the scatter has settled."""
-SETTLED = 0.01
+SCATTER_CONVERGED = 0.01
 """Reweighting ends when no scatter changes by more than this share."""
 NEAR = 1e-7
 """Damping where the fit starts near its optimum."""
@@ -212,7 +213,7 @@ def _fitted(
         before = np.array([w.scale * w.innovation for w in weights])
         weights = [reweighted(a.residual.T, w, c) for a, w, c in zip(answers, weights, known, strict=True)]
         after = np.array([w.scale * w.innovation for w in weights])
-        if turn > 0 and np.abs(after / before - 1).max() < SETTLED:
+        if turn > 0 and np.abs(after / before - 1).max() < SCATTER_CONVERGED:
             break
     assert optimum is not None
     return _report(problem, optimum, weights, known, first_chi2, steps)
@@ -251,7 +252,14 @@ def continued(fit: Fit, runs: list[RunData]) -> Fit:
 
 
 def check_runs(runs: list[RunData], form: str, speed_m_s: float | None) -> float:
-    """The reference speed; EstimationError where the runs or the form cannot be fitted."""
+    """The reference speed; EstimationError where the runs or the form cannot be fitted.
+
+    Parameters
+    ----------
+    runs : the runs, in their order
+    form : "full" or "linear"
+    speed_m_s : asked for, or None
+    """
     if not runs:
         raise EstimationError("no run to fit")
     if form not in FORMS:
@@ -276,6 +284,11 @@ def modes_along(data: RunData, path: Array) -> RunData:
     A mode is a smooth function of where the model stands: a cubic in (y, beta). Taken at the measured places it would
     hold their noise, and the fit would move it to shrink the residuals (a 0.1 % scale by several of its sds). What is no
     function of the place stays: where one of three marks is hidden the modes jump. Lags go by the time and stay whole.
+
+    Parameters
+    ----------
+    data : one run
+    path : (n, 2) fitted y and beta
     """
     if not len(data.common):
         return data
@@ -394,7 +407,14 @@ def _resistance(problem: Problem, theta: Array, inverse: Inverse, variance: Arra
 
 
 def common_errors(problem: Problem, theta: Array, sd: Array) -> dict[str, tuple[float, float]]:
-    """``Fit.common``."""
+    """``Fit.common``.
+
+    Parameters
+    ----------
+    problem : runs and what is free
+    theta : parameter vector of ``problem``
+    sd : standard deviations of ``theta``
+    """
     at = problem.common_at
     return {
         c.name: (float(theta[at[c.name]]), float(sd[at[c.name]])) for c in problem.commons if not needs_full(c.name)
@@ -402,7 +422,14 @@ def common_errors(problem: Problem, theta: Array, sd: Array) -> dict[str, tuple[
 
 
 def beside_of(problem: Problem, theta: Array, sd: Array) -> dict[str, tuple[float, float]]:
-    """``Fit.beside``; nothing of it is known to the linear form."""
+    """``Fit.beside``; nothing of it is known to the linear form.
+
+    Parameters
+    ----------
+    problem : runs and what is free
+    theta : parameter vector of ``problem``
+    sd : standard deviations of ``theta``
+    """
     if problem.form == "linear":
         return {}
     found = {}
@@ -414,7 +441,13 @@ def beside_of(problem: Problem, theta: Array, sd: Array) -> dict[str, tuple[floa
 
 
 def information_as_white(weight: Whitener, answer: Answer) -> Array:
-    """A run's information, had its residuals been white."""
+    """A run's information, had its residuals been white.
+
+    Parameters
+    ----------
+    weight : whitens residuals
+    answer : response of the run
+    """
     nothing = np.zeros(0)
     j = replace(weight, regression=(nothing, nothing), innovation=np.ones(2)).along(answer.slope)
     return j[0] @ j[0].T + j[1] @ j[1].T

@@ -49,6 +49,8 @@ def multistart(fit: Fit, runs: list[RunData], rng: np.random.Generator, starts: 
     Parameters
     ----------
     fit : output error of ``runs``
+    runs : as fitted
+    rng : that draws
     starts : how many
     """
     few = [thinned(d) for d in runs]

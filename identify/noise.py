@@ -89,7 +89,13 @@ def _shorter(coefficients: Array, innovation: float) -> list[tuple[Array, float]
 
 
 def stated(covariance: Array, t_s: Array) -> Whitener:
-    """The whitener of the stated sigmas alone: white, scatter 1."""
+    """The whitener of the stated sigmas alone: white, scatter 1.
+
+    Parameters
+    ----------
+    covariance : (n, 2, 2) of the samples
+    t_s : (n,) times, s
+    """
     # inverse Cholesky factor of a 2 x 2 matrix, lower triangular
     matrices = np.zeros((len(covariance), 2, 2))
     first = np.sqrt(covariance[:, 0, 0])
@@ -103,7 +109,13 @@ def stated(covariance: Array, t_s: Array) -> Whitener:
 
 
 def measured(residual: Array, before: Whitener) -> Whitener:
-    """The whitener that the residuals ``(n, 2)`` themselves ask for: scatter, and an autoregression chosen by AIC."""
+    """The whitener that the residuals ``(n, 2)`` themselves ask for: scatter, and an autoregression chosen by AIC.
+
+    Parameters
+    ----------
+    residual : (n, 2)
+    before : the whitener so far
+    """
     scaled = np.einsum("nij,nj->ni", before.matrices, residual)
     scale = np.maximum(np.sqrt(np.mean(scaled**2, axis=0)), SMALLEST_SCALE)
     regressions, innovations = [], []
@@ -116,7 +128,14 @@ def measured(residual: Array, before: Whitener) -> Whitener:
 
 
 def autocorrelation(residual: Array, lags: int, centred: bool = True) -> Array:
-    """Biased sample autocorrelation of one channel ``(n,)``, lags 0 .. ``lags``, (lags + 1,)."""
+    """Biased sample autocorrelation of one channel ``(n,)``, lags 0 .. ``lags``, (lags + 1,).
+
+    Parameters
+    ----------
+    residual : (n,), one channel
+    lags : how many
+    centred : its mean is taken off first
+    """
     values = residual - residual.mean() if centred else residual
     size = 1 << int(np.ceil(np.log2(2 * len(values))))
     power = np.abs(np.fft.rfft(values, size)) ** 2
@@ -127,6 +146,11 @@ def autocorrelation(residual: Array, lags: int, centred: bool = True) -> Array:
 def autoregression(values: Array, largest_order: int) -> tuple[Array, float]:
     """Levinson-Durbin on the autocorrelation, order by AIC.
 
+    Parameters
+    ----------
+    values : (n,)
+    largest_order : of the autoregression
+
     Returns
     -------
     coefficients : (p,), of x_t = a_1 x_(t-1) + ... + a_p x_(t-p) + e
@@ -136,7 +160,13 @@ def autoregression(values: Array, largest_order: int) -> tuple[Array, float]:
 
 
 def from_correlation(rho: Array, count: int) -> tuple[Array, float]:
-    """The autoregression of ``count`` samples whose autocorrelation is ``rho (k + 1,)``: ``autoregression``'s answer."""
+    """The autoregression of ``count`` samples whose autocorrelation is ``rho (k + 1,)``: ``autoregression``'s answer.
+
+    Parameters
+    ----------
+    rho : (k + 1,), lags 0 .. k
+    count : of samples
+    """
     best, best_aic, best_share = np.zeros(0), 0.0, 1.0
     coefficients = np.zeros(0)
     share = 1.0
@@ -157,7 +187,9 @@ def ljung_box_p(residual: Array, fitted: int = 0, lags: int = 30, elsewhere: tup
 
     Parameters
     ----------
+    residual : (n,), one channel
     fitted : coefficients of an autoregression that was fitted to the residual itself
+    lags : how many
     elsewhere : (coefficients, samples) of one fitted to another record: its errors add p n / m to the statistic's mean
     """
     n = len(residual)

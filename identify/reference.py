@@ -120,6 +120,11 @@ class Comparison:
 def reference_set(name: str, folder: Path | None = None) -> ReferenceSet:
     """A built-in set by its name, or a CSV by its path (from ``folder`` where relative).
 
+    Parameters
+    ----------
+    name : of the set, or a path
+    folder : where relative paths begin
+
     Raises
     ------
     InputError : no such set or file, or a row that cannot be used, with its number and content
@@ -208,6 +213,11 @@ def _std(path: Path, row: int, name: str, text: str) -> float:
 def set_of_result(result: DerivativesFile, name: str = "derivatives.json") -> ReferenceSet:
     """A result as a set, to be scaled to another model or speed; the mass is the model's.
 
+    Parameters
+    ----------
+    result : derivatives.json
+    name : of the set
+
     Raises
     ------
     EstimationError : the result does not hold all six derivatives (free runs alone give ratios)
@@ -225,6 +235,11 @@ def set_of_result(result: DerivativesFile, name: str = "derivatives.json") -> Re
 
 def compare_to_reference(result: DerivativesFile, reference: ReferenceSet) -> Comparison:
     """Each derivative of ``result`` against ``reference`` at the result's own water, length and speed.
+
+    Parameters
+    ----------
+    result : derivatives.json
+    reference : the set
 
     Raises
     ------
@@ -287,7 +302,13 @@ def _notes(result: DerivativesFile, reference: ReferenceSet) -> list[str]:
 
 
 def comparison_lines(comparison: Comparison, symbols: dict[str, str] | None = None) -> list[str]:
-    """The comparison as a table of plain text lines for a terminal."""
+    """The comparison as a table of plain text lines for a terminal.
+
+    Parameters
+    ----------
+    comparison : of each derivative
+    symbols : name -> how it is written; None: plain
+    """
     names = symbols or {row.name: row.name for row in comparison.rows}
     wide = max(len(name) for name in names.values())
     lines = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ndtr
 
+from ..record.errors import EstimationError
 from ..record.results import (
     Derivative,
     DerivativesFile,
@@ -20,10 +21,12 @@ from ..simulate.model import DERIVATIVE_UNITS, Hull
 from .added_mass import added_masses
 from .bracket import bracket_words, neutral_bracket
 from .data import RunData
+from .estimators import Estimator
 from .fit import OWN, Fit, fit_runs
 from .limits.cure import cure
 from .limits.identifiability import Identifiability, examine
 from .limits.words import correlation_lines, refusal_lines, transient_line
+from .methods import SixEstimate
 from .noise import autocorrelation, ljung_box_p
 from .prime import prime_factors
 from .settled import Stability
@@ -69,17 +72,7 @@ def derivatives_file(
     sd = np.sqrt(np.diag(covariance))
     factors = prime_factors(water.density_kg_m3, model.length_pp_m, fit.speed_m_s)
     names = list(DERIVATIVE_UNITS)
-    derivatives = {
-        names[i]: Derivative(
-            value=float(fit.six[i]),
-            std=float(sd[i]),
-            unit=DERIVATIVE_UNITS[names[i]],
-            prime=float(fit.six[i] / factors[i]),
-            prime_std=float(sd[i] / factors[i]),
-            true_value=None if truth is None else truth[names[i]],
-        )
-        for i in single
-    }
+    derivatives = {names[i]: _derivative(names[i], fit.six[i], sd[i], factors[i], truth) for i in single}
     y_vdot, n_rdot = added_masses(model, derivatives)
     correlation = (covariance / sd[:, None] / sd[None, :])[np.ix_(single, single)]
     hull = Hull(*(float(x) for x in fit.six), speed_m_s=fit.speed_m_s)
@@ -109,6 +102,77 @@ def derivatives_file(
     )
 
 
+def six_file(
+    estimator: Estimator,
+    found: SixEstimate,
+    speed_m_s: float,
+    model: ModelTable,
+    water: WaterTable,
+    tool: str,
+    inputs: dict[str, str],
+    failed: dict[str, str],
+    truth: dict[str, float] | None,
+) -> DerivativesFile:
+    """Put what another estimator gives into the file of the joint fit.
+
+    Parameters
+    ----------
+    estimator : by which the six were found
+    found : the six and their covariance
+    speed_m_s : at which they are quoted
+    model, water : of the hull, for the prime system
+    tool : version of towline, as the file states it
+    inputs : name of an input -> its SHA-256, as the file states them
+    failed : name of a run -> why it is left out
+    truth : the six true values at that speed, or None
+
+    Raises
+    ------
+    EstimationError : what was found is not finite
+    """
+    if not (np.isfinite(found.six).all() and np.isfinite(found.sd).all()):
+        raise EstimationError(
+            f"--estimator {estimator.name}: no finite answer from these runs; it needs {estimator.needs}"
+        )
+    factors = prime_factors(water.density_kg_m3, model.length_pp_m, speed_m_s)
+    scale = np.where(found.sd > 0, found.sd, 1.0)
+    derivatives = {
+        name: _derivative(name, six, sd, factor, truth)
+        for name, six, sd, factor in zip(DERIVATIVE_UNITS, found.six, found.sd, factors, strict=True)
+    }
+    hull = Hull(*(float(x) for x in found.six), speed_m_s=speed_m_s)
+    return DerivativesFile(
+        schema="towline/derivatives",
+        tool=tool,
+        inputs=inputs,
+        method=estimator.name,
+        form=estimator.form,
+        speed_m_s=speed_m_s,
+        density_kg_m3=water.density_kg_m3,
+        length_pp_m=model.length_pp_m,
+        mass_kg=model.mass_kg,
+        derivatives=derivatives,
+        correlation=(found.covariance / scale[:, None] / scale[None, :]).tolist(),
+        straight_line_stable=hull.straight_line_stable,
+        runs={},
+        failed=failed,
+        not_identifiable=[],
+        notes=[f"by {estimator.title}; the joint fit (without --estimator) is the one to believe", *found.notes],
+    )
+
+
+def _derivative(name: str, value: float, sd: float, factor: float, truth: dict[str, float] | None) -> Derivative:
+    """One of the six, in its unit and as a prime (``factor`` apart)."""
+    return Derivative(
+        value=float(value),
+        std=float(sd),
+        unit=DERIVATIVE_UNITS[name],
+        prime=float(value / factor),
+        prime_std=float(sd / factor),
+        true_value=None if truth is None else truth[name],
+    )
+
+
 def _tension_result(found: TensionFromMotion) -> TensionResult:
     return TensionResult(
         factor=found.factor,
@@ -122,7 +186,13 @@ def _tension_result(found: TensionFromMotion) -> TensionResult:
 
 
 def examined(fit: Fit, runs: list[RunData]) -> Identifiability:
-    """Which derivatives the runs fix; a weak fit is done again with an anchor (``limits.identifiability``)."""
+    """Which derivatives the runs fix; a weak fit is done again with an anchor (``limits.identifiability``).
+
+    Parameters
+    ----------
+    fit : of ``runs``
+    runs : the runs, in their order
+    """
 
     def refit(start: np.ndarray, extra: tuple[tuple[int, float, float], ...]) -> Fit:
         return fit_runs(runs, fit.form, fit.speed_m_s, start=start, extra=extra)
@@ -305,7 +375,13 @@ def steady_file(
 
 
 def tow_stability(run: Run, stability: Stability) -> TowStability:
-    """The verdict on a run as it stands in steady.json."""
+    """The verdict on a run as it stands in steady.json.
+
+    Parameters
+    ----------
+    run : the run folder as read
+    stability : the verdict
+    """
     rate, sd = stability.lambda_per_s, stability.lambda_sd_per_s
     return TowStability(
         verdict=stability.verdict,

@@ -28,7 +28,9 @@ def linear_response(data: RunData, values: Array, reference_speed_m_s: float) ->
 
     Parameters
     ----------
+    data : one run
     values : (14,), ``RUN_PARAMETERS``; side = y m
+    reference_speed_m_s : at which the derivatives are quoted, m/s
 
     Returns
     -------
@@ -44,7 +46,9 @@ def full_response(runs: list[RunData], values: Array, reference_speed_m_s: float
 
     Parameters
     ----------
+    runs : the runs, in their order
     values : (runs, 14), ``RUN_PARAMETERS``; side = alpha rad
+    reference_speed_m_s : at which the derivatives are quoted, m/s
 
     Returns
     -------

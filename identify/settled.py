@@ -106,7 +106,13 @@ class Stability:
 
 
 def rate_text(rate: float, sd: float) -> str:
-    """``+0.0057 +- 0.0001``: to the first digit of the standard deviation."""
+    """``+0.0057 +- 0.0001``: to the first digit of the standard deviation.
+
+    Parameters
+    ----------
+    rate : 1/s
+    sd : its standard deviation
+    """
     places = max(0, -int(np.floor(np.log10(max(sd, 1e-9)))))
     return f"{rate:+.{places}f} +- {sd:.{places}f}"
 
@@ -148,7 +154,13 @@ def sine_pull(angles: Array) -> tuple[float, Array]:
 
 
 def slowest_swing_s(length_pp_m: float, speed_m_s: float) -> float:
-    """The longest period to expect of a towed model, s."""
+    """The longest period to expect of a towed model, s.
+
+    Parameters
+    ----------
+    length_pp_m : LBP, m
+    speed_m_s : U, m/s
+    """
     return SLOWEST_SHIP_LENGTHS * length_pp_m / speed_m_s
 
 
@@ -358,7 +370,13 @@ BATCHES = 8
 
 
 def words(judged: Judged, tension_known: bool) -> str:
-    """Why a tow is not steady, in one line that says what it does and what to do."""
+    """Why a tow is not steady, in one line that says what it does and what to do.
+
+    Parameters
+    ----------
+    judged : of the tow
+    tension_known : T is stated or logged
+    """
     fit, s = judged.transient, judged.stability
     swing = next((one for one in judged.left if one.what == "swing"), None)
     drift = next((one for one in judged.left if one.what == "drift"), None)

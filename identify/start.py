@@ -19,7 +19,13 @@ WIDTHS = (4.0, 7.0)
 
 
 def weak_form_start(runs: list[RunData], reference_speed_m_s: float) -> Array:
-    """Six derivatives at ``reference_speed_m_s`` by least squares, (6,); signs and sizes forced to be usable."""
+    """Six derivatives at ``reference_speed_m_s`` by least squares, (6,); signs and sizes forced to be usable.
+
+    Parameters
+    ----------
+    runs : the runs, in their order
+    reference_speed_m_s : at which the derivatives are quoted, m/s
+    """
     sway, yaw = _weak_form(runs, reference_speed_m_s)
     length = 1.4 * max(d.tow.tow_point_m for d in runs)
     # a mass of the order that the line can swing at the observed rate, if the record gave nonsense
@@ -64,7 +70,14 @@ def _weak_form(runs: list[RunData], reference_speed_m_s: float) -> tuple[Array, 
 
 def rudder_start(runs: list[RunData], six: Array, reference_speed_m_s: float) -> tuple[float, float]:
     """(Y_delta, N_delta) at ``reference_speed_m_s``, N/rad and N m/rad: of rudders that move by the weak form, of others what holds
-    the runs at their mean angles (5.1)."""
+    the runs at their mean angles (5.1).
+
+    Parameters
+    ----------
+    runs : the runs, in their order
+    six : (6,) derivatives
+    reference_speed_m_s : at which the derivatives are quoted, m/s
+    """
     if any(d.rudder is not None for d in runs):
         sway, yaw = _weak_form(runs, reference_speed_m_s)
         return float(sway[3]), float(yaw[3])

@@ -26,11 +26,11 @@ CLOSEST_FORCES = 1e-3
 """Two tows whose F differ by less than this share give no X_v."""
 
 UNSEEN = Stability("settled")
-STANDS_OFF = 10.0
-"""F over its standard deviation; with the angle below."""
-STANDS_OFF_RAD = np.radians(3.0)
-"""A tow stands off the line behind its post where F is so many of its standard deviations and alpha + beta this large: 2 mm and 0.2
-degrees that a datum errs by unsaid are a tenth of it, and X_v then errs by a tenth of X_T - X_v."""
+LEAST_FORCE_SDS = 10.0
+"""A steady tow gives an X_v only if its side force F is at least so many of its standard deviations, and its angle as below."""
+LEAST_ANGLE_RAD = np.radians(3.0)
+"""Least alpha + beta of such a tow: a datum may err by 2 mm and 0.2 degrees that nobody stated, a tenth of it, and X_v then errs by
+a tenth of X_T - X_v."""
 
 
 @dataclass(frozen=True)
@@ -178,6 +178,11 @@ class UnsettledError(EstimationError):
 def tow_angles(run: Run, motion: pd.DataFrame) -> tuple[Array, Array, Array]:
     """The usable angles of a tow: which rows of ``motion`` (n,), their times (m,) and (alpha, beta) (m, 2).
 
+    Parameters
+    ----------
+    run : the run folder as read
+    motion : motion table
+
     Raises
     ------
     InputError : not a tow, or times that do not rise
@@ -198,6 +203,12 @@ def judged_tow(run: Run, motion: pd.DataFrame, common: Array | None) -> Judged:
     """Whether a tow has settled, by what is left of its motion against F's own uncertainty (``settled.judge``).
 
     Parameters, raises: as ``steady_state``, which refuses what this only judges
+
+    Parameters
+    ----------
+    run : the run folder as read
+    motion : motion table
+    common : (k, n, 3) of ``geometry.Motion`` or None
     """
     good, times, angles = tow_angles(run, motion)
     tow, priors = run.tow, run.file.priors
@@ -481,11 +492,11 @@ def _hull_from_steady(
 
 
 def stands_off(tow: SteadyState) -> bool:
-    """F is large enough to give an X_v (``STANDS_OFF``, ``STANDS_OFF_RAD``)."""
+    """F is large enough to give an X_v (``LEAST_FORCE_SDS``, ``LEAST_ANGLE_RAD``)."""
     force, slope = tow.force()
     total = tow.covariance + tow.common.T @ tow.common
-    large = abs(tow.alpha_rad + tow.beta_rad) > STANDS_OFF_RAD
-    return bool(large and abs(force) > STANDS_OFF * np.sqrt(slope @ total @ slope))
+    large = abs(tow.alpha_rad + tow.beta_rad) > LEAST_ANGLE_RAD
+    return bool(large and abs(force) > LEAST_FORCE_SDS * np.sqrt(slope @ total @ slope))
 
 
 def steady_tow_result(tow: SteadyState) -> SteadyTow:

@@ -16,6 +16,10 @@ STEP_SD, AROUND = 10.0, 5
 """Neighbours stand a step apart that is so many of their standard deviations, and keeps for so many samples on both sides."""
 USUAL_SD = 5.0
 """Nor is it one of the record's own fluctuations: so many of their standard deviations, read robustly (6e-7 a sample)."""
+CLEAR = 0.5
+"""And the two sides lie apart by at least this share of the step: one sample that is off makes no step. A choice."""
+LOST = 2.0
+"""Where samples about a place take longer than so many times the usual, too many are lost for their slope to bridge the gap."""
 MAD_TO_SD = 1.4826
 """Standard deviation over median absolute deviation, of a Gaussian."""
 FOLLOWED = 0.5
@@ -44,16 +48,20 @@ class Step:
 def step_of(data: RunData) -> Step | None:
     """The largest step of a record; None: there is none, or too few samples to tell."""
     n, usual = len(data.t_s), np.median(_sd(data), axis=1)
-    z = np.stack([data.y_m, data.beta_rad]) / usual[:, None]
-    between = np.diff(z)
+    t, z = data.t_s, np.stack([data.y_m, data.beta_rad]) / usual[:, None]
+    between, apart = np.diff(z), np.diff(t)
     if n < 4 * AROUND or not np.ptp(between, axis=1).max() > STEP_SD:
         return None
-    slope = np.median(np.lib.stride_tricks.sliding_window_view(between, 2 * AROUND + 1, axis=1), axis=2)
+    slope = np.median(np.lib.stride_tricks.sliding_window_view(between / apart, 2 * AROUND + 1, axis=1), axis=2)
     at = np.arange(AROUND, AROUND + slope.shape[1])  # the step is from sample ``at`` to the next
-    right = np.median([z[:, at + 1 + k] - k * slope for k in range(AROUND)], axis=0)
-    left = np.median([z[:, at - k] + k * slope for k in range(AROUND)], axis=0)
-    size, once = right - left - slope, between[:, at] - slope
-    found = (_standing_out(size) & _standing_out(once)).any(axis=0)
+    after = np.array([z[:, at + 1 + k] - (t[at + 1 + k] - t[at]) * slope for k in range(AROUND)])
+    before = np.array([z[:, at - k] + (t[at] - t[at - k]) * slope for k in range(AROUND)])
+    apart_by = np.maximum(after.min(axis=0) - before.max(axis=0), before.min(axis=0) - after.max(axis=0))
+    whole = t[at + AROUND] - t[at - AROUND + 1] <= LOST * (2 * AROUND - 1) * np.median(apart)
+    size = np.where(whole, np.median(after, axis=0) - np.median(before, axis=0), 0.0)
+    once = np.where(whole, between[:, at] - apart[at] * slope, 0.0)
+    clear = apart_by > CLEAR * np.abs(size)  # every sample of one side lies beyond every one of the other
+    found = (_standing_out(size) & _standing_out(once) & clear).any(axis=0)
     if not found.any():
         return None
     largest = int(np.argmax(np.where(found, np.abs(size).max(axis=0), 0.0)))
@@ -67,6 +75,7 @@ def refuse_stepping(runs: list[RunData], left: Callable[[], list[Array]]) -> Non
 
     Parameters
     ----------
+    runs : the runs, in their order
     left : gives the residuals (2, n) of every run; asked for only where a record steps. A knocked camera leaves half of its
         step, two tows in one record all of it
 
@@ -83,7 +92,13 @@ def refuse_stepping(runs: list[RunData], left: Callable[[], list[Array]]) -> Non
 
 
 def why_not_followed(runs: list[RunData], error: EstimationError) -> EstimationError:
-    """What a record that no motion follows may be: one that steps; else ``error``."""
+    """What a record that no motion follows may be: one that steps; else ``error``.
+
+    Parameters
+    ----------
+    runs : the runs, in their order
+    error : why the fit failed
+    """
     return next((_error(d, step) for d in runs if (step := step_of(d)) is not None), error)
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,9 +22,6 @@ from .noise import (
     measured,
     stated,
 )
-
-if TYPE_CHECKING:
-    from .data import RunData
 
 FEWEST = 100
 """Samples that a static record needs: below, its colour is not known to a tenth."""
@@ -115,7 +111,13 @@ class Slow:
 
 
 def colour_of(records: Sequence[Still], step_s: float) -> Colour | None:
-    """Colour of the records of one camera, pooled; None where none has enough samples at the step ``step_s``."""
+    """Colour of the records of one camera, pooled; None where none has enough samples at the step ``step_s``.
+
+    Parameters
+    ----------
+    records : static records
+    step_s : between samples, s
+    """
     usable = [s for s in records if not s.useless(step_s)]
     if not usable:
         return None
@@ -127,30 +129,19 @@ def colour_of(records: Sequence[Still], step_s: float) -> Colour | None:
         regression, share = _regression([s[:, channel] for s in series], largest)
         regressions.append(regression)
         shares.append(share)
-        left.append(_left([s[:, channel] for s in series], regression))
+        left.append(correlation_left([s[:, channel] for s in series], regression))
     return Colour((regressions[0], regressions[1]), np.array(shares), (left[0], left[1]), count)
 
 
-def colours(runs: Sequence[RunData]) -> list[Colour | None]:
-    """For each run the colour that the static records of its camera say, pooled over the runs that share it."""
-    found: list[Colour | None] = []
-    for run in runs:
-        records = [d.still for d in runs if d.still is not None and d.common_key == run.common_key]
-        found.append(colour_of(records, float(np.median(np.diff(run.t_s)))))
-    return found
+def slow_part(records: Sequence[Still], step_s: float) -> Slow | None:
+    """The slow part that the records of one camera show in means over ``step_s``; None without records, or where they show none.
 
-
-def slow_parts(runs: Sequence[RunData]) -> list[Slow | None]:
-    """For each run of block means the slow part that the static records of its camera show; None without one or any."""
-    found: list[Slow | None] = []
-    for run in runs:
-        records = [d.still for d in runs if d.still is not None and d.common_key == run.common_key]
-        long = [s for s in records if len(s.t_s) >= FEWEST]
-        found.append(_slow(long, float(np.median(np.diff(run.t_s)))))
-    return found
-
-
-def _slow(records: list[Still], step_s: float) -> Slow | None:
+    Parameters
+    ----------
+    records : static records
+    step_s : of a mean, s
+    """
+    records = [s for s in records if len(s.t_s) >= FEWEST]
     if not records:
         return None
     share, time = np.ones(2), np.full(2, step_s)
@@ -186,8 +177,18 @@ def _autocovariance(values: Array, lags: int) -> Array:
     return autocorrelation(centred, lags, centred=False) * float(centred @ centred) / len(centred)
 
 
-def _left(series: list[Array], regression: Array) -> Array:
-    """Autocorrelation of the filtered series, to a tenth of the shortest."""
+def correlation_left(series: list[Array], regression: Array) -> Array:
+    """Autocorrelation of series after an autoregression was taken out.
+
+    Parameters
+    ----------
+    series : of one channel, centred
+    regression : (p,) coefficients
+
+    Returns
+    -------
+    correlation : (k + 1,), 1 at lag 0, to a tenth of the shortest series
+    """
     lags = max(1, min(len(x) for x in series) // 10)
     total = np.zeros(lags + 1)
     for x in series:
@@ -199,7 +200,14 @@ def _left(series: list[Array], regression: Array) -> Array:
 
 
 def as_held_still(residual: Array, before: Whitener, colour: Colour) -> Whitener:
-    """The whitener with the static records' colour; the scatter is the residuals' ``(n, 2)`` own, at unit variance."""
+    """The whitener with the static records' colour; the scatter is the residuals' ``(n, 2)`` own, at unit variance.
+
+    Parameters
+    ----------
+    residual : (n, 2)
+    before : the whitener so far
+    colour : of the static records
+    """
     innovation = np.sqrt(colour.share)
     trial = Whitener(before.matrices, colour.regression, np.ones(2), innovation, before.begins)
     scale = np.maximum(np.sqrt(np.mean(trial(residual) ** 2, axis=0)), SMALLEST_SCALE)
@@ -207,7 +215,14 @@ def as_held_still(residual: Array, before: Whitener, colour: Colour) -> Whitener
 
 
 def reweighted(residual: Array, before: Whitener, colour: Colour | None) -> Whitener:
-    """The whitener of residuals ``(n, 2)``: of a known colour, or of their own."""
+    """The whitener of residuals ``(n, 2)``: of a known colour, or of their own.
+
+    Parameters
+    ----------
+    residual : (n, 2)
+    before : the whitener so far
+    colour : of the static records
+    """
     return measured(residual, before) if colour is None else as_held_still(residual, before, colour)
 
 
@@ -217,6 +232,7 @@ def block_colour(t_s: Array, values: Array, step_s: float) -> tuple[float, float
     Parameters
     ----------
     t_s, values : (n,), one channel of a static record, NaN where not measured
+    step_s : of a mean, s
     """
     good = np.isfinite(values)
     index = np.floor((t_s - t_s[0]) / step_s + 1e-9).astype(int)
@@ -228,7 +244,13 @@ def block_colour(t_s: Array, values: Array, step_s: float) -> tuple[float, float
 
 
 def scatter(means: Array, step_s: float) -> tuple[float, float, float]:
-    """``block_colour`` of the means themselves, (n,)."""
+    """``block_colour`` of the means themselves, (n,).
+
+    Parameters
+    ----------
+    means : (n,)
+    step_s : between samples, s
+    """
     x = means[np.isfinite(means)]
     x = x - x.mean()
     n = len(x)

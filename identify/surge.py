@@ -21,6 +21,11 @@ def surge_moves(fit: Fit, runs: list[RunData]) -> dict[str, float] | None:
     """By what share of itself surge in full would move each derivative of a constant-T fit: the same runs fitted with it.
 
     None where the fit has surge already, has no mass, is linear, or does not reach an optimum with it.
+
+    Parameters
+    ----------
+    fit : of ``runs``
+    runs : the runs, in their order
     """
     if runs[0].tow.line != "constant" or fit.form != "full" or fit.method != "output_error":
         return None
@@ -38,7 +43,15 @@ def surge_moves(fit: Fit, runs: list[RunData]) -> dict[str, float] | None:
 def along_lines(
     fit: Fit, runs: list[RunData], weighed: TensionFromMotion | None, moved: dict[str, float] | None
 ) -> list[str]:
-    """Sentences for the result's notes."""
+    """Sentences for the result's notes.
+
+    Parameters
+    ----------
+    fit : of ``runs``
+    runs : the runs, in their order
+    weighed : tension from the motion, or None
+    moved : of ``surge_moves``, or None
+    """
     lines = []
     if moved is not None and max(abs(m) for m in moved.values()) > SMALLEST_MOVE:
         sd = np.sqrt(np.diag(fit.covariance)) / np.abs(fit.six)

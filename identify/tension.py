@@ -156,6 +156,12 @@ def tension_from_motion(fit: Fit, runs: list[RunData]) -> TensionFromMotion | No
 def refuse_impossible(fit: Fit, runs: list[RunData], found: TensionFromMotion | None) -> None:
     """EstimationError where the mass, a missing tension or a gauge cannot be true.
 
+    Parameters
+    ----------
+    fit : of ``runs``
+    runs : the runs, in their order
+    found : tension from the motion, or None
+
     Raises
     ------
     EstimationError : one line with both numbers
@@ -183,7 +189,13 @@ def refuse_impossible(fit: Fit, runs: list[RunData], found: TensionFromMotion | 
 
 
 def slack_spells(runs: list[RunData], fit: Fit) -> dict[str, tuple[float, float]]:
-    """Runs whose fitted motion would need a line that pushes: name -> first and last time, s. There the equations do not hold."""
+    """Runs whose fitted motion would need a line that pushes: name -> first and last time, s. There the equations do not hold.
+
+    Parameters
+    ----------
+    runs : the runs, in their order
+    fit : of ``runs``
+    """
     found = {}
     for data, tension in zip(runs, fit.tension_n, strict=False):
         slack = data.t_s[tension <= 0]

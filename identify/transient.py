@@ -99,7 +99,14 @@ class Transient:
 
 
 def blocks(t_s: Array, values: Array, step_s: float) -> tuple[Array, Array]:
-    """Means over blocks of ``step_s``: their times (m,) and values (m, k); blocks without a sample are left out."""
+    """Means over blocks of ``step_s``: their times (m,) and values (m, k); blocks without a sample are left out.
+
+    Parameters
+    ----------
+    t_s : (n,) times, s
+    values : (n, k)
+    step_s : of a block, s
+    """
     index = np.floor((t_s - t_s[0]) / step_s + 1e-9).astype(int)
     count = np.bincount(index)
     full = count > 0

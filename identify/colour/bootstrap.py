@@ -13,7 +13,8 @@ from ...simulate.model import Array
 from ..data import RunData
 from ..fit import Fit, fit_runs, modes_along
 from ..noise import stated
-from ..still import Colour, colours, reweighted
+from ..static_records import colours
+from ..still import Colour, reweighted
 from .innovations import maximise
 from .kalman import step_model
 
@@ -51,7 +52,10 @@ def bootstrap(
     Parameters
     ----------
     fit : of ``runs``, either method; its noise model is the one drawn from
+    runs : as fitted
+    rng : that draws
     draws : records drawn; 100 give a standard deviation to 7 %
+    progress : is told in a sentence what is done
 
     Raises
     ------
@@ -60,7 +64,7 @@ def bootstrap(
     found = []
     known = colours(runs)
     for k in range(draws):
-        drawn = [_drawn(fit, d, i, known[i], rng) for i, d in enumerate(runs)]
+        drawn = [drawn_record(fit, d, i, known[i], rng) for i, d in enumerate(runs)]
         try:
             found.append(_refit(fit, drawn))
         except EstimationError:
@@ -83,8 +87,16 @@ def _refit(fit: Fit, runs: list[RunData]) -> Array:
     return maximise(along, fit.form, fit.speed_m_s, fit.theta, noise).theta[:6]
 
 
-def _drawn(fit: Fit, data: RunData, index: int, colour: Colour | None, rng: np.random.Generator) -> RunData:
-    """A record of the fitted model: its mean, the disturbance's motion, measurement noise."""
+def drawn_record(fit: Fit, data: RunData, index: int, colour: Colour | None, rng: np.random.Generator) -> RunData:
+    """Draw a record of the fitted model: its response, the motion by the random forces, and measurement noise.
+
+    Parameters
+    ----------
+    fit : of the runs
+    data, index : one of them, and its place among them
+    colour : of the measurement, from static records; None: as the fit's residuals have it
+    rng : that draws
+    """
     first = stated(data.covariance, data.t_s)
     d = fit.disturbance
     if d is None:
@@ -110,7 +122,14 @@ def _coloured(regression: Array, count: int, rng: np.random.Generator) -> Array:
 
 
 def pushed(fit: Fit, data: RunData, rng: np.random.Generator) -> Array:
-    """Motion (n, 2) of y and beta that the fitted disturbance makes on top of the mean, from rest at the first sample."""
+    """Motion (n, 2) of y and beta that the fitted disturbance makes on top of the mean, from rest at the first sample.
+
+    Parameters
+    ----------
+    fit : with its noise model
+    data : one run
+    rng : that draws
+    """
     d = fit.disturbance
     assert d is not None
     gaps = np.diff(data.t_s)

@@ -15,7 +15,8 @@ from ..fit import Fit, beside_of, common_errors, fit_runs, modes_along
 from ..joint.problem import OWN, Problem
 from ..joint.thin import thinned
 from ..noise import ljung_box_p, measured, stated
-from ..still import Colour, colours
+from ..static_records import colours
+from ..still import Colour
 from .innovations import NOISE, LikelihoodFit, maximise
 
 NOISES = ("auto", "output", "innovations")
@@ -162,7 +163,14 @@ def _least_p(fit: Fit, known: list[Colour | None]) -> list[float]:
 
 
 def measurement_bic(runs: list[RunData], form: str, fit: Fit) -> float:
-    """BIC of the output error with an autoregression per channel, on the same block means as the innovations."""
+    """BIC of the output error with an autoregression per channel, on the same block means as the innovations.
+
+    Parameters
+    ----------
+    runs : the runs, in their order
+    form : "full" or "linear"
+    fit : of ``runs``
+    """
     few = [thinned(d, keep_first=True, keep_modes=True) for d in runs]
     answers = Problem(few, form, fit.speed_m_s).evaluate(fit.theta)
     total, orders, samples = 0.0, 0, 0
@@ -190,7 +198,15 @@ def white_bic(found: LikelihoodFit) -> float:
 
 
 def as_fit(runs: list[RunData], fit: Fit, found: LikelihoodFit, notes: tuple[str, ...]) -> Fit:
-    """The likelihood's optimum in the form of ``fit_runs``'s answer; ``runs`` with every sample."""
+    """The likelihood's optimum in the form of ``fit_runs``'s answer; ``runs`` with every sample.
+
+    Parameters
+    ----------
+    runs : the runs, in their order
+    fit : of the output error
+    found : the likelihood's optimum
+    notes : sentences for the user
+    """
     problem = Problem(runs, found.problem.form, found.problem.speed)
     answers = problem.evaluate(found.theta)
     covariance, sd = found.inverse.shared[:6, :6], np.sqrt(np.maximum(found.inverse.variance, 0.0))

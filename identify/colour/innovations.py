@@ -22,7 +22,8 @@ from ..joint.arrow import Arrow, Inverse, Shares, inverse_of, shares_of
 from ..joint.problem import Answer, Problem
 from ..joint.solve import damped_step
 from ..joint.thin import thinned
-from ..still import Slow, slow_parts
+from ..static_records import slow_parts
+from ..still import Slow
 from .disturbance import Disturbance
 from .kalman import MOVING, NOISE_NAMES, Innovations, innovations
 
@@ -79,7 +80,13 @@ class LikelihoodFit:
 
 
 def noise_start(problem: Problem, theta: Array) -> Array:
-    """Noise parameters to begin with: a force that moves the hull about as much as the output error's residuals scatter."""
+    """Noise parameters to begin with: a force that moves the hull about as much as the output error's residuals scatter.
+
+    Parameters
+    ----------
+    problem : runs and what is free
+    theta : parameter vector of ``problem``
+    """
     answers = problem.evaluate(theta)
     scatter = np.sqrt(np.mean([np.mean(a.residual**2, axis=1) for a in answers], axis=0))
     length = np.mean([d.tow.line_length_m for d in problem.runs])
@@ -105,8 +112,12 @@ def maximise(
     Parameters
     ----------
     runs : every sample; they are thinned here; common modes along a smooth path
+    form : "full" or "linear"
+    speed_m_s : at which the derivatives are quoted
     theta : start, of ``Problem(runs, form, speed_m_s)``, e.g. the output error's optimum
     noise : (5,) start of the noise parameters
+    progress : is told in a sentence what is done
+    extra : knowledge of derivatives beside the priors: (index, value, sd)
     each : runs the filter over each run, here or by workers
 
     Raises

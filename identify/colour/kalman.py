@@ -2,7 +2,7 @@
 
 State of what the disturbance does: (y, beta, v, r, F, N), the hull's linear equations driven by a first-order force F and
 moment N, each with a standard deviation and one time constant. The start of the run is a parameter of the mean, so the state
-begins at zero, F and N at their stationary scatter; the gain is the time-varying one until it stands.
+begins at zero, F and N at their stationary scatter; the gain is the time-varying one until it is steady.
 Where a static record shows that the measurement itself is coloured, two more first-order states carry its slow part.
 """
 
@@ -26,8 +26,8 @@ STATES = 6
 """y, beta, v, r, and the coloured force and moment."""
 STEP_SHARE = 0.01
 """Steps of time that differ by less than this share of the usual one count as equal."""
-STANDS = 1e-10
-"""A covariance that changes from sample to sample by less than this share stands, and is not computed again."""
+STEADY_SHARE = 1e-10
+"""The filter's covariance is steady, and not computed again, when it changes from sample to sample by less than this share."""
 EPS = 1e-30
 """Step of the complex derivative: so small that it is exact to rounding, as nothing is subtracted."""
 
@@ -61,6 +61,15 @@ def step_model(
     """Transition and added covariance over ``steps_s`` (u,), complex: index 0 as is, 1.. moved by i EPS, (u, 12, s, s).
 
     s is 6, or 8 with the measurement's slow part of y and beta behind.
+
+    Parameters
+    ----------
+    data : one run
+    six : (6,) derivatives, in the order of ``DERIVATIVE_UNITS``
+    noise : (5,) parameters, ``NOISE_NAMES``
+    speed_m_s : at which ``six`` is quoted
+    steps_s : (u,) steps of time, s
+    slow : slow part of the measurement, or None
     """
     values = np.zeros((1, 14))
     values[0, :6] = six
@@ -121,6 +130,7 @@ def innovations(
     ----------
     data : block means (``joint.thin.thinned``); covariance of a sample
     six, noise : parameters; noise (5,), ``NOISE_NAMES``
+    speed_m_s : at which ``six`` is quoted
     residual : (2, n), measured minus mean response
     slope : (2, k, n), change of the mean response
     slow : the measurement's own colour, where a static record tells it; else it is taken as white
@@ -151,14 +161,14 @@ def innovations(
     spread = np.empty((count, MOVING + 1, 2, 2), dtype=complex)
     error = np.empty(measured.shape)
     shifted = np.empty((count, MOVING + 1, 2), dtype=complex)
-    stands = False
+    steady = False
     gained = np.zeros((MOVING + 1, states, 2), dtype=complex)
     closed = np.zeros((MOVING + 1, states, states), dtype=complex)
     for k in range(count):
         kind = which[k]
-        # a gain that stands is used while neither step nor weight changes
-        stands = stands and kind == which[k - 1] and np.array_equal(data.covariance[k], data.covariance[k - 1])
-        if stands:
+        # a steady gain is used while neither step nor weight changes
+        steady = steady and kind == which[k - 1] and np.array_equal(data.covariance[k], data.covariance[k - 1])
+        if steady:
             spread[k] = spread[k - 1]
         else:
             across = covariance @ seen.T
@@ -176,7 +186,7 @@ def innovations(
             size = np.diagonal(covariance[0].real)
             change = np.diagonal(covariance - before, axis1=1, axis2=2)
             real, moved_by = np.abs(change[0].real), np.abs(change[1:].imag)
-            stands = bool((real < STANDS * size).all() and (moved_by < 1e3 * STANDS * EPS * size).all())
+            steady = bool((real < STEADY_SHARE * size).all() and (moved_by < 1e3 * STEADY_SHARE * EPS * size).all())
             gained = transition[kind] @ gain
             closed = transition[kind] - gained @ seen
         e = measured[k] - seen @ mean

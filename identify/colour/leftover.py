@@ -83,6 +83,7 @@ def leftover(runs: Sequence[Whitened], spreads: Sequence[Array]) -> Leftover:
 
     Parameters
     ----------
+    runs : their residuals, whitened
     spreads : of each run (k, k), covariance of the parameters ``columns``, had the whitened noise been white
     """
     gain = np.zeros((len(CORNERS_HZ), len(SIZES)))

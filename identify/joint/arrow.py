@@ -222,7 +222,13 @@ class Inverse:
 
 
 def inverse_of(information: Arrow, free: NDArray[np.bool_]) -> Inverse:
-    """Covariance of an information; zero where a parameter is not free, and where nothing is known at all."""
+    """Covariance of an information; zero where a parameter is not free, and where nothing is known at all.
+
+    Parameters
+    ----------
+    information : of the whole parameter vector
+    free : (size,) of bool
+    """
     layout = information.layout
     free_shared, free_own = layout.split(free)
     scale = np.sqrt(information.diagonal)
@@ -254,6 +260,7 @@ def widened(inverse: Inverse, more: list[tuple[NDArray[np.int_], Array]]) -> tup
 
     Parameters
     ----------
+    inverse : of the information
     more : (columns (k,), block (k, k)) of each run, in their order
 
     Returns
@@ -320,7 +327,13 @@ class Shares:
 
 
 def inverted(information: Array, free: NDArray[np.bool_]) -> Array:
-    """Inverse (s, s) of a dense information; 0 where not free."""
+    """Inverse (s, s) of a dense information; 0 where not free.
+
+    Parameters
+    ----------
+    information : (s, s)
+    free : (s,) of bool
+    """
     scale = np.sqrt(np.maximum(np.diag(information), 0.0))
     known = free & (scale > 0)
     scale = np.where(known, scale, 1.0)
@@ -341,6 +354,7 @@ def shares_of(prior: Arrow, pull: Array, inverse: Inverse, free: NDArray[np.bool
     prior, pull : information and score (size,) of what is known beside the runs
     inverse : of the whole information
     free : (size,)
+    parts : each run's information and score
     """
     layout = prior.layout
     pull_shared, pull_own = layout.split(pull)

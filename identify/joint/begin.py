@@ -54,8 +54,13 @@ def rough_optimum(
 
     Parameters
     ----------
+    runs : the runs, in their order
+    speed_m_s : at which the derivatives are quoted
     form : that theta is for; the full form is led in from the linear one where all runs allow it
+    progress : is told in a sentence what is done
     start : (6,) derivatives instead of the weak form's
+    extra : knowledge of derivatives beside the priors: (index, value, sd)
+    hold : indices of derivatives that keep the value of ``start``
 
     Raises
     ------

@@ -98,7 +98,13 @@ def commons_of(runs: list[RunData]) -> tuple[Common, ...]:
 
 
 def along_prior(run: RunData, name: str) -> tuple[float, float]:
-    """Mean and standard deviation of a number of ``ALONG``, as [priors.surge] says or as usual for its mass."""
+    """Mean and standard deviation of a number of ``ALONG``, as [priors.surge] says or as usual for its mass.
+
+    Parameters
+    ----------
+    run : one run
+    name : which one
+    """
     if run.mass_kg is None and getattr(run.priors.surge, name) is None:
         raise EstimationError(
             f'run {run.name!r}: model.mass_kg is missing; line = "surge" weighs the model (give it, or line = "constant")'
@@ -107,7 +113,15 @@ def along_prior(run: RunData, name: str) -> tuple[float, float]:
 
 
 def along_of(priors: Priors, mass_kg: float, length_pp_m: float, name: str) -> tuple[float, float]:
-    """``along_prior`` of a model of this mass and length."""
+    """``along_prior`` of a model of this mass and length.
+
+    Parameters
+    ----------
+    priors : of the run
+    mass_kg : of the model, kg
+    length_pp_m : LBP, m
+    name : which one
+    """
     stated: ValuePrior | None = getattr(priors.surge, name)
     if stated is not None:
         return stated.value, stated.std
@@ -116,7 +130,13 @@ def along_of(priors: Priors, mass_kg: float, length_pp_m: float, name: str) -> t
 
 
 def across_prior(runs: list[RunData], name: str) -> tuple[float, float] | None:
-    """The same of ``ACROSS`` at the runs' mean speed; None: not there."""
+    """The same of ``ACROSS`` at the runs' mean speed; None: not there.
+
+    Parameters
+    ----------
+    runs : the runs, in their order
+    name : which one
+    """
     run, priors = runs[0], runs[0].priors
     stated: ValuePrior | None = getattr(priors.derivatives, name)
     speed = float(np.mean([d.tow.speed_m_s for d in runs]))

@@ -27,10 +27,11 @@ AT_ONCE = 24000
 """Numbers in a row of the sensitivities of one go."""
 COARSE = 4
 """Steps in one where the path is looked for step by step."""
-STANDS = 1e-3
-"""Sensitivities of a path that then moves by less than this (rad, m/s, rad/s) are its own to a thousandth."""
-SETTLED = 1e-6
-"""Newton ends when no state moved by more than this: the next move is of its square."""
+CLOSE_ENOUGH = 1e-3
+"""Sensitivities are kept when the path's next Newton step is smaller than this (rad, m/s, rad/s): they are then right to a
+thousandth."""
+CONVERGED = 1e-6
+"""Newton's method ends when no state changes by more than this: the next step is of its square."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,9 @@ def full_paths(
 
     Parameters
     ----------
+    runs : the runs, in their order
     values : (runs, ``COUNT``), ``RUN_PARAMETERS``; side = alpha rad. With lines of given tension the first 14 will do
+    reference_speed_m_s : at which the derivatives are quoted, m/s
     wanted : parameters whose sensitivities are asked for, rising
     guess : of an earlier call with other values; makes it faster
     rough : longer steps
@@ -95,7 +98,7 @@ def full_paths(
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         path, far = _first_path(runs, values, reference_speed_m_s, setting, guess)
         # where the guess lacks about its move's square, the first pass may be the last and takes the sensitivities along
-        solved = _newton(setting, values, path, wanted, lasting, far**2 < (STANDS if lasting else SETTLED))
+        solved = _newton(setting, values, path, wanted, lasting, far**2 < (CLOSE_ENOUGH if lasting else CONVERGED))
         if solved is None:
             path = _one_by_one(setting, values)
             solved = _newton(setting, values, path, wanted, lasting) if np.isfinite(path).all() else None
@@ -163,9 +166,9 @@ def _newton(
         # far from the path a whole move may overshoot: the angles move by half a radian at most
         share = min(1.0, 0.5 / max(float(np.abs(move[:2]).max()), 1e-300))
         path = path + share * move
-        if asked == wanted and size < (STANDS if lasting else SETTLED):
+        if asked == wanted and size < (CLOSE_ENOUGH if lasting else CONVERGED):
             known = carried[:, 1:].reshape(4, len(wanted), setting.count + 1, len(values))
-        if size < SETTLED and known is not None:
+        if size < CONVERGED and known is not None:
             return path, known
         before = size
     return None

@@ -38,7 +38,9 @@ def linear_paths(
 
     Parameters
     ----------
+    runs : the runs, in their order
     values : (runs, 14), ``RUN_PARAMETERS``; side = y m
+    reference_speed_m_s : at which the derivatives are quoted, m/s
     wanted : parameters whose sensitivities are asked for, rising
     channels : 2: y and beta; 4: v and r as well
 
@@ -69,6 +71,13 @@ def system_matrices(
     """A of x' = A x with x = (y, beta, v, r, 1), (runs, 5, 5), and its derivatives (runs, len(wanted), 5, 5).
 
     ``simulate.model``'s own equations on unit vectors, differentiated by the complex step; all runs and parameters at once.
+
+    Parameters
+    ----------
+    runs : the runs, in their order
+    values : (runs, 14), ``RUN_PARAMETERS``
+    reference_speed_m_s : at which the derivatives are quoted, m/s
+    wanted : parameters whose sensitivities are asked for, rising
     """
     columns = np.repeat(values.T[:, :, None, None], len(wanted) + 1, axis=2).astype(complex)
     for at, index in enumerate(wanted, start=1):

@@ -34,7 +34,13 @@ STEEPEST_RAD = np.radians(80.0)
 
 
 def run_tow(tow: Tow, values: Array) -> Tow:
-    """The tow with T, X_T, L and U of a run's parameter vector (``COUNT``,)."""
+    """The tow with T, X_T, L and U of a run's parameter vector (``COUNT``,).
+
+    Parameters
+    ----------
+    tow : T, X_T, L, U of the tow
+    values : (COUNT,) of a run, or six
+    """
     return replace(
         tow,
         tension_n=values[TENSION],
@@ -45,13 +51,28 @@ def run_tow(tow: Tow, values: Array) -> Tow:
 
 
 def hull_from(values: Array, speed_m_s: float, mass_kg: Any = None) -> Hull:
-    """A hull from a parameter vector (six or ``COUNT`` long), real or complex, quoted at ``speed_m_s``."""
+    """A hull from a parameter vector (six or ``COUNT`` long), real or complex, quoted at ``speed_m_s``.
+
+    Parameters
+    ----------
+    values : (COUNT,) of a run, or six
+    speed_m_s : at which the derivatives are quoted
+    mass_kg : or None
+    """
     rest = dict(zip((*ALONG, *ACROSS), values[LINEAR_COUNT:COUNT], strict=True)) if len(values) > LINEAR_COUNT else {}
     return Hull(*values[:6], speed_m_s=speed_m_s, mass_kg=mass_kg, **rest)
 
 
 def side_from_y(form: str, data: RunData, y_m: float, beta_rad: float) -> float:
-    """The start's side parameter: y itself, or the tow line angle that puts the model there (at most 80 degrees)."""
+    """The start's side parameter: y itself, or the tow line angle that puts the model there (at most 80 degrees).
+
+    Parameters
+    ----------
+    form : "full" or "linear"
+    data : one run
+    y_m : y_CG, m
+    beta_rad : heading, rad
+    """
     if form == "linear":
         return y_m
     post_y, _ = data.tow.post_motion(float(data.t_s[0]))

@@ -100,6 +100,8 @@ def linearise(
 
     Parameters
     ----------
+    t_s : time, s
+    state : (4, ...), alpha, beta, v, r
     hull : at the tow's speed ("constant" line) or at its nominal speed ("surge"); cross added masses are not known here
     tow : fields broadcast against the state; tension_n as it acts now
     wanted : parameters (indices of ``RUN_PARAMETERS``) whose partials are asked for

@@ -79,7 +79,15 @@ class Setting:
 
 
 def setting_of(runs: list[RunData], values: Array, reference: float, rough: bool = False) -> Setting:
-    """The setting for parameter values (runs, ``COUNT``); the runs' lines keep the same."""
+    """The setting for parameter values (runs, ``COUNT``); the runs' lines keep the same.
+
+    Parameters
+    ----------
+    runs : the runs, in their order
+    values : (runs, COUNT)
+    reference : at which the derivatives are quoted, m/s
+    rough : larger steps, for a path that is only to lead near the optimum
+    """
     span = max(float(d.t_s[-1] - d.t_s[0]) for d in runs)
     step = _step(runs, values, reference) * (ROUGH if rough else 1)
     count = max(2, int(np.ceil(span / step)))

@@ -64,7 +64,15 @@ class Optimum:
 def normal(
     problem: Problem, theta: Array, answers: Sequence[Answer], weights: Sequence[Weight]
 ) -> tuple[Arrow, Array, float]:
-    """Normal matrix, gradient and chi-square with priors, over the whole parameter vector."""
+    """Normal matrix, gradient and chi-square with priors, over the whole parameter vector.
+
+    Parameters
+    ----------
+    problem : runs and what is free
+    theta : parameter vector of ``problem``
+    answers : of the runs at ``theta``
+    weights : of the runs
+    """
     matrix, gradient, cost = problem.prior(theta)
     for answer, weight in zip(answers, weights, strict=True):
         e, j = weight.along(answer.residual), weight.along(answer.slope)
@@ -80,7 +88,15 @@ def normal(
 
 
 def damped_step(matrix: Arrow, gradient: Array, free: NDArray[np.bool_], damping: float) -> tuple[Array, float]:
-    """A damped step over the whole parameter vector, 0 where not ``free``, and how far it should lower the chi-square."""
+    """A damped step over the whole parameter vector, 0 where not ``free``, and how far it should lower the chi-square.
+
+    Parameters
+    ----------
+    matrix : normal matrix
+    gradient : of the parameters
+    free : (size,) of bool
+    damping : Marquardt's
+    """
     inner, slope = matrix.held(free), np.where(free, gradient, 0.0)
     scale = np.sqrt(np.maximum(inner.diagonal, 1e-300))
     step = inner.scaled(scale).solve(slope / scale, damping) / scale
@@ -121,10 +137,11 @@ def _usable(theta: Array) -> bool:
     return bool(theta[0] > 0 and theta[1] > 0 and np.isfinite(theta).all())
 
 
-def _moved(theta: Array, step: Array) -> Array:
-    """``theta`` after the step; derivatives are moved by factors.
+def _after_step(theta: Array, step: Array) -> Array:
+    """``theta`` after the step; the six derivatives are multiplied by factors.
 
-    Where T is not known, all forces together hardly change the motion: along that valley a straight step would climb its side.
+    Where T is not known, scaling all forces together hardly changes the motion. That direction is a curved valley of
+    the chi-square, which factors follow and a straight step would leave.
     """
     trial = theta + step
     share = step[:6] / theta[:6]
@@ -146,6 +163,10 @@ def minimise(
 
     Parameters
     ----------
+    problem : runs and what is free
+    theta : where it begins
+    weights : of the runs
+    progress : is told in a sentence what is done
     answers : at ``theta``, where they are known
     damping : to begin with; small where ``theta`` is near the optimum
     converged : share of the chi-square below which a step is not worth taking
@@ -169,7 +190,7 @@ def minimise(
             return Optimum(theta, answers, cost, step_number, True)
         if curved:
             step = _bent(problem, theta, answers, weights, matrix, step, damping)
-        trial = theta + step if curved else _moved(theta, step)
+        trial = theta + step if curved else _after_step(theta, step)
         new_cost, found, there = np.inf, None, answers
         if _usable(trial):
             with np.errstate(all="ignore"):

@@ -25,6 +25,7 @@ def thinned(data: RunData, block_s: float | None = None, keep_first: bool = Fals
 
     Parameters
     ----------
+    data : one run
     block_s : length of a block; default: ``block_length_s``
     keep_first : the first sample stays alone, so that the start's parameters mean the same
     keep_modes : common modes are averaged too; else they are left out

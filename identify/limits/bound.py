@@ -19,13 +19,23 @@ def cramer_rao(runs: list[RunData], six: Array, form: str = "linear", speed_m_s:
     ----------
     runs : motions without noise; their priors say what may move
     six : (6,) the true derivatives at ``speed_m_s`` (default: the runs' mean speed)
+    form : "full" or "linear"
+    speed_m_s : at which the derivatives are quoted
     """
     speed = float(np.mean([d.tow.speed_m_s for d in runs])) if speed_m_s is None else speed_m_s
     return np.linalg.inv(information_of_six(*information(runs, six, form, speed)))
 
 
 def information(runs: list[RunData], six: Array, form: str, speed_m_s: float) -> tuple[Array, Problem]:
-    """Fisher information of the free parameters at the derivatives ``six`` and the runs' own starts."""
+    """Fisher information of the free parameters at the derivatives ``six`` and the runs' own starts.
+
+    Parameters
+    ----------
+    runs : the runs, in their order
+    six : (6,) derivatives, in the order of ``DERIVATIVE_UNITS``
+    form : "full" or "linear"
+    speed_m_s : at which the derivatives are quoted
+    """
     weights = [stated(d.covariance, d.t_s) for d in runs]
     still = tuple(range(6))
     theta, _ = rough_optimum(runs, speed_m_s, form, start=six, hold=still)
@@ -38,7 +48,13 @@ def information(runs: list[RunData], six: Array, form: str, speed_m_s: float) ->
 
 
 def information_of_six(matrix: Array, problem: Problem) -> Array:
-    """What is left of the information on the derivatives when all else is free, (6, 6)."""
+    """What is left of the information on the derivatives when all else is free, (6, 6).
+
+    Parameters
+    ----------
+    matrix : information of the free parameters
+    problem : runs and what is free
+    """
     other = np.flatnonzero(problem.free)
     other = other[other >= 6]
     inner = matrix[np.ix_(other, other)]

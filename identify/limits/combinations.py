@@ -58,7 +58,14 @@ class Determined:
 
 
 def determined(six: Array, covariance: Array, share: float = UNDETERMINED_SHARE) -> Determined:
-    """Split six derivatives with their covariance (6, 6) into single ones and combinations."""
+    """Split six derivatives with their covariance (6, 6) into single ones and combinations.
+
+    Parameters
+    ----------
+    six : (6,) derivatives, in the order of ``DERIVATIVE_UNITS``
+    covariance : (6, 6)
+    share : relative standard deviation from which a derivative is not determined
+    """
     size = np.abs(six)
     scaled = covariance / size[:, None] / size[None, :]
     values, vectors = np.linalg.eigh(scaled)

@@ -47,6 +47,7 @@ def cure(fit: Fit, six: Array, covariance: Array, runs: list[RunData]) -> list[C
     ----------
     fit : with the residuals' scatter
     six, covariance : (6,) and (6, 6), what is known now
+    runs : the runs, in their order
     """
     size = np.abs(six)
     known = np.linalg.inv(covariance / size[:, None] / size[None, :])
@@ -54,7 +55,7 @@ def cure(fit: Fit, six: Array, covariance: Array, runs: list[RunData]) -> list[C
     run = runs[int(np.argmax([len(d.t_s) for d in runs]))]
     scale = fit.scale[runs.index(run)]
     for move in MOVES_M:
-        trial = _released(run, six, fit.speed_m_s, move, scale)
+        trial = released_run(run, six, fit.speed_m_s, move, scale)
         if trial is None:
             continue
         try:
@@ -70,8 +71,23 @@ def cure(fit: Fit, six: Array, covariance: Array, runs: list[RunData]) -> list[C
     return (moved[:1] + same[:1]) if moved else same[:1]
 
 
-def _released(run: RunData, six: Array, speed_m_s: float, move_m: float, scale: Array) -> RunData | None:
-    """The run again from its release, with its tow point moved; None where it would swing too wide or stands aft of X_v."""
+def released_run(run: RunData, six: Array, speed_m_s: float, move_m: float, scale: Array) -> RunData | None:
+    """Simulate a run that was not made: like ``run``, but from a release at rest, with its tow point moved.
+
+    Parameters
+    ----------
+    run : the run it is like: line, speed, tension, sampling and noise
+    six : (6,) derivatives, in the order of ``DERIVATIVE_UNITS``
+    speed_m_s : at which they are quoted
+    move_m : how far forward of the run's own the tow point stands
+    scale : (2,) residual scatter of y and beta over their stated sigma
+
+    Returns
+    -------
+    made : motion of the linear form, RELEASED_M to the side at first, without noise; its covariance is the run's median one times
+        the scatter. None where the tow point stands aft of the neutral point X_v or of the centre of gravity, and where the run
+        would swing wider than WIDEST_SHARE of its line
+    """
     point = run.tow.tow_point_m + move_m
     if point <= 0 or six[4] / six[2] >= point:
         return None

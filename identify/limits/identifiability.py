@@ -54,6 +54,7 @@ def examine(fit: Fit, runs: list[RunData], refit: Refit | None = None) -> Identi
     Parameters
     ----------
     fit : of ``runs``
+    runs : as fitted
     refit : does the same fit from another start and with more knowledge; None = judge ``fit`` as it stands
     """
     plain = Identifiability(fit, fit.covariance, determined(fit.six, fit.covariance))
@@ -65,7 +66,7 @@ def examine(fit: Fit, runs: list[RunData], refit: Refit | None = None) -> Identi
         held = refit(anchor, tuple((i, float(anchor[i]), ANCHOR_SHARE * float(anchor[i])) for i in range(2)))
     except EstimationError:
         return plain
-    covariance = _without(held.covariance, held.six, anchor)
+    covariance = without_anchors(held.covariance, held.six, anchor)
     parts = determined(held.six, covariance)
     return Identifiability(held, covariance, parts) if parts.refused else plain
 
@@ -74,6 +75,11 @@ def anchors(fit: Fit, runs: list[RunData]) -> Array:
     """Six derivatives from the oscillation that the fit shows, by the phase analysis (8.4, 8.8, 8.9) with a guessed K^2.
 
     Frequency and amplitude ratio are the fitted motion's, sure even where the derivatives are not.
+
+    Parameters
+    ----------
+    fit : of ``runs``
+    runs : as fitted
     """
     guesses = []
     for run in runs:
@@ -101,8 +107,19 @@ def anchors(fit: Fit, runs: list[RunData]) -> Array:
     return np.mean(guesses, axis=0) if guesses else np.array([*np.abs(fit.six[:2]), *fit.six[2:]])
 
 
-def _without(covariance: Array, six: Array, anchor: Array) -> Array:
-    """The covariance with the anchors' information taken out; what then holds no information is wide open."""
+def without_anchors(covariance: Array, six: Array, anchor: Array) -> Array:
+    """Take the anchors' information on m' and I' out of a covariance.
+
+    Parameters
+    ----------
+    covariance : (6, 6) of a fit that knew m' and I' to ANCHOR_SHARE of ``anchor`` beforehand
+    six : (6,) derivatives of that fit
+    anchor : (6,) of ``anchors``
+
+    Returns
+    -------
+    covariance : (6, 6) by the records alone; along a direction on which they say nothing the variance is OPEN_VARIANCE, relative
+    """
     size = np.abs(six)
     precision = np.linalg.inv(covariance / size[:, None] / size[None, :])
     for i in range(2):

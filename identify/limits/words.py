@@ -44,7 +44,14 @@ def _listing(names: list[str]) -> str:
 
 
 def refusal_lines(found: Identifiability, cures: list[Cure], runs: list[RunData]) -> list[str]:
-    """What is refused, what is fixed in its place, and the run that would cure it."""
+    """What is refused, what is fixed in its place, and the run that would cure it.
+
+    Parameters
+    ----------
+    found : what the runs fix and what not
+    cures : runs that would determine what is open
+    runs : the runs, in their order
+    """
     parts = found.parts
     if not parts.refused:
         return []
@@ -65,7 +72,14 @@ def refusal_lines(found: Identifiability, cures: list[Cure], runs: list[RunData]
 
 
 def cure_words(cures: list[Cure], found: Identifiability, record: str) -> str:
-    """The runs that would determine what is open."""
+    """The runs that would determine what is open.
+
+    Parameters
+    ----------
+    cures : runs that would determine what is open
+    found : what the runs fix and what not
+    record : what a run's record is called
+    """
     if not cures:
         return (
             "no single further run that was tried (the same tow point with its release, tow points up to 0.4 m away) would "
@@ -89,7 +103,13 @@ def cure_words(cures: list[Cure], found: Identifiability, record: str) -> str:
 
 
 def correlation_lines(covariance: np.ndarray, single: tuple[int, ...]) -> list[str]:
-    """Pairs of determined derivatives that are seen mostly as one combination."""
+    """Pairs of determined derivatives that are seen mostly as one combination.
+
+    Parameters
+    ----------
+    covariance : (6, 6)
+    single : indices of the determined derivatives
+    """
     sd = np.sqrt(np.diag(covariance))
     lines = []
     for i in single:
@@ -105,7 +125,13 @@ def correlation_lines(covariance: np.ndarray, single: tuple[int, ...]) -> list[s
 
 
 def transient_line(fit: Fit, runs: list[RunData]) -> str:
-    """How high the decaying part of the motion stands at the records' begin, beside the oscillation: it tells m' from Y_R."""
+    """How high the decaying part of the motion stands at the records' begin, beside the oscillation: it tells m' from Y_R.
+
+    Parameters
+    ----------
+    fit : of ``runs``
+    runs : the runs, in their order
+    """
     parts = []
     for index, run in enumerate(runs):
         share = transient_share(fit, run, index)
@@ -115,7 +141,14 @@ def transient_line(fit: Fit, runs: list[RunData]) -> str:
 
 
 def transient_share(fit: Fit, run: RunData, index: int) -> float | None:
-    """Amplitude in y of all modes but the slow oscillation at the first sample, over that oscillation's; None without one."""
+    """Amplitude in y of all modes but the slow oscillation at the first sample, over that oscillation's; None without one.
+
+    Parameters
+    ----------
+    fit : of ``runs``
+    run : one of them
+    index : of the run
+    """
     hull = Hull(*(float(x) for x in fit.six), speed_m_s=fit.speed_m_s).at_speed(run.tow.speed_m_s)
     roots, shapes = np.linalg.eig(linear_system(hull, run.tow)[0])
     swing = np.flatnonzero(np.imag(roots) > 1e-3 * np.abs(roots))

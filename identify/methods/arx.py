@@ -131,7 +131,7 @@ def fit_arx(
         best = np.inf
         trial = theta
         for _ in range(IV_ROUNDS):
-            clean = _simulated(values / sizes, u, trial, decimation)
+            clean = simulated_response(values / sizes, u, trial, decimation)
             misfit = float(((values / sizes - clean) ** 2).sum())
             if misfit < best:  # the instruments of the model that simulates the record best
                 best, theta = misfit, trial
@@ -174,8 +174,20 @@ def _regression(values: Array, u: Array | None, lag: Array) -> tuple[Array, Arra
     return rows, target
 
 
-def _simulated(values: Array, u: Array | None, theta: Array, decimation: int) -> Array:
-    """The model's noise-free response: driven by u, or the free modes with the amplitudes that fit the record best."""
+def simulated_response(values: Array, u: Array | None, theta: Array, decimation: int) -> Array:
+    """Simulate a model without noise: driven by u, or as free modes with the amplitudes that fit the record best.
+
+    Parameters
+    ----------
+    values : (n, channels) record; of a driven model only its shape counts
+    u : (n,) input, or None
+    theta : coefficients a, and behind them b of each channel where there is an input
+    decimation : samples to a lag
+
+    Returns
+    -------
+    response : (n, channels)
+    """
     if u is None:
         z = np.roots(np.concatenate([[1.0], -theta[:ORDER]])).astype(complex)
         z = np.where((np.imag(z) == 0) & (np.real(z) <= 0), 1e-6, z)

@@ -73,7 +73,7 @@ def calibrate_rate(
     steps = np.diff(t)
     path = np.concatenate([[0.0], np.cumsum(steps * (dy[1:] + dy[:-1]) / 2)])
     rows = np.column_stack([np.ones(n), path, t - t[0]])
-    sd = _second_difference_sd(y) if position_sd is None else position_sd
+    sd = second_difference_sd(y) if position_sd is None else position_sd
     theta = np.linalg.lstsq(rows, y, rcond=None)[0]
     covariance = np.eye(n) * sd**2
     if rate_sd > 0:
@@ -109,5 +109,15 @@ def calibrate_rate(
     return RateCalibration(scale_error, bias, first, spread, residual, per_dof, tuple(notes))
 
 
-def _second_difference_sd(values: Array) -> float:
+def second_difference_sd(values: Array) -> float:
+    """Estimate the white noise on a smooth course by its second differences, whose variance is six times the noise's.
+
+    Parameters
+    ----------
+    values : (n,) evenly spaced
+
+    Returns
+    -------
+    sd : at least the rounding of numbers so large
+    """
     return float(max(np.std(np.diff(values, n=2)) / np.sqrt(6.0), 1e-12 * max(np.ptp(values), 1e-300)))

@@ -74,7 +74,14 @@ class SixEstimate:
 
 
 def check_series(t_s: Array, *values: Array, least: int = 1) -> None:
-    """EstimationError unless there are ``least`` samples, all finite, at times that rise strictly."""
+    """EstimationError unless there are ``least`` samples, all finite, at times that rise strictly.
+
+    Parameters
+    ----------
+    t_s : (n,) times, s
+    least : samples that are needed
+    values : (n,) each
+    """
     t_s = np.asarray(t_s, dtype=float)
     if len(t_s) < max(least, 1):
         raise EstimationError(f"{len(t_s)} samples; at least {least} are needed")
@@ -93,6 +100,8 @@ def jacobian(function: Callable[[Array], Array], values: Array, scale: Array | N
 
     Parameters
     ----------
+    function : of (n,) values
+    values : (n,)
     scale : (n,), standard deviations of the values; a step is 1e-5 of the larger of value and scale
     """
     values = np.asarray(values, dtype=float)
@@ -108,7 +117,14 @@ def jacobian(function: Callable[[Array], Array], values: Array, scale: Array | N
 
 
 def propagate(function: Callable[[Array], Array], values: Array, covariance: Array) -> tuple[Array, Array]:
-    """Value of ``function`` and its covariance to first order (delta method)."""
+    """Value of ``function`` and its covariance to first order (delta method).
+
+    Parameters
+    ----------
+    function : of (n,) values
+    values : (n,)
+    covariance : (n, n) of the values
+    """
     values = np.asarray(values, dtype=float)
     slope = jacobian(function, values, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
     return np.asarray(function(values)), slope @ covariance @ slope.T
@@ -161,7 +177,14 @@ def balance(v_rate: Array, r_rate: Array, v: Array, r: Array, side: Array, momen
 
 
 def sway_velocity(y_rate: Array, beta: Array, tow: Tow) -> Array:
-    """v = y' - U beta (2.12), from the first row of the linear form."""
+    """v = y' - U beta (2.12), from the first row of the linear form.
+
+    Parameters
+    ----------
+    y_rate : y', m/s
+    beta : heading, rad
+    tow : T, X_T, L, U of the tow
+    """
     matrix, _ = linear_system(_UNIT_HULL, tow)
     return (y_rate - matrix[0, 1] * beta) / matrix[0, 2]
 

@@ -21,9 +21,9 @@ from ..joint.solve import minimise
 
 CRITERIA = ("trace", "determinant")
 TURNS = 20
-"""Of fit and weight at most, for the determinant."""
-STANDS = 1e-6
-"""The weight stands when no entry of Q changes by more, over the scatters."""
+"""Most alternations of fit and weight, for the determinant: a choice."""
+CONVERGED = 1e-6
+"""The weight has converged when no entry of Q, in units of the scatters, changes by more than this from one turn to the next."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def fit_criterion(
         if criterion == "determinant":
             weight = np.linalg.inv(q)
             size = np.sqrt(np.diag(q))
-            if np.abs((q - before) / size[:, None] / size[None, :]).max() < STANDS:
+            if np.abs((q - before) / size[:, None] / size[None, :]).max() < CONVERGED:
                 break
     assert answers is not None
     bread, _, _ = problem.prior(theta)

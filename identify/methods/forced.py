@@ -81,6 +81,7 @@ def swing_equations(swing: Swing, values: Array | None = None) -> tuple[Array, A
 
     Parameters
     ----------
+    swing : a forced swing
     values : (4,) or (6,), in the covariance's order, instead of the swing's own
     """
     y, beta, s, tow = swing.y_m, swing.beta_rad, swing.rate, swing.tow
@@ -123,11 +124,11 @@ def modal_derivatives(swings: Sequence[Swing], reference_speed_m_s: float | None
     equations = [(rows * f, right) for (rows, right), f in zip(equations, factors, strict=True)]
     weighted = all(w.covariance is not None for w in swings)
     whiten = [np.eye(4) / np.linalg.norm(right[:2]) for _, right in equations]
-    six = _solve(equations, whiten)[0]
+    six = solve_six(equations, whiten)[0]
     for _ in range(3 if weighted else 0):
         whiten = [_whitener(w, six * f) for w, f in zip(swings, factors, strict=True)]
-        six = _solve(equations, whiten)[0]
-    six, inverse, square = _solve(equations, whiten)
+        six = solve_six(equations, whiten)[0]
+    six, inverse, square = solve_six(equations, whiten)
     degrees = 4 * len(swings) - 6
     if not weighted:
         inverse = inverse * square / degrees
@@ -148,7 +149,22 @@ def _whitener(swing: Swing, six: Array) -> Array:
     return np.linalg.inv(np.linalg.cholesky(slope @ swing.covariance @ slope.T))
 
 
-def _solve(equations: list[tuple[Array, Array]], whiten: list[Array]) -> tuple[Array, Array, float]:
+def solve_six(equations: list[tuple[Array, Array]], whiten: list[Array]) -> tuple[Array, Array, float]:
+    """Solve linear equations for the six derivatives by weighted least squares.
+
+    Parameters
+    ----------
+    equations : of each tow: rows (k, 6) and right-hand side (k,)
+    whiten : of each tow: (k, k), makes the errors of its equations independent and of unit variance
+
+    Returns
+    -------
+    six, inverse, square : (6,) derivatives, (6, 6) their covariance, and the sum of squares that is left
+
+    Raises
+    ------
+    EstimationError : the equations leave a direction open
+    """
     rows = np.concatenate([w @ a for w, (a, _) in zip(whiten, equations, strict=True)])
     right = np.concatenate([w @ b for w, (_, b) in zip(whiten, equations, strict=True)])
     scale = np.linalg.norm(rows, axis=0)

@@ -188,7 +188,9 @@ def fit_free_ratios(runs: Sequence[FreeRecord], speed_m_s: float, *, bias: bool 
 
     Parameters
     ----------
+    runs : free runs of one hull
     speed_m_s : at which the ratios are quoted
+    bias : also fit Y*, N*
 
     Raises
     ------

@@ -93,7 +93,13 @@ def measure_response(
 
 
 def model_response(hull: Hull, response: FrequencyResponse) -> Array:
-    """(n, 2) complex (y, beta) of a hull at the response's frequencies."""
+    """(n, 2) complex (y, beta) of a hull at the response's frequencies.
+
+    Parameters
+    ----------
+    hull : the six derivatives and the speed at which they are quoted
+    response : measured, with its tow
+    """
     functions = (post_transfer if response.source == "post" else line_force_transfer)(hull, response.tow)
     s = 1j * response.omega_rad_s
     return np.column_stack([functions["y"](s), functions["beta"](s)])

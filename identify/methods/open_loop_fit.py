@@ -68,7 +68,7 @@ def fit_open_loop(
         if len(force) != len(record.t_s):
             raise EstimationError(f"record {index}: {len(force)} values of force_n for {len(record.t_s)} samples")
     speed = records[0].tow.speed_m_s if reference_speed_m_s is None else reference_speed_m_s
-    data = [_run_data(r) for r in records]
+    data = [run_data_of(r) for r in records]
     six = weak_form_start(data, speed) if start is None else np.asarray(start, dtype=float)
     own = np.array([[*start_state(d), 0.0] for d in data]).ravel()
     unit = np.abs(six)
@@ -122,8 +122,13 @@ def _wander(record: Record, six: Array, speed: float, sigma: Array, force_sd_n: 
     return whiten
 
 
-def _run_data(record: Record) -> RunData:
-    """The record for the weak form, which needs no weights."""
+def run_data_of(record: Record) -> RunData:
+    """Give a record the form that the weak form's fit takes, with weights of one.
+
+    Parameters
+    ----------
+    record : of one tow
+    """
     n = len(record.t_s)
     return RunData(
         "record",

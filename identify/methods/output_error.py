@@ -63,6 +63,9 @@ def output_error(
 
     Parameters
     ----------
+    predict : theta -> of each run its motion (n, 2) and the slope of it (n, 2, k)
+    seen : of each run (n, 2)
+    t_s : of each run (n,), s
     start : (k,), in units where a step of 1 is large
     prior : (k,), 1 / sd about 0 of each parameter, 0 = free; None = all free
     sigma : of y and beta to begin with; scatter and colour are then measured

@@ -53,7 +53,13 @@ class Candidates:
 
 
 def default_tow_points(x_v_m: float, length_pp_m: float) -> tuple[float, ...]:
-    """Tow points from a little ahead of X_v to well ahead of it, m, to the centimetre."""
+    """Tow points from a little ahead of X_v to well ahead of it, m, to the centimetre.
+
+    Parameters
+    ----------
+    x_v_m : X_v, m
+    length_pp_m : LBP, m
+    """
     first, last, count = TOW_POINTS_LBP
     return tuple(round(x_v_m + share * length_pp_m, 2) for share in np.linspace(first, last, count))
 
@@ -193,7 +199,14 @@ class _Judged:
 
 
 def drawn_in(setting: Setting, plan: TowPlan, found: Conduct) -> TowPlan | None:
-    """The plan released nearer to the centre line, by what it passes a limit; None where that helps nothing."""
+    """The plan released nearer to the centre line, by what it passes a limit; None where that helps nothing.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plan : of the tow
+    found : how the plan would go
+    """
     limits = setting.limits
     if found.reason not in ("wall", "line", "angle") or plan.release_y_m <= RELEASE_STEP_M:
         return None

@@ -114,7 +114,7 @@ def conduct(setting: Setting, plan: TowPlan, tow: Towed) -> Conduct:
             f"({100 * share:.0f} % is left, {100 * limits.line_share:.0f} % is wanted)"
         )
     if angle > limits.angle_rad:
-        because = f"the linear form's line force is {100 * _excess(angle):.1f} % too large there"
+        because = f"the linear form's line force is {100 * force_excess(angle):.1f} % too large there"
         if setting.line == "surge":
             because = "no linear hull drags as a model does there"
         warnings["angle"] = (
@@ -139,7 +139,17 @@ def conduct(setting: Setting, plan: TowPlan, tow: Towed) -> Conduct:
     return Conduct(duration, float(cycles), omega, damping, angle, room, share, warnings)
 
 
-def _excess(angle: float) -> float:
+def force_excess(angle: float) -> float:
+    """By how much the linear form overstates the line's side force, which goes with the sine of its angle.
+
+    Parameters
+    ----------
+    angle : alpha + beta, rad, not negative
+
+    Returns
+    -------
+    excess : angle / sin(angle) - 1; infinite from half a turn on
+    """
     return float("inf") if angle >= np.pi else angle / np.sin(angle) - 1
 
 

@@ -90,7 +90,14 @@ class Grid:
 
 
 def grid_of(setting: Setting, plan: TowPlan, duration_s: float | None = None) -> Grid:
-    """The grid of a plan's X_T, L and U; ``duration_s`` instead of the tank's."""
+    """The grid of a plan's X_T, L and U; ``duration_s`` instead of the tank's.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plan : of the tow
+    duration_s : of the record instead of the tank's, s
+    """
     span = setting.duration_s(plan.speed_m_s) if duration_s is None else duration_s
     matrix, _ = linear_system(setting.hull_at(plan.speed_m_s), setting.tow(plan))
     fastest = float(np.abs(np.linalg.eigvals(matrix)).max())
@@ -187,7 +194,14 @@ def unit_tow(setting: Setting, plan: TowPlan, duration_s: float | None = None) -
 
 
 def planned_record(setting: Setting, plan: TowPlan, times: Array) -> RunData:
-    """The planned run as the estimators take it, without its motion."""
+    """The planned run as the estimators take it, without its motion.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plan : of the tow
+    times : (n,), s from the release
+    """
     nothing = np.zeros(len(times))
     return RunData(
         name="planned",

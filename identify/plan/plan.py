@@ -112,7 +112,7 @@ def make_plan(
     EstimationError : no run is possible within the limits
     """
     setting = setting_of(request, path.parent)
-    _usable(setting, request, path)
+    refuse_unusable(setting, request, path)
     found = gather(setting, request.choices, request.tank.speeds_m_s, request.model.length_pp_m, show)
     if not found.plans:
         reasons = "; ".join(f"{count} x {found.example[kind]}" for kind, count in found.excluded.items())
@@ -228,7 +228,19 @@ def thesis_rules(setting: Setting, plans: Sequence[TowPlan]) -> list[RuleTable]:
     return rules
 
 
-def _usable(setting: Setting, request: PlanRequest, path: Path) -> None:
+def refuse_unusable(setting: Setting, request: PlanRequest, path: Path) -> None:
+    """Refuse what no plan can be made with.
+
+    Parameters
+    ----------
+    setting : of ``setting_of``
+    request : plan.toml
+    path : of plan.toml, for the error
+
+    Raises
+    ------
+    InputError : a tension, derivative, speed or release that moves nothing
+    """
     if setting.tension_n <= 0:
         raise InputError(path, "choices.tension_n", f"{setting.tension_n:g} N; a tension above 0 is expected")
     for name, value in zip(DERIVATIVE_UNITS, setting.values, strict=True):

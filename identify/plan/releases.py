@@ -79,7 +79,13 @@ def scale_sd(setting: Setting, plans: Sequence[TowPlan], towed: Sequence[Towed])
 
 
 def without_gauge(setting: Setting, plans: Sequence[TowPlan]) -> Setting:
-    """The same where nobody measures the tension."""
+    """The same where nobody measures the tension.
+
+    Parameters
+    ----------
+    setting : hull, tank, gauge and limits that the plan is made for
+    plans : the tows, in their order
+    """
     return replace(setting, gauge=False, unlike_speeds=len({p.speed_m_s for p in plans}) > 1)
 
 

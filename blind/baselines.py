@@ -36,7 +36,13 @@ METHODS = ("always null", "evidence alone", "BIC on forces", "sparse regression"
 
 
 def baseline_calls(folders: Sequence[Path], answer: Mapping[str, Any]) -> dict[str, Call]:
-    """The baselines' calls for a campaign (its motions as the diagnosis left them in RUN/out)."""
+    """The baselines' calls for a campaign (its motions as the diagnosis left them in RUN/out).
+
+    Parameters
+    ----------
+    folders : of the case's runs
+    answer : gap.json
+    """
     calls: dict[str, Call] = {"always null": NO_GAP}
     if "gap" in answer:
         calls["evidence alone"] = _by_evidence(answer["gap"])

@@ -46,7 +46,16 @@ class Outcome:
 def prepare(
     out: Path, wanted: Wanted, say: Callable[[str], None], workers: int = 1, progress: Progress | None = None
 ) -> str:
-    """Draw, seal (the digest is said before anything else is written), write the folders; returns the digest."""
+    """Draw, seal (the digest is said before anything else is written), write the folders; returns the digest.
+
+    Parameters
+    ----------
+    out : folder of the check
+    wanted : what the check is to hold
+    say : is told in a sentence what is done
+    workers : processes
+    progress : is told (what, done, of how many)
+    """
     cases, digest = sealed(out, wanted, workers, progress)
     say(f"sha256 of the truth: {digest}")
     write_cases(out, cases, workers, progress)
@@ -54,12 +63,25 @@ def prepare(
 
 
 def diagnose(out: Path, workers: int, progress: Progress | None = None) -> int:
-    """Answer what has no answer yet; returns how many."""
+    """Answer what has no answer yet; returns how many.
+
+    Parameters
+    ----------
+    out : folder of the check
+    workers : processes
+    progress : is told (what, done, of how many)
+    """
     return answers(out, workers, progress)
 
 
 def score(out: Path, workers: int = 1, progress: Progress | None = None) -> Outcome:
     """Open the seal, measure the truth (kept in sealed/measured), score what is answered, write score.json.
+
+    Parameters
+    ----------
+    out : folder of the check
+    workers : processes
+    progress : is told (what, done, of how many)
 
     Raises
     ------
@@ -80,7 +102,15 @@ def score(out: Path, workers: int = 1, progress: Progress | None = None) -> Outc
 def measured_cases(
     out: Path, cases: Sequence[Case], workers: int, progress: Progress | None = None
 ) -> dict[str, dict[str, Any]]:
-    """Case -> ``measure.measured``, from files where they stand already."""
+    """Case -> ``measure.measured``, from files where they stand already.
+
+    Parameters
+    ----------
+    out : folder of the check
+    cases : of the check
+    workers : processes
+    progress : is told (what, done, of how many)
+    """
     todo = [case for case in cases if not (out / MEASURED / f"{case.name}.json").is_file()]
     jobs = [(case.to_json(), out / MEASURED / f"{case.name}.json") for case in todo]
     for k, _ in enumerate(in_parallel(write_measured, jobs, workers)):

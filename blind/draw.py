@@ -148,7 +148,14 @@ def dealt(wanted: Wanted) -> list[Dealt]:
 
 
 def drawn(wanted: Wanted, workers: int = 1, progress=None) -> list[Case]:
-    """The cases."""
+    """The cases.
+
+    Parameters
+    ----------
+    wanted : what the check is to hold
+    workers : processes
+    progress : is told (what, done, of how many)
+    """
     found: dict[str, Case] = {}
     todo = dealt(wanted)
     for case in in_parallel(_drawn, [(each,) for each in todo], workers):
@@ -167,7 +174,14 @@ def _drawn(each: Dealt) -> Case:
 
 
 def told(case: Case, what: str, rng: np.random.Generator) -> Case:
-    """The case with one of ``TOLD``, in every run of another size."""
+    """The case with one of ``TOLD``, in every run of another size.
+
+    Parameters
+    ----------
+    case : as drawn
+    what : of ``TOLD``
+    rng : that draws
+    """
     found = {
         f"{name}@{run}": _number(span, rng) * (case.hull["length_pp"] / 2.66 if name.endswith("_m") else 1.0)
         for run in range(len(case.runs))
@@ -184,6 +198,11 @@ def fainter(case: Case, rng: np.random.Generator) -> Case:
     """The case with its effect made so small that D, to its nearest rival, is drawn logarithmically even from ``FAINT_D``.
 
     Effects that are no matter of size (a slack line), and those that are smaller already, stay.
+
+    Parameters
+    ----------
+    case : as drawn
+    rng : that draws
     """
     from .signature import STRENGTH, distances_of, linear
 
@@ -253,9 +272,11 @@ def case_of(
 
     Parameters
     ----------
+    name : of the case
     kind, effects : see ``Case``
     seed : of its numbers
     coloured : random forces and a shaking camera; None: drawn
+    video : films instead of tracks
     """
     rng = np.random.default_rng([*seed, 5])
     hull_name = str(rng.choice(list(HULLS), p=[0.6, 0.4]))
@@ -446,7 +467,14 @@ def _runs(hull: dict[str, float], rng: np.random.Generator) -> list[RunTruth]:
 
 
 def tow_of(hull: dict[str, float], stated: dict[str, float], rng: np.random.Generator) -> RunTruth:
-    """A tow by what is stated of it but its pull: the settings' small errors, and R as somebody read it from a straight tow."""
+    """A tow by what is stated of it but its pull: the settings' small errors, and R as somebody read it from a straight tow.
+
+    Parameters
+    ----------
+    hull : its numbers
+    stated : settings of the run, but its pull
+    rng : that draws
+    """
     small = {
         name: (stated[name] if name == "speed_m_s" else 1.0) * sd * float(rng.normal())
         for name, sd in SMALL.items()
@@ -458,13 +486,26 @@ def tow_of(hull: dict[str, float], stated: dict[str, float], rng: np.random.Gene
 
 
 def truth_text(cases: list[Case], wanted: Wanted) -> str:
-    """The truth file."""
+    """The truth file.
+
+    Parameters
+    ----------
+    cases : of the check
+    wanted : what the check is to hold
+    """
     content = {"wanted": asdict(wanted), "cases": [case.to_json() for case in cases]}
     return json.dumps(content, indent=1, sort_keys=True) + "\n"
 
 
 def sealed(out: Path, wanted: Wanted, workers: int = 1, progress=None) -> tuple[list[Case], str]:
     """Draw, write the seal, then the truth; what was drawn before is kept and checked.
+
+    Parameters
+    ----------
+    out : folder of the check
+    wanted : what the check is to hold
+    workers : processes
+    progress : is told (what, done, of how many)
 
     Returns
     -------
@@ -513,7 +554,15 @@ def sha256_of_text(text: str) -> str:
 
 
 def write_cases(out: Path, cases: list[Case], workers: int = 1, progress=None) -> None:
-    """Write every case's run folders; what is whole already is left alone."""
+    """Write every case's run folders; what is whole already is left alone.
+
+    Parameters
+    ----------
+    out : folder of the check
+    cases : of the check
+    workers : processes
+    progress : is told (what, done, of how many)
+    """
     for k, _ in enumerate(in_parallel(_write, [(out, case) for case in cases], workers)):
         if progress is not None:
             progress("writing campaigns", k + 1, len(cases))

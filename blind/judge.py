@@ -89,6 +89,7 @@ def judged(
 
     Parameters
     ----------
+    case : as drawn
     answer : of ``run.answers``
     measure : of ``measure.measured`` (empty for a null)
     calls : baselines

@@ -46,7 +46,13 @@ def measured(case: Case) -> dict[str, Any]:
 
 def oracle(case: Case, sensed: Sensed) -> tuple[float, float]:
     """Root mean square of whitened y and heading on runs kept aside in turn: without the effect (derivatives and camera fitted to
-    the other runs), and with the truth put in."""
+    the other runs), and with the truth put in.
+
+    Parameters
+    ----------
+    case : as drawn
+    sensed : signatures of the case
+    """
     path = swum(case)
     runs = range(len(case.runs))
     with np.errstate(all="ignore"):

@@ -47,7 +47,13 @@ class Settled:
 
 
 def with_next_run(case: Case, proposed: dict[str, Any]) -> Case:
-    """The case with one tow more, as proposed; the pull of a straight tow is the hull's at that speed, and read anew."""
+    """The case with one tow more, as proposed; the pull of a straight tow is the hull's at that speed, and read anew.
+
+    Parameters
+    ----------
+    case : as drawn
+    proposed : next run of gap.json
+    """
     stated = {
         "tow_point_m": float(proposed["tow_point_m"]),
         "line_m": float(proposed["line_length_m"]),
@@ -59,7 +65,14 @@ def with_next_run(case: Case, proposed: dict[str, Any]) -> Case:
 
 
 def next_runs(out: Path, workers: int = 1, progress: Progress | None = None) -> list[Settled]:
-    """Make and diagnose the next run of every case in which an effect is named and the 95 % set holds more than it."""
+    """Make and diagnose the next run of every case in which an effect is named and the 95 % set holds more than it.
+
+    Parameters
+    ----------
+    out : folder of the check
+    workers : processes
+    progress : is told (what, done, of how many)
+    """
     cases, _ = opened(out)
     given = read_answers(out / ANSWERS)
     jobs, chosen = [], []

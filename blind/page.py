@@ -15,7 +15,13 @@ if TYPE_CHECKING:
 
 
 def write_blind_page(path: Path, outcome: Outcome) -> None:
-    """Write the page atomically."""
+    """Write the page atomically.
+
+    Parameters
+    ----------
+    path : of the file
+    outcome : of the check
+    """
     write_document(path, blind_page(outcome))
 
 

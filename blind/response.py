@@ -34,6 +34,7 @@ def pose_covariance(
     Parameters
     ----------
     lanes, columns : tows and where they stand in ``path``
+    path : of the motion
     times_s : ``(n,)``, evenly spaced
     side_n, moment_n_m, lasting_s : the forces' standard deviations and correlation time
 

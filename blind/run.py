@@ -23,6 +23,7 @@ def answers(out: Path, workers: int = 1, progress: Progress | None = None) -> in
     ----------
     out : of ``draw.sealed`` and ``draw.write_cases``; the truth is not read
     workers : processes
+    progress : is told (what, done, of how many)
 
     Returns
     -------
@@ -33,7 +34,14 @@ def answers(out: Path, workers: int = 1, progress: Progress | None = None) -> in
 
 
 def answered(jobs: Sequence[tuple[str, list[Path], Path]], workers: int, progress: Progress | None = None) -> int:
-    """Diagnose lists of run folders: (name, folders, answer file); a file that exists is an answer already."""
+    """Diagnose lists of run folders: (name, folders, answer file); a file that exists is an answer already.
+
+    Parameters
+    ----------
+    jobs : name, run folders and answer file of each
+    workers : processes
+    progress : is told (what, done, of how many)
+    """
     todo = [job for job in jobs if not job[2].is_file()]
     done = len(jobs) - len(todo)
 

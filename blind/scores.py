@@ -45,7 +45,15 @@ class Score:
 
 
 def share(what: str, stratum: str, method: str, hits: Iterable[bool]) -> Score:
-    """A share with Clopper and Pearson's interval."""
+    """A share with Clopper and Pearson's interval.
+
+    Parameters
+    ----------
+    what : that is counted
+    stratum : of D
+    method : who answered
+    hits : right or wrong, one by one
+    """
     found = [bool(hit) for hit in hits]
     k, n = sum(found), len(found)
     low, high = interval(k, n)
@@ -53,7 +61,14 @@ def share(what: str, stratum: str, method: str, hits: Iterable[bool]) -> Score:
 
 
 def interval(k: int, n: int, level: float = 0.95) -> tuple[float, float]:
-    """Clopper and Pearson's interval of k hits of n."""
+    """Clopper and Pearson's interval of k hits of n.
+
+    Parameters
+    ----------
+    k : hits
+    n : of how many
+    level : of the interval
+    """
     from scipy.stats import beta
 
     if n == 0:
@@ -74,7 +89,13 @@ def scores(cases: Sequence[Judged]) -> list[Score]:
 
 
 def said_by(method: str, case: Judged) -> Call:
-    """A method's call; no answer where it gave none."""
+    """A method's call; no answer where it gave none.
+
+    Parameters
+    ----------
+    method : who answered
+    case : judged
+    """
     return case.said if method == TOWLINE else case.calls.get(method, NONE)
 
 

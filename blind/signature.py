@@ -153,7 +153,13 @@ class Sensed:
 
 
 def distances_of(case: Case, sensed: Sensed) -> Distances:
-    """D of a case's effect; of two, the one that is harder to tell."""
+    """D of a case's effect; of two, the one that is harder to tell.
+
+    Parameters
+    ----------
+    case : as drawn
+    sensed : signatures of the case
+    """
     worst: Distances | None = None
     for effect in case.effects:
         other = [sensed.truth[name] for name in case.effects if name != effect]
@@ -239,13 +245,28 @@ def block_times(case: Case) -> Array:
 
 
 def block_means(case: Case, pixel: Array) -> Array:
-    """``(frames, marks, 2)`` to a vector of the blocks' means."""
+    """``(frames, marks, 2)`` to a vector of the blocks' means.
+
+    Parameters
+    ----------
+    case : as drawn
+    pixel : (n, marks, 2)
+    """
     n = len(block_times(case))
     return pixel[: n * BLOCK].reshape(n, BLOCK, -1).mean(axis=1).ravel()
 
 
 def pictured(case: Case, lane: dict[str, float], path: Path, index: int, run: int) -> Array:
-    """A lane's pixels at the blocks' middles, ``(blocks * 4,)``, less what the picked datum takes out of the camera's fault."""
+    """A lane's pixels at the blocks' middles, ``(blocks * 4,)``, less what the picked datum takes out of the camera's fault.
+
+    Parameters
+    ----------
+    case : as drawn
+    lane : numbers of the run
+    path : motion of the lanes
+    index : of the lane in ``path``
+    run : its number
+    """
     t_s = block_times(case)
     true_s = t_s * (1 + lane.get("frame_rate.fast", 0.0))
 
@@ -263,7 +284,15 @@ def pictured(case: Case, lane: dict[str, float], path: Path, index: int, run: in
 
 
 def celled(case: Case, lane: dict[str, float], path: Path, index: int) -> Array:
-    """A lane's pull as the load cell's means have it, ``(means,)`` in standard deviations of one; empty where there is no cell."""
+    """A lane's pull as the load cell's means have it, ``(means,)`` in standard deviations of one; empty where there is no cell.
+
+    Parameters
+    ----------
+    case : as drawn
+    lane : numbers of the run
+    path : motion of the lanes
+    index : of the lane in ``path``
+    """
     if not case.history:
         return np.zeros(0)
     t_s = np.arange(CELL_SKIPS_S, case.duration_s, 1 / CELL_HZ)

@@ -11,15 +11,15 @@ import numpy as np
 from ..record.gap_file import GapFile, NextMeasurement, NextRun, RankedEffects, Where
 from ..record.results import Measured
 from ..record.run import Run
-from .apart import Apart, measurement
 from .effects import Effect
-from .engine import TWINS, Candidate, Progress, Ranking, ranked
-from .held_out import Shrink, none_left, shrink
-from .inference import Fitted, Inference
-from .next_run import next_run
-from .noise import TIMES_S
-from .simulator import Simulator
-from .spread import Spread, one_by_one
+from .inference.apart import Apart, measurement
+from .inference.diagnosable import Diagnosable
+from .inference.engine import TWINS, Candidate, Progress, Ranking, ranked
+from .inference.evidence import Fitted, Inference
+from .inference.held_out import Shrink, none_left, shrink
+from .inference.noise import TIMES_S
+from .inference.spread import Spread, one_by_one
+from .tow.next_run import next_run
 from .where import Place, where
 from .words import sentences
 
@@ -71,7 +71,7 @@ class Diagnosed:
 
 
 def diagnosed(
-    simulator: Simulator,
+    simulator: Diagnosable,
     library: Sequence[Effect],
     tool: str,
     inputs: dict[str, str],
@@ -89,6 +89,7 @@ def diagnosed(
     tool, inputs : for the file
     held : runs kept aside for ``shrink``; None: each in turn
     rng : of the bootstrap
+    progress : is told in a sentence what is done
     spread : does what is independent
 
     Raises
@@ -98,11 +99,12 @@ def diagnosed(
     say = progress or (lambda _: None)
     rng = rng or np.random.default_rng()
     inference, ranking = ranked(simulator, library, progress, spread)
-    verdict, best = _verdict(ranking)
+    verdict = called(ranking.p_no_gap, ranking.p_unknown, float(ranking.probabilities.sum()))
+    best = ranking.candidates[0] if verdict == "effect" else None
     say("where it lies, and how far it shrinks")
     place = where(inference, ranking, best)
     rows, headline = _rows(inference, ranking, held, rng, best)
-    twins = _twins(ranking, best, simulator.symmetries(inference, ranking.base))
+    twins = twins_of(ranking, best, simulator.symmetries(inference, ranking.base))
     names = [run.name for run in simulator.runs]
     say("the run that would tell most")
     file = GapFile(
@@ -124,7 +126,7 @@ def diagnosed(
         p_unknown=ranking.p_unknown,
         set95=[list(names) for names in ranking.set95],
         next_run=_next(inference, ranking, best),
-        next_measurement=_measurement(ranking, best, simulator.apart),
+        next_measurement=best_measurement(ranking, best, simulator.apart),
         kept_aside=not none_left(len(simulator.runs), held),
         derivatives={
             "before": _derivatives(ranking.base, simulator.shared_names),
@@ -144,13 +146,22 @@ def _titles(library: Sequence[Effect], ranking: Ranking) -> dict[str, str]:
     return {effect.name: effect.title for effect in found}
 
 
-def _verdict(ranking: Ranking) -> tuple[Verdict, Candidate | None]:
-    """No gap, unless something is missing almost surely; then the effects together, or none of them."""
-    top = ranking.candidates[0] if ranking.candidates else None
-    mass = float(ranking.probabilities.sum()) if len(ranking.probabilities) else 0.0
-    if ranking.p_no_gap > DOUBT:
-        return "no_gap", None
-    return ("effect", top) if top is not None and mass >= ranking.p_unknown else ("unknown", None)
+def called(p_no_gap: float, p_unknown: float, p_effects: float) -> Verdict:
+    """Call no gap, unless something is missing almost surely; then the effects, or something unknown.
+
+    Parameters
+    ----------
+    p_no_gap : probability that nothing is missing
+    p_unknown : that what is missing is in no library
+    p_effects : of all effects of the library together
+
+    Returns
+    -------
+    verdict : "effect" where the effects together are at least as probable as the unknown
+    """
+    if p_no_gap > DOUBT:
+        return "no_gap"
+    return "effect" if p_effects > 0 and p_effects >= p_unknown else "unknown"
 
 
 def _rows(
@@ -216,10 +227,22 @@ def _noise(fitted: Fitted, scale: float) -> dict[str, float]:
     }
 
 
-def _twins(
+def twins_of(
     ranking: Ranking, best: Candidate | None, symmetries: Sequence[tuple[str, Sequence[str]]]
 ) -> list[list[str]]:
-    """Effects within TWINS of the headline, and the symmetries that concern it."""
+    """List what these runs cannot tell apart.
+
+    Parameters
+    ----------
+    ranking : of the hypotheses
+    best : the headline, or None
+    symmetries : what no motion can tell apart, each with the effect that raises the question ("": always)
+
+    Returns
+    -------
+    twins : groups of names: a headline of one effect with the single effects whose log evidence is within TWINS of its own, and the
+        symmetries that concern the headline
+    """
     found: list[list[str]] = []
     if best is not None and len(best.effects) == 1:
         near = [
@@ -234,15 +257,21 @@ def _twins(
     return found
 
 
-def _rival(ranking: Ranking, best: Candidate | None) -> Candidate | None:
-    """The headline's nearest, of one effect."""
+def rival_of(ranking: Ranking, best: Candidate | None) -> Candidate | None:
+    """Find the single effect of the largest log evidence beside the headline.
+
+    Parameters
+    ----------
+    ranking : of the hypotheses
+    best : the headline, or None
+    """
     rivals = [c for c in ranking.candidates if c is not best and len(c.effects) == 1]
     return max(rivals, key=lambda c: c.log_evidence, default=None)
 
 
 def _next(inference: Inference, ranking: Ranking, best: Candidate | None) -> NextRun | None:
     """Between the headline (or no gap) and its nearest rival."""
-    second = _rival(ranking, best)
+    second = rival_of(ranking, best)
     if second is None:
         return None
     design = next_run(inference, best.fitted if best is not None else ranking.base, second.fitted)
@@ -269,9 +298,20 @@ def _expected(distance: float) -> str:
     return f"(expected D {f'{distance:.0f}' if distance < LARGEST_D else f'over {LARGEST_D:.0f}'}; 20 is enough)"
 
 
-def _measurement(ranking: Ranking, best: Candidate | None, known: Mapping[str, Apart]) -> NextMeasurement | None:
-    """Of the headline or its nearest rival: the one whose presence it would tell best."""
-    rival = _rival(ranking, best)
+def best_measurement(ranking: Ranking, best: Candidate | None, known: Mapping[str, Apart]) -> NextMeasurement | None:
+    """Choose what to measure without a tow: the effect, of the headline's or its nearest rival's, whose presence that tells best.
+
+    Parameters
+    ----------
+    ranking : of the hypotheses
+    best : the headline, or None
+    known : effect.number -> what was measured of it already
+
+    Returns
+    -------
+    chosen : None where nothing of either can be measured without a tow
+    """
+    rival = rival_of(ranking, best)
     here = [c.fitted.hypothesis for c in (best, rival) if c is not None]
     found = [one for hypothesis in here for one in measurement(hypothesis, known)]
     if not found:

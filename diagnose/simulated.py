@@ -22,6 +22,7 @@ def effects_of(file: ScenarioFile, path: Path, library: Sequence[Effect] = LIBRA
 
     Parameters
     ----------
+    file : the scenario as read
     path : of the scenario, for errors
     library : effects that it may name
 
@@ -66,6 +67,13 @@ def with_effects(
     length at the straight tow's pull. What changes its tension acts beyond what
     keeps its length, as in the diagnosis: the constraint answers a force, so that a force and a moment are put in whose answer is
     just that. The carriage's speed is taken as constant there.
+
+    Parameters
+    ----------
+    hull : the six derivatives and the speed at which they are quoted
+    tow : the run as the diagnosis sees it
+    effects : with their numbers
+    file : the scenario as read
     """
     pull = tow.tension_n if tow.tension_n is not None else float(tow.resistance_n or 0.0)
     for effect, n in effects:

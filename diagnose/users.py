@@ -8,19 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..record.errors import InputError
 from ..simulate.model import Array
-from .apart import Apart
 from .effects import Effect
-from .hypothesis import EFFECT_STEP, FREE, Hypothesis, Slopes
-from .noise import FORCE_SD_N, TIMES_S, Measured, Noise, forced
-
-if TYPE_CHECKING:
-    from .inference import Fitted, Inference
+from .inference.apart import Apart
+from .inference.evidence import Fitted, Inference
+from .inference.hypothesis import EFFECT_STEP, FREE, Hypothesis, Slopes
+from .inference.noise import FORCE_SD_N, TIMES_S, Measured, Noise, forced
+from .starts import BEGINNINGS, ends
 
 STEP_SHARE = 1e-4
 """Of the one-sided differences by a user's numbers, as a share of the number, at least of its usual size."""
@@ -56,7 +54,7 @@ class UsersNumber:
     name : the simulator's
     start : where the fit begins, for all runs or one each; the prior's mean where ``sd`` is given
     sd : prior standard deviation, None: the data alone decide
-    size : how large it usually is (for differences)
+    size : how large it usually is: of differences, and of the steps of a fit, so that a number may begin at 0 and change its sign
     """
 
     name: str
@@ -66,7 +64,7 @@ class UsersNumber:
 
 
 class UsersSimulator:
-    """A user's function as ``simulator.Simulator``.
+    """A user's function as ``inference.diagnosable.Diagnosable``.
 
     Parameters
     ----------
@@ -110,7 +108,7 @@ class UsersSimulator:
         self.free = sum(n.sd is None for n in own)
         self.modes = [np.zeros((*run.values.shape, 0)) for run in runs]
         self.gone = 100 * max(float(np.nanmax(np.abs(run.values))) for run in runs)
-        self.least: float | Array = min((n.size for n in shared), default=1.0) * 1e-3
+        self.least: float | Array = np.array([n.size for n in shared])
         self.most_force = most_force / self.force_scale
         self.apart: Mapping[str, Apart] = apart or {}
 
@@ -127,14 +125,52 @@ class UsersSimulator:
         )
 
     def starts(self) -> Sequence[Hypothesis]:
-        """The numbers' own starts."""
-        return [Hypothesis(self._begin(self._shared)[0], self._begin(self._own))]
+        """The numbers' own starts, and where least squares over longer and longer beginnings of the records end."""
+        given = Hypothesis(self._begin(self._shared)[0], self._begin(self._own))
+        size = np.concatenate(
+            [[n.size for n in self._shared], np.tile([n.size for n in self._own], len(self._runs))]
+        ).astype(float)
+        if not len(size):
+            return [given]
+        begun = np.concatenate([given.shared, given.own.ravel()])
+        rows = [lambda x, share=share: self._white_rows(self._at(x), share) for share in BEGINNINGS]
+        return [given, *(self._at(end) for end in ends(rows, begun, size, range(len(given.shared))))]
+
+    def _at(self, numbers: Array) -> Hypothesis:
+        """The hypothesis of shared numbers and each run's own, one after the other."""
+        first = len(self._shared)
+        return Hypothesis(numbers[:first], numbers[first:].reshape(len(self._runs), len(self._own)))
+
+    def _white_rows(self, h: Hypothesis, share: float) -> tuple[Array, Array]:
+        """Residuals (n,) and slopes (n, shared + all own) over the first ``share`` of every run, and the priors, by their sd.
+
+        The user's function gives whole runs, as it does in the fit: it may know its times by itself.
+        """
+        first, own = len(self._shared), len(self._own)
+        residuals, slopes = [], []
+        for index, run in enumerate(self._runs):
+            residual, slope = self._row(h, index, run)
+            sd = np.sqrt(np.einsum("cnn->nc", run.covariance))
+            good = np.isfinite(run.values)
+            good[max(int(np.ceil(share * len(good))), 2) :] = False
+            wide = np.zeros((int(good.sum()), first + own * len(self._runs)))
+            by_own = slice(first + own * index, first + own * (index + 1))
+            wide[:, :first] = -(slope[..., :first] / sd[..., None])[good]
+            wide[:, by_own] = -(slope[..., first : first + own] / sd[..., None])[good]
+            residuals.append((residual / sd)[good])
+            slopes.append(wide)
+        stated = np.concatenate([self._begin(self._shared)[0], self._begin(self._own).ravel()])
+        told = [n.sd or np.inf for n in self._shared] + [n.sd or np.inf for n in self._own] * len(self._runs)
+        known = 1 / np.array(told, dtype=float)
+        residuals.append((np.concatenate([h.shared, h.own.ravel()]) - stated) * known)
+        slopes.append(np.diag(known))
+        return np.concatenate(residuals), np.concatenate(slopes)
 
     def linear(self, hypotheses: Sequence[Hypothesis], closings: int) -> list[Slopes]:
         """Residuals and slopes by differences, all variations of a run in one call."""
-        return [Slopes([self._row(h, i) for i in range(len(self._runs))]) for h in hypotheses]
+        return [Slopes([self._row(h, i, run) for i, run in enumerate(self._runs)]) for h in hypotheses]
 
-    def _row(self, h: Hypothesis, index: int) -> tuple[Array, Array]:
+    def _row(self, h: Hypothesis, index: int, run: UsersRun) -> tuple[Array, Array]:
         here = np.concatenate([h.shared, h.own[index], *h.numbers])
         steps = [STEP_SHARE * max(abs(v), n.size) for v, n in zip(here, [*self._shared, *self._own], strict=False)]
         steps += [EFFECT_STEP * p.sd for e in h.effects for p in e.parameters]
@@ -144,7 +180,6 @@ class UsersSimulator:
         for effect, own in zip(h.effects, h.numbers, strict=True):
             effects[effect.name] = tuple(table[at : at + len(own)])
             at += len(own)
-        run = self._runs[index]
         with np.errstate(all="ignore"):
             values = np.asarray(self._simulate(run, numbers, effects), dtype=float)
         if values.shape != (*run.values.shape, table.shape[1]):

@@ -8,11 +8,11 @@ import numpy as np
 
 from ..simulate.model import Array
 from .effects import STAGES, Effect
-from .engine import Candidate, Ranking
-from .inference import Fitted, Inference
+from .inference.engine import Candidate, Ranking
+from .inference.evidence import Fitted, Inference
 
 MOST = 0.6
-"""Share of the drop that the stated time holds, and of the change that the stated band holds."""
+"""The stated time span holds this share of the drop of chi-square, the stated band this share of the change's power: a choice."""
 YAW_WORDS = ("n_", "moment", "yaw")
 
 
@@ -37,7 +37,14 @@ class Place:
 
 
 def where(inference: Inference, ranking: Ranking, best: Candidate | None) -> Place:
-    """Put the probabilities and the drop of chi-square together."""
+    """Put the probabilities and the drop of chi-square together.
+
+    Parameters
+    ----------
+    inference : the simulator with its runs and noise
+    ranking : of the hypotheses
+    best : the best one, or None
+    """
     share: dict[str, float] = dict.fromkeys(STAGES, 0.0)
     for candidate, probability in zip(ranking.candidates, ranking.probabilities, strict=True):
         for effect in candidate.effects:
@@ -59,7 +66,7 @@ def where(inference: Inference, ranking: Ranking, best: Candidate | None) -> Pla
     course = np.zeros(longest)
     for d in drop.values():
         course[: len(d)] += np.maximum(d, 0.0)
-    begin, end = _shortest(course, MOST)
+    begin, end = shortest_stretch(course, MOST)
     return Place(
         stage,
         share,
@@ -101,8 +108,18 @@ def _drops(inference: Inference, base: Fitted, after: Fitted) -> dict[str, Array
     return answers
 
 
-def _shortest(course: Array, share: float) -> tuple[int, int]:
-    """The shortest stretch that holds ``share`` of the sum."""
+def shortest_stretch(course: Array, share: float) -> tuple[int, int]:
+    """Find the shortest stretch that holds a share of the sum; the first of several.
+
+    Parameters
+    ----------
+    course : (n,) not negative
+    share : of the sum, 0 to 1
+
+    Returns
+    -------
+    begin, end : such that course[begin:end] holds the share; all of it where the sum is zero
+    """
     sums = np.concatenate([[0.0], np.cumsum(course)])
     wanted = share * sums[-1]
     best = (0, len(course))
@@ -129,5 +146,5 @@ def _band(inference: Inference, base: Fitted, after: Fitted) -> tuple[float, flo
         change = change - change.mean(axis=0)
         taper = np.hanning(len(change))[:, None]
         power += (np.abs(np.fft.rfft(change * taper, 2 * longest, axis=0)) ** 2).sum(axis=1)
-    begin, end = _shortest(power, MOST)
+    begin, end = shortest_stretch(power, MOST)
     return float(frequency[begin]), float(frequency[min(end, len(frequency) - 1)])

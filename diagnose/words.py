@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ..record.gap_file import GapFile
-from .held_out import Shrink
-from .scan import Leftover
-from .tow_numbers import BESIDE
+from .inference.held_out import Shrink
+from .inference.scan import Leftover
+from .tow.numbers import BESIDE
 
 OPEN = 0.6
 """Below this probability no gap is a verdict for want of a better one."""
-STANDS_OUT = 5.0
-"""Log evidence."""
+NOTABLE = 5.0
+"""Log evidence from which what is left over is described by its place instead of the gap: a choice, odds of 150 to 1."""
 
 
 def is_open(file: GapFile) -> bool:
@@ -28,7 +28,15 @@ ALONE = (
 
 
 def sentences(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping[str, str] | None = None) -> list[str]:
-    """The summary in plain words; ``titles``: of the effects by name (default: the name)."""
+    """The summary in plain words; ``titles``: of the effects by name (default: the name).
+
+    Parameters
+    ----------
+    file : gap.json
+    held : how far the gap shrinks, or None
+    rest : what the best hypothesis leaves
+    titles : of the effects, by name; None: their names
+    """
     said = _summary(file, held, rest, titles or {})
     return said if file.kept_aside else [*said, ALONE]
 
@@ -55,7 +63,7 @@ def _summary(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping
         said = [
             f"There is a gap that no effect or pair of effects in the library explains (probability {file.p_unknown:.2f})."
         ]
-        if rest.log_evidence > STANDS_OUT:
+        if rest.log_evidence > NOTABLE:
             at = f"at {rest.band_hz[0]:.2f} Hz in all runs" if rest.band_hz else ""
             at = f"in {rest.run}, from {rest.span_s[0]:.0f} to {rest.span_s[1]:.0f} s" if rest.span_s else at
             return [*said, f"What is left over stands out {at}; look for what happens there."]
@@ -109,12 +117,12 @@ def _titled(names: Sequence[str], titles: Mapping[str, str]) -> str:
 def _changed(file: GapFile) -> str:
     """What the unmodelled effect had done to the derivatives."""
     before, after = file.derivatives.get("before", {}), file.derivatives.get("after", {})
-    moved = {k: 100 * (before[k].value / after[k].value - 1) for k in after if after[k].value and k not in BESIDE}
-    if not moved:
+    bias = {k: 100 * (before[k].value / after[k].value - 1) for k in after if after[k].value and k not in BESIDE}
+    if not bias:
         return ""
-    worst = max(moved, key=lambda k: abs(moved[k]))
+    worst = max(bias, key=lambda k: abs(bias[k]))
     return (
-        f"Left out, it biases the derivatives by up to {abs(moved[worst]):.0f} % ({worst})."
-        if abs(moved[worst]) >= 1
+        f"Left out, it biases the derivatives by up to {abs(bias[worst]):.0f} % ({worst})."
+        if abs(bias[worst]) >= 1
         else ""
     )

@@ -12,7 +12,15 @@ CALLED = {"frame_rate.rate": "frame_rate.fast"}
 
 
 def measured_apart(case: Case, number: str, sd: float, rng: np.random.Generator) -> float:
-    """The number as measured, with an error of ``sd``; about 0 where reality has no such thing."""
+    """The number as measured, with an error of ``sd``; about 0 where reality has no such thing.
+
+    Parameters
+    ----------
+    case : as drawn
+    number : ``effect.number``
+    sd : of the measurement
+    rng : that draws
+    """
     true = _k1(case) if number == "lens_distortion.k1" else case.numbers.get(CALLED.get(number, number), 0.0)
     return float(true + sd * rng.normal())
 

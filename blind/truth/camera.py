@@ -48,7 +48,12 @@ class Camera:
 
 
 def turn_matrix(a: float, b: float, c: float) -> Array:
-    """Rodrigues' formula for the vector (a, b, c)."""
+    """Rodrigues' formula for the vector (a, b, c).
+
+    Parameters
+    ----------
+    a, b, c : the vector, rad
+    """
     angle = float(np.sqrt(a * a + b * b + c * c))
     cross = np.array([[0, -c, b], [c, 0, -a], [-b, a, 0]])
     if angle < 1e-12:
@@ -57,7 +62,13 @@ def turn_matrix(a: float, b: float, c: float) -> Array:
 
 
 def camera_of(numbers: Mapping[str, float], fault: float = 0.0) -> Camera:
-    """A camera behind the model that looks ahead and down (see ``draw``)."""
+    """A camera behind the model that looks ahead and down (see ``draw``).
+
+    Parameters
+    ----------
+    numbers : names -> values
+    fault : further bend of the picture, as in ``Camera``
+    """
     place = np.array([numbers["x_m"], numbers["y_m"], numbers["z_m"]])
     aim = np.array([numbers["aim_x_m"], 0.0, 0.1])
     ahead = (aim - place) / np.linalg.norm(aim - place)

@@ -95,7 +95,13 @@ class Case:
 
 
 def run_numbers(numbers: Mapping[str, float], index: int) -> dict[str, float]:
-    """Those of ``Case.numbers`` or ``Case.told`` that hold for a run."""
+    """Those of ``Case.numbers`` or ``Case.told`` that hold for a run.
+
+    Parameters
+    ----------
+    numbers : names -> values
+    index : of the run
+    """
     found: dict[str, float] = {}
     for name, value in numbers.items():
         plain, _, at = name.partition("@")
@@ -138,7 +144,14 @@ def lane_of(case: Case, index: int, effects: bool = True) -> dict[str, float]:
 
 
 def random_forces(case: Case, rng: np.random.Generator, count: int) -> Array | None:
-    """``(2 k - 1, 2, runs)`` for ``swim``, or None where the case has none."""
+    """``(2 k - 1, 2, runs)`` for ``swim``, or None where the case has none.
+
+    Parameters
+    ----------
+    case : as drawn
+    rng : that draws
+    count : how many
+    """
     noise = case.noise
     if noise["side_n"] <= 0 and noise["moment_n_m"] <= 0:
         return None
@@ -171,7 +184,15 @@ class Filmed:
 
 
 def swum(case: Case, effects: bool = True, random: bool = True, step_s: float = STEP_S) -> Path:
-    """The motion of all runs of a case (with another step: without random forces only)."""
+    """The motion of all runs of a case (with another step: without random forces only).
+
+    Parameters
+    ----------
+    case : as drawn
+    effects : with what the simulator does not hold
+    random : with random forces
+    step_s : of the integration
+    """
     duration = case.duration_s + LONG_S
     steps = int(np.ceil(duration / STEP_S - 1e-9)) + 1
     forces = random_forces(case, np.random.default_rng([case.seed, 1]), steps) if random else None
@@ -179,7 +200,15 @@ def swum(case: Case, effects: bool = True, random: bool = True, step_s: float = 
 
 
 def cameras_of(case: Case, numbers: Lane, index: int, true_s: Array) -> list[tuple[Array, Camera]]:
-    """The run's camera over time: (frames it holds for, camera)."""
+    """The run's camera over time: (frames it holds for, camera).
+
+    Parameters
+    ----------
+    case : as drawn
+    numbers : names -> values
+    index : of the run
+    true_s : (n,) true times of the frames
+    """
     whole = camera_of(case.camera, numbers.get("lens_distortion.bend", 0.0))
     turn = [numbers.get(f"camera_shift.{name}_rad", 0.0) for name in ("right", "down", "roll")]
     if not any(turn):
@@ -195,7 +224,11 @@ def seen(case: Case, index: int, numbers: Lane, pose: Array, true_s: Array, pose
 
     Parameters
     ----------
+    case : as drawn
+    index : of the run
+    numbers : names -> values
     pose : ``(n, 4)`` x, y, heading, roll at ``true_s``
+    true_s : (n,) true times of the frames
     pose_at : times -> pose, for a sensor read row by row
     """
     found = np.empty((len(true_s), len(case.marks), 2))
@@ -228,7 +261,16 @@ def seen(case: Case, index: int, numbers: Lane, pose: Array, true_s: Array, pose
 
 
 def filmed(case: Case, path: Path, index: int, effects: bool = True, noisy: bool = True) -> Filmed:
-    """A run's pixels and those of its static record."""
+    """A run's pixels and those of its static record.
+
+    Parameters
+    ----------
+    case : as drawn
+    path : of the motion
+    index : of the run
+    effects : with what the simulator does not hold
+    noisy : with noise
+    """
     numbers = lane_of(case, index, effects)
     n = round(case.duration_s * case.rate_hz)
     t_s = np.arange(n) / case.rate_hz
@@ -256,7 +298,14 @@ def filmed(case: Case, path: Path, index: int, effects: bool = True, noisy: bool
 
 
 def picture_noise(case: Case, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-    """White noise of each mark and the camera's own shake, px."""
+    """White noise of each mark and the camera's own shake, px.
+
+    Parameters
+    ----------
+    case : as drawn
+    rng : that draws
+    shape : of what is drawn
+    """
     noise = case.noise
     shake = wandering(shape[0], 1 / case.rate_hz, noise["shake_px"], noise["shake_s"], rng, 2)
     return noise["white_px"] * rng.normal(size=shape) + shake.T[:, None, :]
@@ -269,7 +318,13 @@ def picks(case: Case) -> Array:
 
 
 def clean_picks(case: Case, effects: bool = True) -> Array:
-    """The same without the picking's error."""
+    """The same without the picking's error.
+
+    Parameters
+    ----------
+    case : as drawn
+    effects : with what the simulator does not hold
+    """
     numbers = case.numbers if effects else {}
     scale = 1 + numbers.get("datum_scale.scale", 0.0)
     points = np.array(case.datum) * [scale, scale, 1.0]
@@ -280,6 +335,12 @@ def load_cell(case: Case, path: Path, index: int) -> tuple[Array, Array]:
     """The pull of the line as a load cell saw it (one that reads as stated): times on its own clock, and newtons.
 
     An observation of the tow and no input to it: what the line pulls with is in ``path``.
+
+    Parameters
+    ----------
+    case : as drawn
+    path : of the motion
+    index : of the run
     """
     numbers = lane_of(case, index)
     rng = np.random.default_rng([case.seed, 4, index])

@@ -23,6 +23,7 @@ def write_film(path: Path, case: Case, pixel: Array, rng: np.random.Generator) -
     Parameters
     ----------
     path : .mp4
+    case : as drawn
     pixel : ``(frames, marks, 2)`` where the spots stand, px
     rng : of the camera's noise
     """

@@ -20,7 +20,13 @@ TOLD_HZ = 50.0
 
 
 def write_case(folder: Path, case: Case) -> list[Path]:
-    """Write run-1, run-2, ... of a case into ``folder``; returns them."""
+    """Write run-1, run-2, ... of a case into ``folder``; returns them.
+
+    Parameters
+    ----------
+    folder : that is made
+    case : as drawn
+    """
     path, picked = swum(case), picks(case)
     return [
         _write_run(folder / f"run-{i + 1}", case, i, path, filmed(case, path, i), picked) for i in range(len(case.runs))
@@ -28,7 +34,14 @@ def write_case(folder: Path, case: Case) -> list[Path]:
 
 
 def write_run(folder: Path, case: Case, index: int) -> Path:
-    """Write one run of a case into ``folder``; raises ValueError where the tow turns over."""
+    """Write one run of a case into ``folder``; raises ValueError where the tow turns over.
+
+    Parameters
+    ----------
+    folder : that is made
+    case : as drawn
+    index : of the run
+    """
     path = swum(case)
     return _write_run(folder / f"run-{index + 1}", case, index, path, filmed(case, path, index), picks(case))
 

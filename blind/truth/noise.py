@@ -14,6 +14,7 @@ def wandering(count: int, step_s: float, sd: float, time_s: float, rng: np.rando
     ----------
     count, step_s : samples and their distance
     sd, time_s : size and correlation time
+    rng : that draws
     kinds : how many independent ones
 
     Returns

@@ -6,8 +6,6 @@ writes one in a few lines of their own Python (``--effects mine.py``) or install
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from importlib.metadata import entry_points
@@ -15,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...record.errors import InputError
-from ...record.files import PYTHON_BYTES, refusal
+from ...record.own_code import run_own
 from ...simulate.model import Array
 
 STAGES = ("camera", "clock", "line", "sway", "yaw")
@@ -208,20 +206,10 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     ------
     InputError : the file cannot be run, or defines none
     """
-    path = Path(path)
-    wrong = refusal(path, PYTHON_BYTES)
-    spec = importlib.util.spec_from_file_location(f"towline_effects_{path.stem}", path)
-    if wrong is not None or spec is None or spec.loader is None:
-        raise InputError(path, "", wrong or "no such Python file")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise InputError(path, "", f"{type(error).__name__}: {error}") from None
+    module = run_own(path)
     found = tuple(value for value in vars(module).values() if isinstance(value, Effect))
     if not found:
-        raise InputError(path, "", "defines no Effect at its top level")
+        raise InputError(Path(path), "", "defines no Effect at its top level")
     return found
 
 

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..simulate.model import Array
-from .effects import Effect
-from .effects.camera import SHIFT
-from .tow_data import TowRun
-
-if TYPE_CHECKING:
-    from .inference import Fitted
+from ...simulate.model import Array
+from ..effects import Effect
+from ..effects.camera import SHIFT
+from .data import TowRun
 
 STEP_Z = 8.0
 """A step is looked at as a turned camera when it stands this many standard deviations out: many times are tried. A
@@ -25,13 +21,19 @@ NEAR = 6
 """Blocks about a step that say when it was."""
 
 
-def shift_effects(runs: Sequence[TowRun], base: Fitted) -> list[Effect]:
-    """Turned before each run but the first, and where one run's line and marker distance show the clearest step."""
+def shift_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Effect]:
+    """Turned before each run but the first, and where one run's line and marker distance show the clearest step.
+
+    Parameters
+    ----------
+    runs : as the diagnosis sees them
+    residuals : per run (n, 4), measured minus simulated by the fit without effects
+    """
     if any(run.marks is None or SHIFT.needs(run.marks.run) for run in runs):
         return []
     names = [run.name for run in runs]
     found = [_since(names, k, 0.0) for k in range(1, len(runs))]
-    steps = [(*_step(run, base.linear.rows[k][0]), k) for k, run in enumerate(runs)]
+    steps = [(*_step(run, residuals[k]), k) for k, run in enumerate(runs)]
     clearest, time, where = max(steps)
     if clearest > STEP_Z:
         found.append(_since(names, where, time, runs[where].step_s))

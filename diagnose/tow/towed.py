@@ -8,26 +8,26 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry.normal import inverse_of_normal
-from ..simulate.model import Array
-from .apart import Apart
-from .effects import Effect
-from .grams import reduced
-from .hypothesis import FREE, Hypothesis
-from .noise import Noise
+from ...geometry.normal import inverse_of_normal
+from ...simulate.model import Array
+from ..effects import Effect
+from ..inference.apart import Apart
+from ..inference.grams import reduced
+from ..inference.hypothesis import FREE, Hypothesis
+from ..inference.noise import Noise
+from .data import TowRun
+from .model import TowModel
+from .noise import tow_noise
+from .numbers import SIX, shared_numbers
+from .rates import OWN
 from .shifts import shift_effects
 from .slackness import slack_effects
 from .springs import springing_effects
-from .tow_data import TowRun
-from .tow_model import TowModel
-from .tow_noise import tow_noise
-from .tow_numbers import SIX, shared_numbers
-from .tow_rates import OWN
-from .tow_start import base_hypotheses, straight_pull
+from .start import base_hypotheses, straight_pull
 from .unknown import free_forms
 
 if TYPE_CHECKING:
-    from .inference import Fitted, Inference
+    from ..inference.evidence import Fitted, Inference
 
 PRIORS = {"y_b": 1.5e-3, "beta_b": 1.5e-3, "tension": 5e-3, "tow_point": 7e-4, "line": 7e-4, "speed": 1.5e-3}
 """Of each run's own numbers where [priors] is silent: m, rad; tension and speed relative."""
@@ -47,7 +47,7 @@ WEIGHED by the motion alone are no symmetry with it.
 
 
 class TowSimulator(TowModel):
-    """A campaign of tows as ``simulator.Simulator``.
+    """A campaign of tows as ``inference.diagnosable.Diagnosable``.
 
     Parameters
     ----------
@@ -124,10 +124,11 @@ class TowSimulator(TowModel):
 
     def suggested(self, base: Fitted) -> list[Effect]:
         """Windows in which the line may have gone slack, its bounces, and when the camera may have been turned."""
+        residuals = [residual for residual, _ in base.linear.rows]
         return [
-            *slack_effects(self.runs, base),
-            *springing_effects(self.runs, base),
-            *shift_effects(self.runs, base),
+            *slack_effects(self.runs, residuals),
+            *springing_effects(self.runs, residuals),
+            *shift_effects(self.runs, residuals),
         ]
 
     def free_forms(self, shaken_hz: Sequence[float]) -> Sequence[Effect]:

@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..simulate.model import alpha_from_y
-from .hypothesis import Hypothesis
-from .inference import STEEP, Array, Fitted, Inference
-from .tow import TowSimulator, own_sds
-from .tow_data import TowRun
-from .tow_model import TowModel
-from .tow_noise import tow_noise
-from .tow_rates import OWN
-from .tow_start import straight_pull
+from ...simulate.model import Tow, alpha_from_y
+from ..inference.evidence import STEEP, Array, Fitted, Inference
+from ..inference.hypothesis import Hypothesis
+from .data import TowRun
+from .model import TowModel
+from .noise import tow_noise
+from .rates import OWN
+from .start import straight_pull
+from .towed import TowSimulator, own_sds
 
 LINES = (0.55, 1.0, 1.6)
 """Lengths of line, over the campaign's usual one, that are tried for the next run."""
@@ -52,7 +52,14 @@ class Design:
 
 
 def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | None:
-    """The design with the largest expected distance, what the runs made already tell taken into account."""
+    """The design with the largest expected distance, what the runs made already tell taken into account.
+
+    Parameters
+    ----------
+    inference : of the runs made
+    first : the best hypothesis, fitted
+    second : the next one
+    """
     model = inference.simulator
     if not isinstance(model, TowSimulator):
         return None
@@ -86,7 +93,9 @@ def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | No
         pull = columns.T @ white
         distance = float(white @ white - pull @ np.linalg.solve(inner, pull))
         if best is None or distance > best.distance:
-            best = Design(x_t, line, speed, y, beta, distance, _differs(model.runs, settings[index]))
+            best = Design(
+                x_t, line, speed, y, beta, distance, differing([r.data.tow for r in model.runs], settings[index])
+            )
     return best
 
 
@@ -144,9 +153,19 @@ def _without_camera(h: Hypothesis) -> Hypothesis:
     return replace(h, effects=tuple(e for e, _ in kept), numbers=tuple(n for _, n in kept))
 
 
-def _differs(made: Sequence[TowRun], setting: tuple[float, ...]) -> str:
+def differing(tows: Sequence[Tow], setting: tuple[float, ...]) -> str:
+    """Say in words what of a proposed run is unlike the runs made.
+
+    Parameters
+    ----------
+    tows : of the runs made
+    setting : tow point m, line length m, speed m/s, y m and beta rad at release
+
+    Returns
+    -------
+    words : line and speed where they differ from the median by more than 5 %, a tow point outside those made, and the release
+    """
     x_t, line, speed, y, beta = setting
-    tows = [r.data.tow for r in made]
     words = []
     if abs(line / np.median([t.line_length_m for t in tows]) - 1) > 0.05:
         words.append(f"a line of {line:.2f} m")

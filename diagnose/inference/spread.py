@@ -20,7 +20,14 @@ class Spread(Protocol):
 
 
 def one_by_one(work: Callable[[Item], Answer], items: Sequence[Item], known: Sequence[object] = ()) -> list[Answer]:
-    """``Spread`` without any executor."""
+    """``Spread`` without any executor.
+
+    Parameters
+    ----------
+    work : what is done of an item
+    items : in their order
+    known : objects that stand for themselves
+    """
     return [work(item) for item in items]
 
 

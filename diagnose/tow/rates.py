@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ..simulate.model import (
+from ...simulate.model import (
     Array,
     Hull,
     Taut,
@@ -24,9 +24,9 @@ from ..simulate.model import (
     line_force,
     side_by_side,
 )
-from .effects import Effect, Seen, Situation
-from .tow_data import TowRun
-from .tow_numbers import COMPLIANCE, SIX, rudder_history, rudder_is_over
+from ..effects import Effect, Seen, Situation
+from .data import TowRun
+from .numbers import COMPLIANCE, SIX, rudder_history, rudder_is_over
 
 OWN = ("alpha", "beta", "v", "r", "y_b", "beta_b", "tension", "tow_point", "line", "speed")
 """Each run's own numbers; tension: T of a line that keeps it, R of one that keeps its length."""
@@ -188,7 +188,13 @@ def _smooth(run: TowRun) -> CubicSpline | None:
 
 
 def tow_of(fields: Fields, numbers: Numbers) -> Tow:
-    """The tow of every run and column; its fields are arrays that broadcast to (runs, columns)."""
+    """The tow of every run and column; its fields are arrays that broadcast to (runs, columns).
+
+    Parameters
+    ----------
+    fields : of the runs
+    numbers : of the hypothesis, by name
+    """
     column = {name: numbers.own[:, k] for k, name in enumerate(OWN)}
     line, offset = column["line"].copy(), np.tile(fields.offset_m, (1, numbers.width))
     for a in numbers.active:
@@ -418,7 +424,13 @@ Asked = TypeVar("Asked", Situation, Seen)
 
 
 def columns_of(whole: Asked, columns: slice) -> Asked:
-    """What an effect is given, in its own columns: every array of it that has columns, and tuples of such arrays."""
+    """What an effect is given, in its own columns: every array of it that has columns, and tuples of such arrays.
+
+    Parameters
+    ----------
+    whole : what the effect is asked with
+    columns : its own
+    """
     changes = {}
     for name in whole.columns:
         value = getattr(whole, name)

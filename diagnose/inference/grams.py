@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from ..simulate.model import Array
+from ...simulate.model import Array
 from .noise import Forces, Noise
 
 
@@ -109,6 +109,8 @@ def reduced(
 
     Parameters
     ----------
+    grams : sums over the runs' samples
+    forces : random forces on the hull
     away, sd : (runs, own) of all runs: from the numbers to their priors' means, and the priors' standard deviations
     only : positions among the grams' runs; None: all
     modes : which of the shared numbers are the cameras' modes, of unit variance

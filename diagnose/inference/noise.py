@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import block_diag, solve_triangular, toeplitz
 
-from ..simulate.model import Array
+from ...simulate.model import Array
 
 TIMES_S = (0.6, 2.0, 6.0)
 """Correlation times that random forces may have: a decade. Choices."""
@@ -214,7 +214,9 @@ def forced(response: Array, colour_s: float, lag_s: Array) -> Array:
 
     Parameters
     ----------
-    response : (n, m) of the outputs to a unit force that lasts one step; lag_s : (n, n) between the steps
+    response : (n, m) of the outputs to a unit force that lasts one step
+    colour_s : time constant of the force, s
+    lag_s : (n, n) between the steps
     """
     n = len(response)
     colour = np.linalg.cholesky(np.exp(-lag_s / colour_s) + 1e-9 * np.eye(n))

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..simulate.model import Array, Tow, full_x_cg, full_x_cg_rate, full_y_cg, full_y_cg_rate, line_angle_rate
-from .effects import Seen
-from .shooting import STATE_STEP
-from .tow_data import TowRun
-from .tow_numbers import COMPLIANCE
-from .tow_rates import SMALLEST_COSINE, Fields, Numbers, TowRates, columns_of, tow_of
+from ...simulate.model import Array, Tow, full_x_cg, full_x_cg_rate, full_y_cg, full_y_cg_rate, line_angle_rate
+from ..effects import Seen
+from ..inference.shooting import STATE_STEP
+from .data import TowRun
+from .numbers import COMPLIANCE
+from .rates import SMALLEST_COSINE, Fields, Numbers, TowRates, columns_of, tow_of
 from .variations import Variations, joined
 
 POINTS, MIDDLE = 6, 2.5

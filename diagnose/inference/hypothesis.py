@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..simulate.model import Array
-from .effects import Effect
+from ...simulate.model import Array
+from ..effects import Effect
 
 FREE = 1e6
 """Prior standard deviation of a number that the data alone decide."""
@@ -80,7 +80,13 @@ class Slopes:
 
 
 def with_effects(h: Hypothesis, effects: Sequence[Effect]) -> Hypothesis:
-    """The hypothesis with more effects, absent at first."""
+    """The hypothesis with more effects, absent at first.
+
+    Parameters
+    ----------
+    h : the hypothesis
+    effects : to put in
+    """
     numbers = tuple(np.array([q.none for q in e.parameters]) for e in effects)
     return replace(h, effects=(*h.effects, *effects), numbers=(*h.numbers, *numbers))
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..simulate.model import Array
-from .inference import Fitted, Inference
+from ...simulate.model import Array
+from .evidence import Fitted, Inference
 
 LENGTHS = (3, 6, 12)
 """Blocks of a burst."""
@@ -44,7 +44,13 @@ class Leftover:
 
 
 def leftover(inference: Inference, fitted: Fitted) -> Leftover:
-    """Look at what a hypothesis leaves."""
+    """Look at what a hypothesis leaves.
+
+    Parameters
+    ----------
+    inference : the simulator with its runs and noise
+    fitted : a hypothesis, fitted
+    """
     step, rest = inference.simulator.step_s, _rest(inference, fitted)
     names = [run.name for run in inference.simulator.runs]
     tiles = (*_bursts(rest, names, step), *_bands(rest, step))
@@ -53,7 +59,13 @@ def leftover(inference: Inference, fitted: Fitted) -> Leftover:
 
 
 def standing_out(inference: Inference, fitted: Fitted) -> list[float]:
-    """Frequencies at which what a hypothesis leaves has its peaks, Hz, the highest first."""
+    """Frequencies at which what a hypothesis leaves has its peaks, Hz, the highest first.
+
+    Parameters
+    ----------
+    inference : the simulator with its runs and noise
+    fitted : a hypothesis, fitted
+    """
     frequency, power, _ = _spectrum(_rest(inference, fitted), inference.simulator.step_s)
     inside = np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:])) + 1
     return [float(frequency[k]) for k in sorted(inside, key=lambda k: -power[k])]

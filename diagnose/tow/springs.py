@@ -9,19 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 
-from ..simulate.model import Array
-from .effects import Effect
-from .effects.line import ELASTIC, springing
-from .tow_data import TowRun
-
-if TYPE_CHECKING:
-    from .inference import Fitted
+from ...simulate.model import Array
+from ..effects import Effect
+from ..effects.line import ELASTIC, springing
+from .data import TowRun
 
 LINE = 2
 """The channel."""
@@ -59,9 +56,15 @@ class Ring:
     rate_rad_s: float
 
 
-def springing_effects(runs: Sequence[TowRun], base: Fitted) -> list[Effect]:
-    """The ring and the course that explain most of the taut line's residual; none where there is only noise."""
-    rests = [_rest(run, base.linear.rows[i][0][:, LINE]) for i, run in enumerate(runs)]
+def springing_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Effect]:
+    """The ring and the course that explain most of the taut line's residual; none where there is only noise.
+
+    Parameters
+    ----------
+    runs : as the diagnosis sees them
+    residuals : per run (n, 4), measured minus simulated by the fit without effects
+    """
+    rests = [_rest(run, residuals[i][:, LINE]) for i, run in enumerate(runs)]
     whole = [rest for rest in rests if rest is not None]
     if len(whole) < len(runs):
         return []
@@ -73,7 +76,7 @@ def _rings(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:
     longest = max(len(r) * step for r in rests)
     rates = 2 * np.pi * np.arange(RATES_HZ[0], RATES_HZ[1], step / (2 * longest)) / step
     grid = [
-        (sum(_ring(run.centre_s, rest, decay, rate)[0] for run, rest in zip(runs, rests, strict=True)), decay, rate)
+        (sum(ring_fit(run.centre_s, rest, decay, rate)[0] for run, rest in zip(runs, rests, strict=True)), decay, rate)
         for decay in DECAYS_S
         for rate in rates
     ]
@@ -83,7 +86,7 @@ def _rings(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:
     rings, cost = [], 0.0
     for run, rest in zip(runs, rests, strict=True):
         end = minimize(
-            lambda x, t=run.centre_s, rest=rest: -_ring(t, rest, abs(x[0]), x[1])[0],
+            lambda x, t=run.centre_s, rest=rest: -ring_fit(t, rest, abs(x[0]), x[1])[0],
             [decay, rate],
             method="Nelder-Mead",
             options={
@@ -95,7 +98,7 @@ def _rings(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:
         own_decay, own_rate = abs(float(end.x[0])), float(end.x[1])
         if not rate / LIKE <= own_rate <= LIKE * rate:
             own_decay, own_rate = decay, rate  # one line and one model: where a run shows little, the others say
-        explained, size = _ring(run.centre_s, rest, own_decay, own_rate)
+        explained, size = ring_fit(run.centre_s, rest, own_decay, own_rate)
         # a mean over a block flattens what comes and goes within it
         flat = float(np.sinc(own_rate * step / (2 * np.pi)))
         rings.append(Ring(size * run.usual_sd(LINE) / flat, own_decay, own_rate))
@@ -149,8 +152,19 @@ def _rest(run: TowRun, radius: Array) -> Array | None:
     return np.where(good, radius - np.nanmedian(radius), 0.0) / run.usual_sd(LINE)
 
 
-def _ring(t_s: Array, rest: Array, decay_s: float, rate_rad_s: float) -> tuple[float, complex]:
-    """Squares that a bounce explains beside a constant and a trend, and its size."""
+def ring_fit(t_s: Array, rest: Array, decay_s: float, rate_rad_s: float) -> tuple[float, complex]:
+    """Fit a decaying oscillation beside a constant and a trend.
+
+    Parameters
+    ----------
+    t_s, rest : (n,) times and what is fitted
+    decay_s, rate_rad_s : decay rate, 1/s, and angular frequency of the oscillation
+
+    Returns
+    -------
+    explained : sum of squares that the oscillation removes beyond constant and trend
+    size : complex amplitude; the oscillation is the real part of size exp((-decay_s + i rate_rad_s) t_s)
+    """
     left, angle = np.exp(-decay_s * t_s), rate_rad_s * t_s
     columns = np.column_stack([np.ones_like(t_s), t_s - t_s.mean(), left * np.cos(angle), left * np.sin(angle)])
     plain = columns[:, :2]

@@ -7,14 +7,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..simulate.model import Array
-from .effects import Effect
-from .hypothesis import EFFECT_STEP, Hypothesis, Path, Slopes
-from .shooting import BLOW_UP, CLOSE, HOPELESS, MOST_CLOSINGS, STATE_STEP, between, carried, integrated, stepped
-from .tow_data import TowRun, corrected
-from .tow_numbers import shared_numbers
-from .tow_rates import OWN, Fields, Numbers, TowRates, tow_of
-from .tow_seen import TowSeen
+from ...simulate.model import Array
+from ..effects import Effect
+from ..inference.hypothesis import EFFECT_STEP, Hypothesis, Path, Slopes
+from ..inference.shooting import (
+    BLOW_UP,
+    CLOSE,
+    HOPELESS,
+    MOST_CLOSINGS,
+    STATE_STEP,
+    between,
+    carried,
+    integrated,
+    stepped,
+)
+from .data import TowRun, corrected
+from .numbers import shared_numbers
+from .rates import OWN, Fields, Numbers, TowRates, tow_of
+from .seen import TowSeen
 from .variations import PROBE_N, PROBES, Variations, joined
 
 BEYOND = 4
@@ -176,7 +186,7 @@ class TowModel:
         tried = [g.pushing() if numbers_too else () for g in groups]
         blocks = [g.columns(t, size, probed=numbers_too) for g, t in zip(groups, tried, strict=True)]
         numbers, begins = joined(blocks, lags)
-        rates = self._slopes_of_rates(numbers, _moved_states(whole, begins, [b.width for b in blocks]))
+        rates = self._slopes_of_rates(numbers, _with_each_state_stepped(whole, begins, [b.width for b in blocks]))
         most = max(g.size for g in groups) if numbers_too else 0
         shape = (len(self.node_s) - 1, len(groups), len(self.runs), size)
         transition, push = np.empty((*shape, size)), np.zeros((*shape, most + 1))
@@ -227,8 +237,9 @@ class TowModel:
             at += len(numbers)
 
 
-def _moved_states(paths: Array, begins: Sequence[int], widths: Sequence[int]) -> Array:
-    """Paths (states, nodes, runs, hypotheses) in every column of theirs, each state moved in one of the first."""
+def _with_each_state_stepped(paths: Array, begins: Sequence[int], widths: Sequence[int]) -> Array:
+    """Paths (states, nodes, runs, hypotheses) in every column of theirs; of the first columns each has one state stepped by
+    STATE_STEP."""
     whole = np.repeat(paths, widths, axis=3)
     for begin in begins:
         for s in range(len(paths)):

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg import expm
 
-from ..simulate.model import Array, Hull, linear_system
-from .hypothesis import Hypothesis
-from .noise import TIMES_S, Measured, Noise, Roots, forced
-from .tow_data import TowRun
-from .tow_numbers import SIX
-from .tow_rates import OWN
+from ...simulate.model import Array, Hull, linear_system
+from ..inference.hypothesis import Hypothesis
+from ..inference.noise import TIMES_S, Measured, Noise, Roots, forced
+from .data import TowRun
+from .numbers import SIX
+from .rates import OWN
 
 SMALLEST_N = 1e-3
 """A tension below this is taken as this: the linear form of a tow needs one."""
@@ -23,6 +23,8 @@ def tow_noise(runs: Sequence[TowRun], hypothesis: Hypothesis, speed_m_s: float) 
 
     Parameters
     ----------
+    runs : as the diagnosis sees them
+    hypothesis : with its numbers
     speed_m_s : of the hypothesis's derivatives
     """
     return Noise(

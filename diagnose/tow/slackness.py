@@ -3,38 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import minimize
 
-from ..geometry.checks.bundle import half_sine
-from ..simulate.model import Array
-from .effects import Effect, slack
-from .tow_data import TowRun
-
-if TYPE_CHECKING:
-    from .inference import Fitted
+from ...geometry.checks.bundle import half_sine
+from ...simulate.model import Array
+from ..effects import Effect, slack
+from .data import TowRun
 
 SLACK_Z = 8.0
-"""A window is one when it stands this many standard deviations out: many windows are tried. A choice."""
+"""A window counts as slack when the radius falls short by so many standard deviations: many are tried. A choice."""
 LIKE_THE_MOST = 0.3
-"""A fit without the slack line errs in all runs: windows below this share of the clearest one's significance are that."""
+"""Windows below this share of the clearest one's significance are left out: a fit that lacks the slack line errs a little in all
+runs."""
 LEAST_BLOCKS = 10
 """Means that a run must have for it: a choice."""
 SLACK_LENGTHS_S = (1.0, 2.0, 3.0, 4.5, 7.0)
 """Windows whose fit begins the search; it then finds the length itself."""
 
 
-def slack_effects(runs: Sequence[TowRun], base: Fitted) -> list[Effect]:
+def slack_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Effect]:
     """The most likely slack windows, from the taut line's residual alone: in the run that shows most, in the two, ... in all that
-    show any."""
+    show any.
+
+    Parameters
+    ----------
+    runs : as the diagnosis sees them
+    residuals : per run (n, 4), measured minus simulated by the fit without effects
+    """
     found: list[Effect] = []
     for wave in (False, True):
         windows: list[tuple[float, float] | None] = []
         sure: list[float] = []
         for index, run in enumerate(runs):
-            radius = base.linear.rows[index][0][:, 2]
+            radius = residuals[index][:, 2]
             good = np.isfinite(radius)
             best = (0.0, 0.0, 0.0)
             if good.sum() >= LEAST_BLOCKS:

@@ -9,18 +9,18 @@ import numpy as np
 from scipy.interpolate import UnivariateSpline
 from scipy.signal import savgol_filter
 
-from ..identify import fit_runs
-from ..identify.reference import reference_set
-from ..record.errors import EstimationError
-from ..simulate.model import Array
-from .hypothesis import Hypothesis, Path
-from .tow_data import TowRun
-from .tow_model import BEYOND
+from ...identify import fit_runs
+from ...identify.reference import reference_set
+from ...record.errors import EstimationError
+from ...simulate.model import Array
+from ..inference.hypothesis import Hypothesis, Path
+from .data import TowRun
+from .model import BEYOND
 
 SAMPLES = 250
 """Of a record that the rough start takes, at most about twice so many: a choice."""
 LARGEST_SINE = 0.95
-"""Of the line's angle from the measured places: noise may give more than 1."""
+"""The sine of the line's angle, computed from measured places, is cut off here: noise may make it exceed 1."""
 SMOOTH_S, SMOOTH_ORDER = 3.0, 3
 """A tow's motion is a cubic over so long."""
 USUAL_RESISTANCE = 7e-4
@@ -28,7 +28,7 @@ USUAL_RESISTANCE = 7e-4
 UNKNOWN_REL, GAUGED_REL = 1.0, 0.1
 """Of R where nothing is stated, and where a load cell's mean over a swinging tow stands for it."""
 SHAKEN = 4.0
-"""Marks whose place and heading both scatter so many times their noise shake."""
+"""Marks count as shaken where y and heading both scatter by this many times their stated noise."""
 
 
 def straight_pull(run: TowRun) -> tuple[float, float]:
@@ -46,6 +46,11 @@ def base_hypotheses(runs: Sequence[TowRun], speed_m_s: float) -> list[Hypothesis
 
     A line that goes slack can lead the linear fit astray; the other begins within a factor of two. The linear form holds T; what
     surge adds begins at its priors.
+
+    Parameters
+    ----------
+    runs : as the diagnosis sees them
+    speed_m_s : at which forces are quoted
     """
     few = []
     for run in runs:
@@ -74,7 +79,7 @@ def base_hypotheses(runs: Sequence[TowRun], speed_m_s: float) -> list[Hypothesis
         sixes.insert(0, fitted)
     nodes = 2 * (max(len(r.centre_s) for r in runs) + BEYOND) + 1
     found = _along(runs, sixes, np.stack([measured_path(run, nodes) for run in runs], axis=-1))
-    scatter = [_scatter(run) for run in runs]
+    scatter = [excess_scatter(run) for run in runs]
     if any((wider > SHAKEN).all() for wider in scatter):
         # marks that shake are no motion: followed no closer than they scatter
         smooth = [measured_path(run, nodes, np.maximum(wider, 1.0)) for run, wider in zip(runs, scatter, strict=True)]
@@ -90,8 +95,18 @@ def _along(runs: Sequence[TowRun], sixes: Sequence[Array], states: Array) -> lis
     return [Hypothesis(six, np.array(own, dtype=float), path=Path((), states)) for six in sixes]
 
 
-def _scatter(run: TowRun) -> Array:
-    """(2,) how far y and beta scatter about a smooth course, over what their noise says; 1 where they do as stated."""
+def excess_scatter(run: TowRun) -> Array:
+    """Compare the scatter of y and beta about a smooth course with their stated noise.
+
+    Parameters
+    ----------
+    run : as the diagnosis sees it
+
+    Returns
+    -------
+    ratio : (2,) root mean square distance from a running cubic over its stated standard deviation; white noise as stated has the
+        square root of what the cubic leaves; 1 where there are too few blocks
+    """
     good = np.isfinite(run.values[:, :2]).all(axis=1)
     length = max(2 * round(SMOOTH_S / run.step_s / 2) + 1, SMOOTH_ORDER + 2)
     if good.sum() < length:
@@ -106,6 +121,12 @@ def measured_path(run: TowRun, nodes: int, wider: Sequence[float] | Array = (1.0
     """(4, nodes) alpha, beta, v, r every half block, from smoothing splines of y and beta; beyond the run its last values.
 
     ``wider``: how many times as far as their noise y and beta may lie off the splines.
+
+    Parameters
+    ----------
+    run : as the diagnosis sees it
+    nodes : how many
+    wider : how many times as far as their noise y and beta may lie off the splines
     """
     tow = run.data.tow
     good = np.isfinite(run.values[:, :2]).all(axis=1)

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from .effects import Effect, Parameter, Seen, Situation
+from ...simulate.model import Array
+from ..effects import Effect, Parameter, Seen, Situation
 
 V_M_S, R_RAD_S, Y_M, BETA_RAD = 0.1, 0.05, 0.2, 0.15
 """Usual sizes of a tow's motion."""
@@ -73,14 +74,22 @@ def _sum(numbers: Sequence[Any], shapes: Sequence[Any]) -> Any:
     return sum(a * f for a, f in zip(numbers, shapes, strict=True))
 
 
-def _forms(seen: Seen):
+def shapes_of(seen: Seen) -> tuple[Array, ...]:
+    """Shapes that a fault of what is seen may have: 1, time, y, y^2, beta, beta^2 and y beta.
+
+    Time goes from -1 to 1 over the run; y and beta are in units of Y_M and BETA_RAD.
+
+    Parameters
+    ----------
+    seen : of a simulated run
+    """
     y, b = seen.pose[1] / Y_M, seen.pose[2] / BETA_RAD
     time = seen.t_s / np.maximum(seen.t_s.max(), 1.0) * 2 - 1 + 0.0 * y
     return (1 + 0.0 * y, time, y, y * y, b, b * b, y * b)
 
 
 def _seen(seen: Seen, *numbers) -> tuple[Any, Any, Any, Any]:
-    forms = _forms(seen)
+    forms = shapes_of(seen)
     each = len(forms)
     x, y, beta, apart = (_sum(numbers[k * each : (k + 1) * each], forms) for k in range(4))
     return x, y, beta, apart

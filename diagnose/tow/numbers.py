@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..record.priors import ValuePrior
-from ..simulate.model import DERIVATIVE_UNITS, RESISTANCE_EXPONENT, Array
-from .tow_data import TowRun
+from ...record.priors import ValuePrior
+from ...simulate.model import DERIVATIVE_UNITS, RESISTANCE_EXPONENT, Array
+from .data import TowRun
 
 SIX = tuple(DERIVATIVE_UNITS)
 SURGE = ("x_udot_kg", "x_vr_kg", "x_vv_kg_m", "x_rr_kg_m", "resistance_exponent")
@@ -60,6 +60,7 @@ def shared_numbers(
 
     Parameters
     ----------
+    runs : as the diagnosis sees them
     speed_m_s : at which forces are quoted
     reference : mean and standard deviation of the six there; None: fitted freely
     least : of the six, and of what nobody states

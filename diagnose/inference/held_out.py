@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..simulate.model import Array
-from .inference import Fitted, Inference
+from ...simulate.model import Array
+from .evidence import Fitted, Inference
 from .noise import Forces
 
 BLOCKS_TOGETHER = 12
@@ -38,12 +38,27 @@ class Shrink:
 
 
 def none_left(count: int, held: Sequence[int] | None) -> bool:
-    """Whether, of ``count`` runs, none would be left to fit with ``held`` kept aside (None: each in turn): nothing is, then."""
+    """Whether, of ``count`` runs, none would be left to fit with ``held`` kept aside (None: each in turn): nothing is, then.
+
+    Parameters
+    ----------
+    count : of runs
+    held : runs kept aside; None: each in turn
+    """
     return count < 2 or (held is not None and len(held) == count)
 
 
 def aside(inference: Inference, fitted: Fitted, forces: Forces, run: int, others: Sequence[int]) -> Array:
-    """Whitened residual (m n,) of what moves, of a run that took no part in the fit."""
+    """Whitened residual (m n,) of what moves, of a run that took no part in the fit.
+
+    Parameters
+    ----------
+    inference : the simulator with its runs and noise
+    fitted : a hypothesis, fitted
+    forces : random forces on the hull
+    run : that is kept aside
+    others : runs that are fitted
+    """
     h, grams = fitted.hypothesis, fitted.grams
     step = inference.solve(grams, h, forces, others).shared
     own = inference.reduced(grams, h, forces, [run]).own_step(step)[0]
@@ -58,7 +73,11 @@ def shrink(
 
     Parameters
     ----------
+    inference : the simulator with its runs and noise
+    base : the fit without effects
+    best : the best hypothesis, fitted
     held : runs kept aside (all at once); None: each in turn. Where that leaves no run to fit, all are fitted themselves
+    rng : that draws
     """
     count, free = len(inference.simulator.runs), inference.simulator.free
     lengths = [len(run.centre_s) for run in inference.simulator.runs]
@@ -74,9 +93,9 @@ def shrink(
     before, after = (_gap([r[k] for r in residuals.values()], free) for k in (0, 1))
     parts = [_sums(b, a, lengths[i]) for i, (b, a) in residuals.items()]
     draws = [_drawn(parts, free, rng) for _ in range(DRAWS)]
-    values = np.array([_share(b, a) for b, a in draws])
+    values = np.array([removed_share(b, a) for b, a in draws])
     interval = (float(np.percentile(values, LOW)), float(np.percentile(values, HIGH)))
-    return Shrink(before, after, _share(before, after), interval, residuals)
+    return Shrink(before, after, removed_share(before, after), interval, residuals)
 
 
 def _gap(parts: Sequence[Array], free: int) -> float:
@@ -84,7 +103,17 @@ def _gap(parts: Sequence[Array], free: int) -> float:
     return float(np.sqrt(total / max(sum(len(p) for p in parts) - free * len(parts), 1)))
 
 
-def _share(before: float, after: float) -> float:
+def removed_share(before: float, after: float) -> float:
+    """Share of a gap's excess over noise that an effect removes.
+
+    Parameters
+    ----------
+    before, after : root mean square of whitened residuals; noise alone has 1
+
+    Returns
+    -------
+    share : 1 - (after^2 - 1) / (before^2 - 1), within 0 and 1; 0 where there was no excess
+    """
     excess = max(before**2 - 1, 0.0)
     return float(np.clip(1 - max(after**2 - 1, 0.0) / excess, 0.0, 1.0)) if excess > 0 else 0.0
 

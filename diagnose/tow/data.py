@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..geometry import DatumFit
-from ..geometry.poses import poses_from_tracks, without_lags
-from ..identify.data import RunData, run_data
-from ..identify.still import scatter
-from ..record.run import Run
-from ..simulate.model import Array
+from ...geometry import DatumFit
+from ...geometry.poses import poses_from_tracks, without_lags
+from ...identify.data import RunData, run_data
+from ...identify.still import scatter
+from ...record.run import Run
+from ...record.tables import SEEN
+from ...simulate.model import Array
 
 CHANNELS = ("y", "beta", "line", "distance")
 MOST_BLOCKS = 130
@@ -119,6 +120,7 @@ def tow_run(
 
     Parameters
     ----------
+    run : the run folder as read
     motion, common : as ``identify.run_data`` takes
     tracks, fit : pixels and datum, where there are
     static : tracks of the model held still, or None
@@ -168,7 +170,14 @@ def block_step(durations_s: Sequence[float]) -> float:
 
 
 def corrected(tow: TowRun, run: Run, mapping: Any) -> Array:
-    """Change of the run's values (n, 4) with another run.toml or mapping: a frame of each block stands for it."""
+    """Change of the run's values (n, 4) with another run.toml or mapping: a frame of each block stands for it.
+
+    Parameters
+    ----------
+    tow : the run as the diagnosis sees it
+    run : the run folder as read
+    mapping : pixel -> tank
+    """
     assert tow.marks is not None
     marks, (t_s, before) = tow.marks, tow.marks.seen
     after = _from_pixels(replace(marks, tracks=marks.few, run=run, fit=replace(marks.fit, mapping=mapping)))
@@ -180,7 +189,7 @@ def corrected(tow: TowRun, run: Run, mapping: Any) -> Array:
 
 def _few(tracks: pd.DataFrame, step_s: float) -> pd.DataFrame:
     """About one frame of each block, in which all marks were measured."""
-    whole = tracks["status"].eq("measured").groupby(tracks["frame"]).transform("all")
+    whole = tracks["status"].isin(SEEN).groupby(tracks["frame"]).transform("all")
     rows = tracks[whole]
     frames, first = np.unique(rows["frame"].to_numpy(), return_index=True)
     block = np.floor((rows["t_s"].to_numpy()[first] - rows["t_s"].min()) / step_s + 0.5).astype(int)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from ..record.errors import InputError
-from ..record.run import RUN_FILE, Run
-from .effects import Effect
+from ...record.errors import InputError
+from ...record.run import RUN_FILE, Run
+from ..effects import Effect
 from .hypothesis import Hypothesis
 
 
@@ -28,6 +28,11 @@ class Apart:
 
 def measured_apart(runs: Iterable[Run], library: Sequence[Effect]) -> dict[str, Apart]:
     """The runs' [[measured]] tables, effect.number -> value; what several runs state is one measurement.
+
+    Parameters
+    ----------
+    runs : their folders as read
+    library : effects that may be named
 
     Raises
     ------
@@ -58,6 +63,7 @@ def measurement(hypothesis: Hypothesis, known: Mapping[str, Apart]) -> list[tupl
 
     Parameters
     ----------
+    hypothesis : with its numbers
     known : measured already
     """
     found = []

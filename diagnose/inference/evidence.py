@@ -14,9 +14,9 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import log_ndtr, logsumexp
 
-from ..geometry.normal import inverse_of_normal
-from ..record.errors import EstimationError
-from ..simulate.model import Array
+from ...geometry.normal import inverse_of_normal
+from ...record.errors import EstimationError
+from ...simulate.model import Array
 from .grams import Columns, Grams, Reduced, reduced
 from .hypothesis import Hypothesis, Slopes
 from .noise import SMALLEST, TIMES_S, Forces, Noise
@@ -25,25 +25,24 @@ from .simulator import Simulator
 from .spread import Spread, one_by_one
 
 LARGEST_SHARE = 0.4
-"""No shared number changes by more than this share in a step."""
+"""No shared number changes by more than this share of itself in a step."""
 SHORTER = 0.3
-"""A step that does not improve is tried again at this share."""
+"""A step that does not improve is tried again at this share of its length."""
 FORCE_TRIALS = 16
 """Evaluations of the search for the random forces' sizes, for each of their times: a choice, for time."""
 SMALLER_TRIED, LEAST_TRIED = (1.0, 0.25, 0.06, 0.015), 3e-4
-"""Shares of the forces it began with at which that search may begin, and the force, N or N m, below which none is
-tried."""
+"""Where that search may begin: at these shares of the forces given, those below the second number (N or N m) left out."""
 ALL_TIMES = tuple(range(len(TIMES_S)))
 GROUPS = 2
-"""Hypotheses are fitted in so many groups at the same time."""
+"""Hypotheses are fitted in so many groups, which may run at the same time."""
 NEAR = 25.0
-"""Log evidence behind the best from which the noise is not estimated once more."""
+"""At the end the noise is estimated once more for hypotheses whose log evidence is within this of the best."""
 STEEP = 1e60
 """A slope beyond this belongs to a motion that grows beyond bounds."""
 LARGEST_SD = 3.0
 """No effect's number changes by more prior standard deviations in a step."""
 LEAST_VARIANCE = 1e-12
-"""Of an effect's number in units of its prior; what inverting leaves below is rounding."""
+"""Smallest posterior variance of an effect's number, in units of its prior's; anything below is rounding of the inversion."""
 
 
 @dataclass(frozen=True)
@@ -301,6 +300,8 @@ class Inference:
         open_turns : the first steps, in which paths stay open and every step is taken
         """
         count = len(hypotheses)
+        if not count:
+            return []
         groups = [
             (hypotheses[k::GROUPS], forces[k::GROUPS], steps, noise_turns, open_turns, count == 1)
             for k in range(min(GROUPS, count))
@@ -360,7 +361,7 @@ class Inference:
 
     def _one_fitted(self, linear: Linear, forces: Forces, estimate: bool, all_times: bool) -> Fitted | None:
         """The linear problem solved; the noise estimated where wished. None: it has no solution."""
-        if not self._stands(linear):
+        if not self._bounded(linear):
             return None
         h = linear.hypothesis
         grams = Grams(linear.columns, self._noise or self.simulator.noise(h))
@@ -378,7 +379,8 @@ class Inference:
         log_evidence -= sum(e.cost for e in h.effects)
         return Fitted(h, forces, log_evidence, solved, linear, grams)
 
-    def _stands(self, linear: Linear) -> bool:
+    def _bounded(self, linear: Linear) -> bool:
+        """Whether neither the motion nor its slopes grow beyond bounds."""
         gone = self.simulator.gone
         for (residual, slope), run in zip(linear.rows, self.simulator.runs, strict=True):
             good = np.isfinite(run.values)
@@ -394,7 +396,7 @@ class Inference:
         if len(effects):
             sd = np.concatenate([[q.sd for q in e.parameters] for e in h.effects])
             limit = np.concatenate([limit, np.abs(effects) / (LARGEST_SD * sd)])
-        share = share / max(1.0, float(limit.max()))
+        share = share / float(limit.max(initial=1.0))
         numbers, at = [], 0
         for n in h.numbers:
             numbers.append(n + share * effects[at : at + len(n)])

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..simulate.model import Array
+from ...simulate.model import Array
 
 BLOW_UP = 1e3
 """States are held within this (m, rad, m/s, rad/s), so that a motion that grows stays a number."""
@@ -31,7 +31,15 @@ Rates = Callable[[Any, Array], Array]
 
 
 def stepped(rates: Rates, t_s: Any, state: Array, step_s: float) -> Array:
-    """From ``state`` at ``t_s`` to the next node by STEPS_BETWEEN classical Runge-Kutta steps."""
+    """From ``state`` at ``t_s`` to the next node by STEPS_BETWEEN classical Runge-Kutta steps.
+
+    Parameters
+    ----------
+    rates : rates of the states
+    t_s : time of the node, s
+    state : at that time
+    step_s : from node to node, s
+    """
     step = step_s / STEPS_BETWEEN
     half = step / 2
     for k in range(STEPS_BETWEEN):
@@ -45,7 +53,15 @@ def stepped(rates: Rates, t_s: Any, state: Array, step_s: float) -> Array:
 
 
 def integrated(rates: Rates, start: Array, nodes: int, step_s: float) -> Array:
-    """Step by step from ``start`` (states, runs, columns): (states, nodes, runs, columns)."""
+    """Step by step from ``start`` (states, runs, columns): (states, nodes, runs, columns).
+
+    Parameters
+    ----------
+    rates : rates of the states
+    start : states at the first node
+    nodes : how many
+    step_s : from node to node, s
+    """
     path = np.empty((start.shape[0], nodes, *start.shape[1:]))
     path[:, 0] = start
     with np.errstate(all="ignore"):
@@ -60,6 +76,7 @@ def between(slope: Array, step_s: float) -> tuple[Array, Array, Array]:
     Parameters
     ----------
     slope : A at every node, (nodes, ..., s, s)
+    step_s : from node to node, s
 
     Returns
     -------
@@ -86,7 +103,9 @@ def carried(transition: Array, push: Array, start: Array) -> Array:
 
     Parameters
     ----------
-    transition : (nodes - 1, ..., s, s); push : (nodes - 1, ..., s, k); start : (..., s, k)
+    transition : (nodes - 1, ..., s, s)
+    push : (nodes - 1, ..., s, k)
+    start : (..., s, k), at the first node
 
     Returns
     -------

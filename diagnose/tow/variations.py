@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..simulate.model import Array
-from .effects import Effect
-from .hypothesis import EFFECT_STEP, Hypothesis
-from .tow_numbers import COMPLIANCE
-from .tow_rates import OWN, Active, Numbers
+from ...simulate.model import Array
+from ..effects import Effect
+from ..inference.hypothesis import EFFECT_STEP, Hypothesis
+from .numbers import COMPLIANCE
+from .rates import OWN, Active, Numbers
 
 STEPS = {"alpha": 1e-5, "beta": 1e-5, "v": 1e-5, "r": 1e-5, "y_b": 1e-4, "beta_b": 1e-4}
 """Of the one-sided differences by a run's own numbers: start in m, rad, m/s, rad/s; biases in m and rad."""
@@ -161,7 +161,13 @@ def _absent(effect: Effect, numbers: Array) -> bool:
 
 
 def joined(blocks: Sequence[Block], lags_s: tuple[float, ...]) -> tuple[Numbers, list[int]]:
-    """Blocks side by side; where each begins."""
+    """Blocks side by side; where each begins.
+
+    Parameters
+    ----------
+    blocks : columns of the hypotheses
+    lags_s : of fluid memory, s
+    """
     begins = [0, *np.cumsum([b.width for b in blocks])[:-1].tolist()]
     active = [
         replace(a, columns=slice(at + a.columns.start, at + a.columns.stop))

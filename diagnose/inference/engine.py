@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..geometry.normal import inverse_of_normal
-from ..record.errors import EstimationError
-from ..simulate.model import Array
-from .effects import Effect
+from ...geometry.normal import inverse_of_normal
+from ...record.errors import EstimationError
+from ...simulate.model import Array
+from ..effects import Effect
+from .diagnosable import Diagnosable
+from .evidence import Fitted, Inference, on_its_side
 from .grams import Grams
 from .hypothesis import Hypothesis, with_effects
-from .inference import Fitted, Inference, on_its_side
 from .noise import Forces
 from .scan import Leftover, leftover, standing_out
 from .simulator import Simulator
@@ -26,25 +27,25 @@ from .spread import Spread, one_by_one
 P_NO_GAP, P_SINGLE, P_PAIR, P_UNKNOWN = 0.5, 0.36, 0.07, 0.07
 """Prior shares."""
 TRIED_SINGLE, TRIED_PAIR, SIBLINGS = 6, 3, 3
-"""The best by their scores are fitted in full: single effects, second ones of a pair, and of their kin. Choices, for
-time."""
+"""How many are fitted in full, the best by their scores: single effects, second effects of a pair, and further variants of the best
+effect. Choices, for time."""
 BASE_STEPS, OPEN_STEPS, REFIT_STEPS, GROSS_STEPS = 8, 3, 3, 5
-"""Gauss-Newton turns: of the base fit, of those with paths left open, of a refit, and of an effect's first, gross
-steps."""
+"""Gauss-Newton steps: of the base fit, those of it in which paths may stay open, of a refinement, and of the first fit of an effect
+where scores are very large."""
 AT_MOST = 0.9
-"""Random forces within this of the most that counts as noise explain nothing."""
-FIRM_SHARE = 0.05
-"""Random forces of which size are tried beside those that stand."""
+"""A fit whose random forces exceed this share of the largest that counts as noise explains nothing."""
+SMALL_FORCES = 0.05
+"""A refinement also starts from random forces of this share of those estimated."""
 SCANNED, SCANNED_BELOW = 4, 12.0
-"""Effects whose remainder is looked at, and how near to the best (log evidence and prior) they must come."""
+"""So many effects have their residuals searched for something left over, if log evidence and prior are within this of the best."""
 WORTH_PAIRS = 3.0
-"""Log evidence a second effect must promise by its score."""
+"""A second effect is fitted only if its score promises more log evidence than this."""
 WORTH_PAIRS_BELOW = 30.0
 """Pairs are tried on the second best effect only if it comes this near to the best."""
-MOST_TAKEN_ON, STANDS = 5, 3.0
-"""How often a fit is taken on, and below which gain in log evidence it stands."""
-WORTH_GOING_ON = 0.3
-"""A free form is taken on if it has come so far of the best effect's way."""
+MOST_REFINEMENTS, CONVERGED_GAIN = 5, 3.0
+"""A fit is refined at most so often; it counts as converged when a refinement raises its log evidence by less than this."""
+WORTH_REFINING = 0.3
+"""A free form is refined only if its log evidence is at least this share of the best effect's."""
 TWINS = 3.0
 """Effects within this log evidence of the best are not told from it."""
 CLEAR = 3.0
@@ -120,7 +121,7 @@ class Ranking:
 
 
 def ranked(
-    simulator: Simulator, library: Sequence[Effect], progress: Progress | None = None, spread: Spread = one_by_one
+    simulator: Diagnosable, library: Sequence[Effect], progress: Progress | None = None, spread: Spread = one_by_one
 ) -> tuple[Inference, Ranking]:
     """Rank every effect and pair.
 
@@ -128,6 +129,7 @@ def ranked(
     ----------
     simulator : with its runs
     library : effects to try
+    progress : is told in a sentence what is done
     spread : does what is independent
 
     Raises
@@ -138,7 +140,7 @@ def ranked(
     say("the simulator as it is")
     first, forces = _first_fit(simulator, spread)
     inference = Inference(simulator, simulator.noise(first), spread)
-    base = _taken_on(inference, inference.fit([first], [forces], 2, (0,)))[0]
+    base = _refined(inference, inference.fit([first], [forces], 2, (0,)))[0]
     usable, excluded = simulator.usable(library)
     usable = [*usable, *simulator.suggested(base)]
     say(f"{len(usable)} effects by their scores")
@@ -163,12 +165,13 @@ def ranked(
     ]
     candidates += _siblings(inference, base, candidates, usable, scores, gross)
     candidates.sort(key=lambda c: -c.log_evidence)
-    candidates = _settled(inference, candidates, base)
+    candidates = _converged(inference, candidates, base)
     pairs = _pairs(inference, candidates, base, usable, len(names), say, gross)
-    candidates += _settled(inference, sorted(pairs, key=lambda c: -c.log_evidence), base)
+    candidates += _converged(inference, sorted(pairs, key=lambda c: -c.log_evidence), base)
     free_form = max(free_found, key=lambda c: c.log_evidence, default=None)
-    if free_form is not None and free_form.log_evidence > max(CLEAR, WORTH_GOING_ON * candidates[0].log_evidence):
-        free_form = _settled(inference, [free_form], base)[0]
+    best = candidates[0].log_evidence if candidates else 0.0
+    if free_form is not None and free_form.log_evidence > max(CLEAR, WORTH_REFINING * best):
+        free_form = _converged(inference, [free_form], base)[0]
     return inference, _ranking(inference, base, candidates, free_form, excluded)
 
 
@@ -180,7 +183,9 @@ def _first_fit(simulator: Simulator, spread: Spread) -> tuple[Hypothesis, Forces
             found = Inference(simulator, None).fit([start], [Forces()], BASE_STEPS, (OPEN_STEPS,), OPEN_STEPS)[0]
         except (EstimationError, np.linalg.LinAlgError):
             return None
-        return found.log_evidence, found.hypothesis, found.forces
+        # of where it stands, not of where its next step points to: an end that is still on its way is none
+        reached = found.log_evidence - found.solved.log_evidence + found.solved.here
+        return reached, found.hypothesis, found.forces
 
     found = [end for end in spread(ended, simulator.starts()) if end is not None]
     if not found:
@@ -210,16 +215,16 @@ def _siblings(
     return [Candidate(effects, f, f.log_evidence - base.log_evidence, best.log_prior) for effects, f in fitted]
 
 
-def _settled(inference: Inference, candidates: list[Candidate], base: Fitted) -> list[Candidate]:
-    """The best few taken on until they stand: what is compared with a pair must have come as far as the pair will."""
+def _converged(inference: Inference, candidates: list[Candidate], base: Fitted) -> list[Candidate]:
+    """The best few refined until they converge: only then can they be compared with a pair, which starts from them."""
     few = [c for c in candidates[:3] if c.log_evidence > max(CLEAR, candidates[0].log_evidence - WORTH_PAIRS_BELOW)]
     if not few:
         return candidates
     fitted = [c.fitted for c in few]
-    for _ in range(MOST_TAKEN_ON):
+    for _ in range(MOST_REFINEMENTS):
         before = [f.log_evidence for f in fitted]
-        fitted = _taken_on(inference, fitted)
-        if all(f.log_evidence - old < STANDS for f, old in zip(fitted, before, strict=True)):
+        fitted = _refined(inference, fitted)
+        if all(f.log_evidence - old < CONVERGED_GAIN for f, old in zip(fitted, before, strict=True)):
             break
     better = [
         replace(c, fitted=f, log_evidence=f.log_evidence - base.log_evidence) for c, f in zip(few, fitted, strict=True)
@@ -228,12 +233,13 @@ def _settled(inference: Inference, candidates: list[Candidate], base: Fitted) ->
     return sorted((*better, *rest), key=lambda c: -c.log_evidence)
 
 
-def _taken_on(inference: Inference, fitted: Sequence[Fitted]) -> list[Fitted]:
-    """A few steps more, with the random forces as they are and with far smaller ones; the better end of each.
+def _refined(inference: Inference, fitted: Sequence[Fitted]) -> list[Fitted]:
+    """A few more steps from each fit, once with its random forces and once with far smaller ones; the best of the three.
 
-    Large forces excuse what the numbers could explain, and numbers that are off ask for large forces: from there neither moves.
+    Large random forces explain what the numbers could explain as well, and wrong numbers ask for large forces: a local optimum that
+    only a start with small forces leaves.
     """
-    shares = (1.0, FIRM_SHARE)
+    shares = (1.0, SMALL_FORCES)
     starts = [(f, share) for f in fitted for share in shares]
     forces = [f.forces.scaled(share) for f, share in starts]
     ends = inference.fit([f.hypothesis for f, _ in starts], forces, REFIT_STEPS, ())
@@ -250,6 +256,13 @@ def screened(
     """Log evidence of every effect by one step from ``base``, the best over these shares of its random forces; by label.
 
     The base's random forces have taken up part of what an effect does: seen with smaller ones it stands out.
+
+    Parameters
+    ----------
+    inference : the simulator with its runs and noise
+    base : the fit without effects
+    effects : to look at
+    shares : of the base's random forces
     """
     halves = [effects[k::2] for k in range(min(2, len(effects)))]
     answers: dict[str, float] = {}
@@ -310,7 +323,7 @@ def _fit_all(
     inference: Inference, base: Fitted, sets: Sequence[tuple[Effect, ...]], gross: bool
 ) -> list[tuple[tuple[Effect, ...], Fitted]]:
     hypotheses = [with_effects(base.hypothesis, list(effects)) for effects in sets]
-    share, steps, turns = (FIRM_SHARE, GROSS_STEPS, (GROSS_STEPS - 1,)) if gross else (1.0, REFIT_STEPS, (1,))
+    share, steps, turns = (SMALL_FORCES, GROSS_STEPS, (GROSS_STEPS - 1,)) if gross else (1.0, REFIT_STEPS, (1,))
     found = inference.fit(hypotheses, [base.forces.scaled(share)] * len(sets), steps, turns)
     return list(zip(sets, found, strict=True))
 

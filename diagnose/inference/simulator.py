@@ -1,18 +1,15 @@
-"""What the diagnosis asks of a simulator: any that can be run with numbers and effects will do."""
+"""What a fit asks of a simulator: any that can be run with numbers and effects will do. ``diagnosable`` asks more."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
-from ..simulate.model import Array
+from ...simulate.model import Array
+from ..effects import Effect
 from .apart import Apart
-from .effects import Effect
 from .hypothesis import Hypothesis, Slopes
 from .noise import Noise
-
-if TYPE_CHECKING:
-    from .inference import Fitted, Inference
 
 
 class SimulatedRun(Protocol):
@@ -89,22 +86,6 @@ class Simulator(Protocol):
 
     def usable(self, library: Sequence[Effect]) -> tuple[list[Effect], dict[str, str]]:
         """Effects that these runs can show, and why the others cannot be judged."""
-        ...
-
-    def suggested(self, base: Fitted) -> list[Effect]:
-        """Effects that the residual of the base itself suggests (windows of a slack line)."""
-        ...
-
-    def free_forms(self, shaken_hz: Sequence[float]) -> Sequence[Effect]:
-        """What stands for an effect in no library; ``shaken_hz`` stand out of what the base leaves."""
-        ...
-
-    def symmetries(self, inference: Inference, base: Fitted) -> Sequence[tuple[str, Sequence[str]]]:
-        """What no motion like these can tell apart, each with the effect that raises the question ("": always said)."""
-        ...
-
-    def reached(self, fitted: Fitted) -> str:
-        """In words: how large the motion was in which an effect showed."""
         ...
 
 

@@ -1,0 +1,33 @@
+"""What the diagnosis asks of a simulator beyond what a fit does: what else may be missing, and what cannot be told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from ..effects import Effect
+from .evidence import Fitted, Inference
+from .simulator import Simulator
+
+
+class Diagnosable(Simulator, Protocol):
+    """A simulator whose gap can be diagnosed."""
+
+    def suggested(self, base: Fitted) -> list[Effect]:
+        """Effects that the residual of the base itself suggests (windows of a slack line)."""
+        ...
+
+    def free_forms(self, shaken_hz: Sequence[float]) -> Sequence[Effect]:
+        """What stands for an effect in no library; ``shaken_hz`` stand out of what the base leaves."""
+        ...
+
+    def symmetries(self, inference: Inference, base: Fitted) -> Sequence[tuple[str, Sequence[str]]]:
+        """What no motion like these can tell apart, each with the effect that raises the question ("": always said)."""
+        ...
+
+    def reached(self, fitted: Fitted) -> str:
+        """In words: how large the motion was in which an effect showed."""
+        ...
+
+
+__all__ = ["Diagnosable"]

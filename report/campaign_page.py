@@ -34,7 +34,13 @@ SHOWN = (
 
 
 def write_campaign_page(path: Path, found: Campaign) -> None:
-    """Write the page atomically."""
+    """Write the page atomically.
+
+    Parameters
+    ----------
+    path : of the file
+    found : the campaign
+    """
     write_document(path, campaign_page(found))
 
 
@@ -91,7 +97,13 @@ def _runs(good: list[Answer]) -> Html:
 
 
 def runs_figure(found: Campaign, good: list[Answer]) -> Html:
-    """y and heading of every run, small: the odd one is seen at once. Numbers in the panels are the table's rows."""
+    """y and heading of every run, small: the odd one is seen at once. Numbers in the panels are the table's rows.
+
+    Parameters
+    ----------
+    found : the campaign
+    good : answers of the runs that have a motion
+    """
     from matplotlib.figure import Figure
 
     from ..record.run import read_run

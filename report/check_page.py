@@ -16,11 +16,22 @@ if TYPE_CHECKING:
     from ..geometry.checks.checked import Checked
     from ..record.check_file import CheckFile
 
-VERDICTS = {"sound": "The camera geometry is sound", "fault": "Something is wrong", "unknown": "Something does not fit"}
+VERDICTS = {
+    "mistake": "run.toml holds a mistake",
+    "sound": "The camera geometry is sound",
+    "fault": "Something is wrong",
+    "unknown": "Something does not fit",
+}
 
 
 def write_check_page(path: Path, found: Checked) -> None:
-    """Write the page atomically."""
+    """Write the page atomically.
+
+    Parameters
+    ----------
+    path : of the file
+    found : the check
+    """
     write_document(path, check_page(found))
 
 

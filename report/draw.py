@@ -37,7 +37,14 @@ _MARGINS_IN = (0.82, 0.14, 0.48, 0.16)  # left, right, bottom, top
 
 
 def new_figure(height_in: float, ratios: tuple[float, ...] = (1.0,), *, columns: int = 1) -> tuple[Figure, list[Axes]]:
-    """A figure of stacked axes (heights by ``ratios``, time axis shared) or of ``columns`` axes side by side."""
+    """A figure of stacked axes (heights by ``ratios``, time axis shared) or of ``columns`` axes side by side.
+
+    Parameters
+    ----------
+    height_in : of the figure, inches
+    ratios : of the heights of axes one below the other
+    columns : side by side
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH_IN, height_in))
@@ -74,7 +81,14 @@ def _dress(ax: Axes) -> None:
 
 
 def label(ax: Axes, x: str = "", y: str = "") -> None:
-    """Name the axes, unit included."""
+    """Name the axes, unit included.
+
+    Parameters
+    ----------
+    ax : axes that are drawn on
+    x : of the abscissa
+    y : of the ordinate
+    """
     if x:
         ax.set_xlabel(x, fontsize=TEXT_PT + 0.5, color=BLACK)
     if y:
@@ -82,7 +96,14 @@ def label(ax: Axes, x: str = "", y: str = "") -> None:
 
 
 def legend(ax: Axes, *, place: Literal["upper right", "best"] = "upper right", columns: int = 4) -> None:
-    """A legend on an opaque ground; nothing where nothing is labelled."""
+    """A legend on an opaque ground; nothing where nothing is labelled.
+
+    Parameters
+    ----------
+    ax : axes that are drawn on
+    place : of the legend
+    columns : side by side
+    """
     if ax.get_legend_handles_labels()[1]:
         drawn = ax.legend(
             loc=place, ncols=columns, fontsize=TEXT_PT - 1, framealpha=0.9, borderpad=0.3, handlelength=1.8,
@@ -92,13 +113,25 @@ def legend(ax: Axes, *, place: Literal["upper right", "best"] = "upper right", c
 
 
 def headroom(ax: Axes, share: float = 0.28) -> None:
-    """Raise the upper limit so that a legend does not lie on the data."""
+    """Raise the upper limit so that a legend does not lie on the data.
+
+    Parameters
+    ----------
+    ax : axes that are drawn on
+    share : of the range that stays free above
+    """
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + share * (high - low))
 
 
 def shade(axes: list[Axes], found: list[tuple[float, float]]) -> None:
-    """Shade time spans without a measurement."""
+    """Shade time spans without a measurement.
+
+    Parameters
+    ----------
+    axes : axes that are drawn on
+    found : begin and end of each, s
+    """
     for ax in axes:
         for k, (start, stop) in enumerate(found):
             text = "not measured" if k == 0 else None
@@ -111,7 +144,21 @@ def cloud(
     ax: Axes, t_s: Array, values: Array, good: Mask | None = None, *, colour: str = BLACK, text: str | None = None,
     joined: bool = True, size: float = 2.2, shape: str = "o", alpha: float = 0.75,
 ) -> None:  # fmt: skip
-    """Measured samples: dots, and a thin line that stops at every gap; pixels rather than paths when they are many."""
+    """Measured samples: dots, and a thin line that stops at every gap; pixels rather than paths when they are many.
+
+    Parameters
+    ----------
+    ax : axes that are drawn on
+    t_s : (n,) times, s
+    values : (n,) what is drawn
+    good : (n,) of bool, those that were measured; None: all
+    colour : of palette
+    text : in the legend; None: none
+    joined : by lines
+    size : of the markers, points
+    shape : of the markers, as matplotlib names it
+    alpha : opacity
+    """
     t, x = with_gaps(t_s, values, good)
     ax.plot(
         t, x, color=colour, linewidth=0.6 if joined else 0, marker=shape, markersize=size, markeredgewidth=0,
@@ -122,7 +169,18 @@ def cloud(
 def curve(
     ax: Axes, t_s: Array, values: Array, *, colour: str, text: str, dashed: bool = False, width: float = 1.7
 ) -> None:
-    """A computed line; it stops where it has no value."""
+    """A computed line; it stops where it has no value.
+
+    Parameters
+    ----------
+    ax : axes that are drawn on
+    t_s : (n,) times, s
+    values : (n,) what is drawn
+    colour : of palette
+    text : in the legend; None: none
+    dashed : a dashed line
+    width : of the line, points
+    """
     t, x = with_gaps(t_s, values)
     if len(t):
         style = (0, (5, 3)) if dashed else "-"
@@ -130,7 +188,13 @@ def curve(
 
 
 def time_limits(axes: list[Axes], t_s: Array) -> None:
-    """The time axis spans the record, no more."""
+    """The time axis spans the record, no more.
+
+    Parameters
+    ----------
+    axes : axes that are drawn on
+    t_s : (n,) times, s
+    """
     if len(t_s) > 1:
         axes[0].set_xlim(float(t_s[0]), float(t_s[-1]))
 
@@ -140,6 +204,7 @@ def svg_image(figure: Figure, alternative: str, name: str, data: Mapping[str, Co
 
     Parameters
     ----------
+    figure : that becomes SVG
     alternative : what a screen reader says
     name : of the picture in its page
     data : part of the picture -> its columns, arrays of one length or one value for all, units in their names; the table's column
@@ -151,7 +216,14 @@ def svg_image(figure: Figure, alternative: str, name: str, data: Mapping[str, Co
 
 
 def drawn(what: str, name: str, data: Mapping[str, Columns]) -> Drawn:
-    """Parts of a picture as one table; parameters as ``svg_image``."""
+    """Parts of a picture as one table; parameters as ``svg_image``.
+
+    Parameters
+    ----------
+    what : text for those who do not see the picture
+    name : of the picture in its page
+    data : part of the picture -> its columns
+    """
     import pandas as pd
 
     parts = []
@@ -171,7 +243,14 @@ def _renumbered(svg: bytes) -> bytes:
 
 
 def picture_image(frame_bgr: NDArray, alternative: str, largest_px: int = 1280) -> Html:
-    """A video frame ``(h, w, 3)`` BGR as an inline JPEG, at most ``largest_px`` wide."""
+    """A video frame ``(h, w, 3)`` BGR as an inline JPEG, at most ``largest_px`` wide.
+
+    Parameters
+    ----------
+    frame_bgr : (h, w, 3) uint8
+    alternative : text for those who do not see the picture
+    largest_px : the longer side is scaled down to this
+    """
     import cv2
 
     height, width = frame_bgr.shape[:2]

@@ -37,7 +37,13 @@ STEP = 1e-5
 
 
 def orbits_figure(motion: pd.DataFrame, fitted: pd.DataFrame | None) -> Html:
-    """alpha against beta, and beta against y_CG: measured, and simulated with the fitted derivatives."""
+    """alpha against beta, and beta against y_CG: measured, and simulated with the fitted derivatives.
+
+    Parameters
+    ----------
+    motion : motion table
+    fitted : the fit's motion, or None
+    """
     drawing, axes = new_figure(3.3, columns=2)
     data = {"measured": in_degrees(motion, measured_rows(motion))}
     if fitted is not None:

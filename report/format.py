@@ -83,7 +83,13 @@ def decimals_of(std: float) -> int | None:
 
 
 def to_decimals(value: float, decimals: int) -> str:
-    """``value`` with that many decimals, never ``-0``; negative decimals round to tens, hundreds."""
+    """``value`` with that many decimals, never ``-0``; negative decimals round to tens, hundreds.
+
+    Parameters
+    ----------
+    value : the number
+    decimals : after the point; negative: rounded to tens, hundreds
+    """
     if not math.isfinite(value):
         return NONE
     text = f"{value:.{decimals}f}" if decimals >= 0 else f"{round(value, decimals):.0f}"
@@ -91,7 +97,13 @@ def to_decimals(value: float, decimals: int) -> str:
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """``value`` with ``digits`` significant digits, trailing zeros kept within plain notation."""
+    """``value`` with ``digits`` significant digits, trailing zeros kept within plain notation.
+
+    Parameters
+    ----------
+    value : the number
+    digits : significant ones
+    """
     if not math.isfinite(value):
         return NONE
     if value == 0:
@@ -104,6 +116,11 @@ def significant(value: float, digits: int = 3) -> str:
 
 def round_pair(value: float, std: float) -> tuple[str, str]:
     """Value and standard deviation as texts: std to two significant digits, value to the same decimal.
+
+    Parameters
+    ----------
+    value : the number
+    std : its standard deviation
 
     >>> round_pair(-51.2345, 0.4567), round_pair(1234.0, 123.0), round_pair(2.0, 0.0)
     (('-51.23', '0.46'), ('1230', '120'), ('2.000', '0'))
@@ -120,21 +137,41 @@ def round_pair(value: float, std: float) -> tuple[str, str]:
 
 
 def plus_minus(value: float, std: float, unit: str = "") -> str:
-    """``value +- std unit`` in one text."""
+    """``value +- std unit`` in one text.
+
+    Parameters
+    ----------
+    value : the number
+    std : its standard deviation
+    unit : of both
+    """
     shown, spread = round_pair(value, std)
     text = shown if spread == NONE else f"{shown} +- {spread}"
     return f"{text} {unit}".rstrip()
 
 
 def percent(value: float, std: float) -> str:
-    """std in % of |value|, two digits; ``-`` where the value is zero or something is not finite."""
+    """std in % of |value|, two digits; ``-`` where the value is zero or something is not finite.
+
+    Parameters
+    ----------
+    value : the number
+    std : its standard deviation
+    """
     if value == 0 or not math.isfinite(value) or not math.isfinite(std):
         return NONE
     return significant(100 * std / abs(value), 2)
 
 
 def deviation(value: float, std: float, true: float | None) -> str:
-    """(value - true)/std with its sign, one decimal."""
+    """(value - true)/std with its sign, one decimal.
+
+    Parameters
+    ----------
+    value : the number
+    std : its standard deviation
+    true : true value, or None
+    """
     if true is None or std <= 0 or not math.isfinite(std) or not math.isfinite(value):
         return NONE
     score = (value - true) / std
@@ -150,7 +187,13 @@ def _true_text(std: float, true: float | None) -> str:
 
 
 def derivative_row(key: str, derivative: Derivative) -> Row:
-    """The table line of one derivative."""
+    """The table line of one derivative.
+
+    Parameters
+    ----------
+    key : name in the result file
+    derivative : as it stands there
+    """
     value, std = round_pair(derivative.value, derivative.std)
     prime, prime_std = round_pair(1e3 * derivative.prime, 1e3 * derivative.prime_std)
     return Row(
@@ -175,7 +218,16 @@ def derivative_rows(result: DerivativesFile) -> list[Row]:
 
 
 def quantity_row(key: str, symbol: str, measured: Measured, unit: str, true: float | None = None) -> Row:
-    """The table line of a number with its standard deviation."""
+    """The table line of a number with its standard deviation.
+
+    Parameters
+    ----------
+    key : name in the result file
+    symbol : as it is printed
+    measured : value and standard deviation
+    unit : of both
+    true : true value, or None
+    """
     value, std = round_pair(measured.value, measured.std)
     share = percent(measured.value, measured.std)
     return Row(
@@ -219,7 +271,13 @@ def steady_rows(result: SteadyFile) -> list[Row]:
 
 
 def interval_text(low: float, high: float) -> str:
-    """An interval ``low to high``, both to two digits of its width."""
+    """An interval ``low to high``, both to two digits of its width.
+
+    Parameters
+    ----------
+    low : lower end
+    high : upper end
+    """
     decimals = decimals_of(abs(high - low))
     if decimals is None or decimals not in _PLAIN_DECIMALS:
         return f"{significant(low, 4)} to {significant(high, 4)}"

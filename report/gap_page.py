@@ -19,12 +19,24 @@ if TYPE_CHECKING:
 HEADLINES = {"no_gap": "No gap", "effect": "An effect is missing", "unknown": "Something unknown is missing"}
 
 
-def _headline(file: GapFile) -> str:
+def headline(file: GapFile) -> str:
+    """The verdict in two or three words; "Open" where no gap is said for want of proof.
+
+    Parameters
+    ----------
+    file : gap.json
+    """
     return "Open" if is_open(file) else HEADLINES[file.verdict]
 
 
 def write_gap_page(path: Path, found: Diagnosed) -> None:
-    """Write the page atomically."""
+    """Write the page atomically.
+
+    Parameters
+    ----------
+    path : of the file
+    found : the diagnosis
+    """
     write_document(path, gap_page(found))
 
 
@@ -33,7 +45,7 @@ def gap_page(found: Diagnosed) -> Html:
     file = found.diagnosis.file
     parts: list[object] = [
         tag("h1", f"Simulator against tank: {', '.join(file.runs)}"),
-        tag("section", tag("h2", _headline(file)), bullets(file.sentences), id="verdict"),
+        tag("section", tag("h2", headline(file)), bullets(file.sentences), id="verdict"),
         tag("section", tag("h2", "How sure"), ladder_figure(file), _ranking(file), _not_told(file)),
         tag("section", tag("h2", "Where"), stage_figure(file), drop_figure(found.diagnosis), _place(file)),
         tag("section", tag("h2", "Measured against simulated"), runs_figure(found.diagnosis)),

@@ -52,13 +52,25 @@ def safe(content: object) -> Html:
 
 
 def join(parts: Iterable[object], between: str = "") -> Html:
-    """The parts one after another."""
+    """The parts one after another.
+
+    Parameters
+    ----------
+    parts : put between
+    between : what stands between them
+    """
     whole = [safe(part) for part in parts]
     return Html(safe(between).join(whole), tuple(one for part in whole for one in part.drawn))
 
 
 def tag(name: str, *content: object, **attributes: str) -> Html:
-    """``<name attribute="...">content</name>``; a trailing underscore in an attribute's name is dropped."""
+    """``<name attribute="...">content</name>``; a trailing underscore in an attribute's name is dropped.
+
+    Parameters
+    ----------
+    name : of the tag
+    content : escaped unless it is HTML
+    """
     written = "".join(f' {key.rstrip("_")}="{safe(value)}"' for key, value in attributes.items())
     inner = join(content)
     return Html(f"<{name}{written}>{inner}</{name}>", inner.drawn)
@@ -78,7 +90,15 @@ def unit(text: str) -> Html:
 
 
 def table(head: Sequence[object], rows: Iterable[Sequence[object]], *, kind: str = "", caption: object = "") -> Html:
-    """A table; the first cell of a row is its heading."""
+    """A table; the first cell of a row is its heading.
+
+    Parameters
+    ----------
+    head : cells of the head
+    rows : cells of the rows
+    kind : class of the table
+    caption : below it
+    """
     top = tag("tr", join(tag("th", cell, scope="col") for cell in head))
     body = [tag("tr", tag("th", row[0], scope="row"), join(tag("td", cell) for cell in row[1:])) for row in rows]
     title = tag("caption", caption) if caption else ""
@@ -87,7 +107,15 @@ def table(head: Sequence[object], rows: Iterable[Sequence[object]], *, kind: str
 
 
 def figure(image: Html, caption: object, *, before: object = "", of: str = "") -> Html:
-    """A picture with its caption below, which leads to its data, and an optional key above; ``of`` begins the data's name."""
+    """A picture with its caption below, which leads to its data, and an optional key above; ``of`` begins the data's name.
+
+    Parameters
+    ----------
+    image : the picture
+    caption : below it
+    before : above it
+    of : beginning of the names of its tables
+    """
     drawn = tuple(replace(one, name=f"{of}-{one.name}" if of else one.name) for one in image.drawn)
     links = [Html(f' <a class="data" href="{FIGURES}/{one.name}.csv">{one.name}.csv</a>') for one in drawn]
     words = Html(safe(caption).replace(" %", "\u00a0%"))
@@ -95,7 +123,15 @@ def figure(image: Html, caption: object, *, before: object = "", of: str = "") -
 
 
 def image(data: bytes, media_type: str, alternative: str, drawn: tuple[Drawn, ...] = ()) -> Html:
-    """An inline image; ``alternative`` is what a screen reader says."""
+    """An inline image; ``alternative`` is what a screen reader says.
+
+    Parameters
+    ----------
+    data : the encoded picture
+    media_type : as "image/svg+xml"
+    alternative : text for those who do not see the picture
+    drawn : tables of what it shows
+    """
     coded = base64.b64encode(data).decode("ascii")
     return Html(f'<img src="data:{media_type};base64,{coded}" alt="{safe(alternative)}">', drawn)
 

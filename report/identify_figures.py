@@ -28,7 +28,14 @@ LAGS = 30
 
 
 def consistency_figure(fit: Fit, found: Consistency, shown: tuple[int, ...]) -> Html:
-    """Derivatives ``shown``, run by run, in % of the joint value: alone (dots) and left out (squares) with 95 % bars."""
+    """Derivatives ``shown``, run by run, in % of the joint value: alone (dots) and left out (squares) with 95 % bars.
+
+    Parameters
+    ----------
+    fit : the joint fit
+    found : each run alone, and all but each
+    shown : places of the derivatives in ``DERIVATIVE_UNITS``
+    """
     from matplotlib.gridspec import GridSpec
 
     height = 0.42 * min(len(found.alone), ROOMY) + 0.16 * max(len(found.alone) - ROOMY, 0) + 1.6

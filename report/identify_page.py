@@ -67,12 +67,25 @@ class FitPage:
 
 
 def write_identify_page(path: Path, found: FitPage, each: Each = in_turn) -> None:
-    """Write the page atomically; ``each`` draws the runs, here or by workers."""
+    """Write the page atomically; ``each`` draws the runs, here or by workers.
+
+    Parameters
+    ----------
+    path : of the file
+    found : the fit, whether the runs agree, and what it left
+    each : does a run's share, here or by workers
+    """
     write_document(path, identify_page(found, each))
 
 
 def identify_page(found: FitPage, each: Each = in_turn) -> Html:
-    """The page as text."""
+    """The page as text.
+
+    Parameters
+    ----------
+    found : the fit, whether the runs agree, and what it left
+    each : does a run's share, here or by workers
+    """
     agreed, compared = found.agreed, found.compared
     result = found.result
     pages = [RunPage(name, None, None, motion, found.fitted[name], None, None) for name, motion in found.motion.items()]

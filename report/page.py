@@ -60,7 +60,17 @@ def page_html(
     notes: list[str],
     free: DerivativesFile | None = None,
 ) -> Html:
-    """The page as text; parameters as ``write_page``."""
+    """The page as text; parameters as ``write_page``.
+
+    Parameters
+    ----------
+    title : of the page
+    runs : their pages
+    derivatives : of the tows, or None
+    steady : steady.json, or None
+    notes : sentences for the user
+    free : derivatives of free runs, or None
+    """
     failed = {run.name: run.problem for run in runs if run.problem}
     elsewhere = _failed_without_section(runs, derivatives)
     frames = sum((frames_of(run) for run in runs), Frames())
@@ -120,6 +130,11 @@ def write_document(path: Path, page: Html) -> None:
     """Write the page, and what its pictures were drawn from into PAGE_figures/NAME.csv beside it; each file atomically.
 
     Data of an earlier page of that name that this one does not hold are removed.
+
+    Parameters
+    ----------
+    path : of the file
+    page : the document
     """
     folder = path.with_name(f"{path.stem}_figures")
     for one in page.drawn:
@@ -163,7 +178,13 @@ def csv_text(table: pd.DataFrame) -> str:
 
 
 def document(title: str, body: Html) -> Html:
-    """A whole self-contained page; the names of its pictures' data differ."""
+    """A whole self-contained page; the names of its pictures' data differ.
+
+    Parameters
+    ----------
+    title : of the page
+    body : of the page
+    """
     names = [one.name for one in body.drawn]
     if len(set(names)) < len(names):
         raise ValueError(f"data of two pictures have one name: {sorted(names)}")

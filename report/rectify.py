@@ -68,6 +68,8 @@ def rectify(run: Run, wanted: Wanted, progress: Callable[[int], None] | None = N
 
     Parameters
     ----------
+    run : the run folder as read
+    wanted : area, scale and frame
     progress : called with the frames of the film done
 
     Raises
@@ -118,6 +120,12 @@ def _marks(run: Run) -> Array | None:
 
 def chosen_frame(run: Run, frame: int | None = None, time_s: float | None = None) -> Frame:
     """The frame of this number, or the first one at or after this time, or the first analysed one.
+
+    Parameters
+    ----------
+    run : the run folder as read
+    frame : its number, or None
+    time_s : its time, or None
 
     Raises
     ------

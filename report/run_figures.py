@@ -75,7 +75,8 @@ def tracks_figure(tracks: pd.DataFrame) -> Html:
         predicted = good & status_is(rows, "predicted")
         seen = np.isin(times, t_s[good])
         everywhere &= seen
-        state = np.select([predicted, good], ["predicted", "measured"], "lost")
+        by_hand = good & status_is(rows, "by_hand")
+        state = np.select([predicted, by_hand, good], ["predicted", "by_hand", "measured"], "lost")
         u_px, v_px = (np.where(good, column(rows, key), np.nan) for key in ("u_px", "v_px"))
         data[name] = {"t_s": t_s, "u_px": u_px, "v_px": v_px, "status": state}
         colour, shape = MARKER_COLOURS[k % len(MARKER_COLOURS)], MARKER_SHAPES[k % len(MARKER_SHAPES)]
@@ -105,7 +106,14 @@ def _lane(ax, t_s, mask, level: int, colour: str, height: float) -> None:
 
 
 def motion_figure(motion: pd.DataFrame, fitted: pd.DataFrame | None, truth: pd.DataFrame | None) -> Html:
-    """alpha, beta and y_CG over time: measured, simulated with the fitted derivatives, truth."""
+    """alpha, beta and y_CG over time: measured, simulated with the fitted derivatives, truth.
+
+    Parameters
+    ----------
+    motion : motion table
+    fitted : the fit's motion, or None
+    truth : true motion, or None
+    """
     figure, axes = new_figure(5.2, (1, 1, 1))
     good, predicted = measured_rows(motion), status_is(motion, "predicted")
     t_s = column(motion, "t_s")
@@ -133,7 +141,13 @@ def motion_figure(motion: pd.DataFrame, fitted: pd.DataFrame | None, truth: pd.D
 
 
 def in_degrees(motion: pd.DataFrame, rows: Mask | None = None) -> dict[str, Array]:
-    """Times, angles in degrees and place of a motion; NaN for what it does not hold, and outside of ``rows``."""
+    """Times, angles in degrees and place of a motion; NaN for what it does not hold, and outside of ``rows``.
+
+    Parameters
+    ----------
+    motion : motion table
+    rows : which rows; None: all
+    """
     found = {f"{name}_deg": np.degrees(column(motion, f"{name}_rad")) for name in ("alpha", "beta")}
     found["y_cg_m"] = column(motion, "y_cg_m")
     if rows is not None:

@@ -121,7 +121,14 @@ def frames_of(run: RunPage) -> Frames:
 
 
 def run_section(run: RunPage, order: int, fit: RunFit | None) -> Html:
-    """Heading, pictures in a grid, numbers; a run that failed says why and shows what it has."""
+    """Heading, pictures in a grid, numbers; a run that failed says why and shows what it has.
+
+    Parameters
+    ----------
+    run : its page
+    order : number that the names of its pictures carry
+    fit : of the run, or None
+    """
     rest, name = residuals(run.motion, run.fitted), f"run-{order}"
     parts: list[object] = [
         tag("h2", "Run ", tag("span", run.name, class_="name")),

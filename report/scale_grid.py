@@ -45,7 +45,15 @@ class GridLine:
 def grid_lines(
     mapping: ProjectiveMapping, area: Area, size_px: tuple[int, int], step_m: float | None = None
 ) -> tuple[list[GridLine], float]:
-    """Lines through the multiples of ``step_m`` (default: about LINES of them), and the step."""
+    """Lines through the multiples of ``step_m`` (default: about LINES of them), and the step.
+
+    Parameters
+    ----------
+    mapping : pixel -> tank
+    area : rectangle of one plane in the tank
+    size_px : width and height of the picture
+    step_m : between lines; None: a round one
+    """
     step = round_step(max(area.size_m) / LINES) if step_m is None else step_m
     lines = []
     for axis, limits, other in (("x", area.x_m, area.y_m), ("y", area.y_m, area.x_m)):
@@ -70,7 +78,12 @@ def draw_grid(
 
     Parameters
     ----------
+    picture : (h, w, 3) uint8, BGR
+    mapping : pixel -> tank
+    area : rectangle of one plane in the tank
+    datum : points that are crossed
     residual_px : (n, 2) of the datum points, picked minus projected; drawn from the pick on, enlarged
+    caption : line at the foot
     """
     import cv2
 

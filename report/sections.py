@@ -132,7 +132,16 @@ def stability_sentence(result: DerivativesFile) -> Html:
 def summary(
     runs: int, failed: int, frames: Frames, derivatives: DerivativesFile | None, steady: SteadyFile | None
 ) -> Html:
-    """One paragraph in plain words: what was measured and what came out."""
+    """One paragraph in plain words: what was measured and what came out.
+
+    Parameters
+    ----------
+    runs : how many
+    failed : how many failed
+    frames : how many, and how many were lost
+    derivatives : of the tows, or None
+    steady : steady.json, or None
+    """
     what = "free" if derivatives is not None and derivatives.method == "free_run" else "towed"
     words: list[object] = [f"{runs} run{'' if runs == 1 else 's'} of the {what} model, {frames.sentence()}."]
     if failed:
@@ -197,7 +206,15 @@ def _both(value: str, std: str) -> str:
 
 
 def result_table(rows: Sequence[Row], first: str, *, primes: bool, caption: object) -> Html:
-    """Value ± std, unit, std in %, prime, truth: columns without content are left out."""
+    """Value ± std, unit, std in %, prime, truth: columns without content are left out.
+
+    Parameters
+    ----------
+    rows : one a quantity
+    first : head of the first column
+    primes : with the columns of the prime system
+    caption : below it
+    """
     known = any(row.true != NONE for row in rows)
     head: list[object] = [first, "value ± std", "unit", "std, %"]
     if primes:
@@ -210,7 +227,14 @@ def result_table(rows: Sequence[Row], first: str, *, primes: bool, caption: obje
 def derivatives_section(
     result: DerivativesFile, title: str = "Hydrodynamic derivatives", of: str = "derivatives"
 ) -> Html:
-    """Table, stability, Nomoto's numbers of free runs, correlation, what is not identifiable, notes; ``of``: its place's name."""
+    """Table, stability, Nomoto's numbers of free runs, correlation, what is not identifiable, notes; ``of``: its place's name.
+
+    Parameters
+    ----------
+    result : the derivatives' file
+    title : of the section
+    of : its id
+    """
     water = "" if result.density_kg_m3 is None else f"ρ = {result.density_kg_m3:g} kg/m³, "
     system = (
         f"At U = {result.speed_m_s:g} m/s. Prime system with {water}"
@@ -338,6 +362,12 @@ def _heat(rho: float) -> str:
 
 
 def failed_box(title: str, failed: dict[str, str]) -> Html:
-    """Runs that could not be used, with why."""
+    """Runs that could not be used, with why.
+
+    Parameters
+    ----------
+    title : of the box
+    failed : name of a run -> why it is left out
+    """
     rows = [join([tag("strong", name), ": ", reason]) for name, reason in failed.items()]
     return tag("div", tag("h3", title), bullets(rows), class_="warn")

@@ -16,14 +16,27 @@ MAX_GRID_RATIO = 20  # residuals on a grid with more holes than this are taken o
 
 
 def column(table: pd.DataFrame | None, name: str, rows: int | None = None) -> Array:
-    """A column as floats; NaN where the table or the column is absent, ``(rows,)`` then."""
+    """A column as floats; NaN where the table or the column is absent, ``(rows,)`` then.
+
+    Parameters
+    ----------
+    table : a table, or None
+    name : of the column
+    rows : length where there is no table
+    """
     if table is not None and name in table:
         return np.asarray(pd.to_numeric(table[name], errors="coerce"), dtype=float)
     return np.full(len(table) if table is not None else rows or 0, np.nan)
 
 
 def status_is(table: pd.DataFrame, status: str) -> Mask:
-    """Rows of that status, ``(n,)``; none where the table has no status."""
+    """Rows of that status, ``(n,)``; none where the table has no status.
+
+    Parameters
+    ----------
+    table : a table, or None
+    status : that is asked for
+    """
     if "status" not in table:
         return np.zeros(len(table), dtype=bool)
     return (table["status"] == status).to_numpy(dtype=bool)
@@ -47,7 +60,13 @@ def spans(mask: Mask) -> list[slice]:
 
 
 def pieces(t_s: Array, good: Mask) -> list[slice]:
-    """Slices that may be joined by a line: consecutive good samples without a hole in time between them."""
+    """Slices that may be joined by a line: consecutive good samples without a hole in time between them.
+
+    Parameters
+    ----------
+    t_s : (n,) times, s
+    good : (n,) of bool
+    """
     jumps = np.flatnonzero(np.diff(t_s) > GAP_STEPS * usual_step(t_s)) + 1
     parts: list[slice] = []
     for span in spans(good):
@@ -84,7 +103,13 @@ def with_gaps(t_s: Array, values: Array, good: Mask | None = None) -> tuple[Arra
 
 
 def lost_spans(t_s: Array, good: Mask) -> list[tuple[float, float]]:
-    """Time spans without a measurement, s: samples that are not good and holes in time, each widened by half a step."""
+    """Time spans without a measurement, s: samples that are not good and holes in time, each widened by half a step.
+
+    Parameters
+    ----------
+    t_s : (n,) times, s
+    good : (n,) of bool
+    """
     half = usual_step(t_s) / 2
     found = [(float(t_s[s.start]) - half, float(t_s[s.stop - 1]) + half) for s in spans(~good)]
     jumps = np.flatnonzero(np.diff(t_s) > GAP_STEPS * 2 * half)
@@ -124,7 +149,13 @@ class Residuals:
 
 
 def residuals(motion: pd.DataFrame, fitted: pd.DataFrame | None) -> Residuals | None:
-    """Measured minus fitted at the measured times; None where they share no sample."""
+    """Measured minus fitted at the measured times; None where they share no sample.
+
+    Parameters
+    ----------
+    motion : motion table
+    fitted : the fit's motion, or None
+    """
     if fitted is None or not len(fitted) or not len(motion):
         return None
     t_s = column(motion, "t_s")
@@ -154,7 +185,14 @@ def rms(values: Array) -> float:
 
 
 def outside(values: Array, sigma: Array, times: float = 2.0) -> float:
-    """Share of the finite values beyond ``times`` sigma, 0..1 (normal noise at 2 sigma: 0.046)."""
+    """Share of the finite values beyond ``times`` sigma, 0..1 (normal noise at 2 sigma: 0.046).
+
+    Parameters
+    ----------
+    values : (n,)
+    sigma : (n,) standard deviations
+    times : how many of them
+    """
     known = np.isfinite(values) & np.isfinite(sigma)
     return float(np.mean(np.abs(values[known]) > times * sigma[known])) if known.any() else 0.0
 
@@ -167,6 +205,7 @@ def autocorrelation(t_s: Array, values: Array, lags: int) -> tuple[Array, float]
     Parameters
     ----------
     t_s, values : (n,), NaN where lost
+    lags : how many
 
     Returns
     -------
@@ -207,6 +246,7 @@ def spectrum(t_s: Array, values: Array, points: int = 40) -> tuple[Array, Array,
     Parameters
     ----------
     t_s, values : (n,), NaN where lost; lost samples count as the mean, and the density is scaled to those that are there
+    points : frequencies to give
 
     Returns
     -------
@@ -234,6 +274,12 @@ def cross_correlation(values: Array, force: Array, lags: NDArray[np.int_]) -> tu
     """Correlation of ``values[k]`` with ``force[k - lag]``, (len(lags),), and the 95 % bound were they independent.
 
     The bound takes the values as white: 1.96/sqrt(n), whatever the colour of the force (Bartlett).
+
+    Parameters
+    ----------
+    values : (n,)
+    force : (n,) what the line pulls, N
+    lags : (k,) in samples
     """
     x, u = values - values.mean(), force - force.mean()
     size = float(np.sqrt((x @ x) * (u @ u)))

@@ -66,7 +66,14 @@ class Area:
 
 
 def area_around(points: Sequence[DatumPoint], depth_m: float, marks_m: Array | None = None) -> Area:
-    """The upright rectangle around the datum points' and the marks' places ``(n, 2)`` m, with a margin."""
+    """The upright rectangle around the datum points' and the marks' places ``(n, 2)`` m, with a margin.
+
+    Parameters
+    ----------
+    points : of the datum
+    depth_m : of the plane
+    marks_m : (n, 2) places of the marks, or None
+    """
     places = np.array([p.tank_m[:2] for p in points], dtype=float).reshape(-1, 2)
     if marks_m is not None:
         places = np.concatenate([places, marks_m[np.isfinite(marks_m).all(axis=1)]])
@@ -80,6 +87,12 @@ def pixels_of(mapping: ProjectiveMapping, tank_m: Array, size_px: tuple[int, int
     """Where tank points ``(n, 3)`` stand in a picture of ``size_px`` (w, h): ``(n, 2)`` px, NaN where they do not.
 
     A lens model bends points far outside the picture back into it; they are left out too.
+
+    Parameters
+    ----------
+    mapping : pixel -> tank
+    tank_m : (n, 3)
+    size_px : width and height of the picture
     """
     size = np.array(size_px)
     seen = np.column_stack([tank_m, np.ones(len(tank_m))]) @ mapping.matrix.T
@@ -115,6 +128,12 @@ def round_step(value: float) -> float:
 
 def default_mm_per_px(mapping: ProjectiveMapping, area: Area, size_px: tuple[int, int]) -> float:
     """As fine as the picture is in its finer direction (median over the area), rounded to 1, 2, 5.
+
+    Parameters
+    ----------
+    mapping : pixel -> tank
+    area : rectangle of one plane in the tank
+    size_px : width and height of the picture
 
     Raises
     ------
@@ -193,6 +212,13 @@ def top_view(
 ) -> TopView:
     """Lay out a top view of a picture of ``size_px`` (w, h).
 
+    Parameters
+    ----------
+    mapping : pixel -> tank
+    area : rectangle of one plane in the tank
+    size_px : width and height of the picture
+    mm_per_px : scale; None: the default
+
     Raises
     ------
     GeometryError : the area lies outside the picture, or the scale would make the view larger than LARGEST_PX
@@ -215,7 +241,13 @@ def top_view(
 
 
 def multiples(limits: tuple[float, float], step: float) -> list[float]:
-    """Multiples of ``step`` within the limits."""
+    """Multiples of ``step`` within the limits.
+
+    Parameters
+    ----------
+    limits : lower and upper
+    step : between two
+    """
     low, high = limits
     return [step * k for k in range(int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9)) + 1)]
 

@@ -238,8 +238,11 @@ def surge_force(hull: Hull, resistance_n, speed_ratio, v, r):
 
     Parameters
     ----------
+    hull : the six derivatives and the speed at which they are quoted
     resistance_n : R at U_0
     speed_ratio : u/U_0; complex values are differentiated as real ones
+    v : sway velocity, m/s
+    r : yaw rate, rad/s
     """
     # sqrt(z^2) is |z| with a derivative, complex steps included
     size = np.sqrt(speed_ratio * speed_ratio) ** (hull.resistance_exponent - 1)
@@ -288,6 +291,8 @@ def full_state(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = None
     t_s : time
     state : (4, ...) alpha rad, beta rad, v m/s, r rad/s
     hull : at the carriage's speed ("constant") or at the speed at which R is quoted ("surge")
+    tow : T, X_T, L, U of the tow
+    extra : force and moment beside the model's own
     """
     alpha, beta, v, r = state
     _, post_rate = tow.post_motion(t_s)
@@ -341,7 +346,11 @@ def loose_rates(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = Non
 
     Parameters
     ----------
+    t_s : time, s
     state : (6, ...), m, m, rad, m/s, m/s, rad/s
+    hull : the six derivatives and the speed at which they are quoted
+    tow : T, X_T, L, U of the tow
+    extra : force and moment beside the model's own
     """
     _, y, beta, u, v, r = state
     sin_b, cos_b = np.sin(beta), np.cos(beta)

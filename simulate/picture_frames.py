@@ -56,6 +56,7 @@ def film_frames(file: ScenarioFile, motion: pd.DataFrame) -> Iterator[tuple[int,
 
     Parameters
     ----------
+    file : the scenario as read
     motion : t_s, x_cg_m, y_cg_m, beta_rad, as ``simulate_scenario`` returns it
 
     Yields

@@ -64,7 +64,13 @@ class Rig:
 
 
 def rig_of(file: ScenarioFile, stage: Stage) -> Rig:
-    """The rig of a scenario; the bar lies at the foremost mark's height so that it passes under it symmetrically."""
+    """The rig of a scenario; the bar lies at the foremost mark's height so that it passes under it symmetrically.
+
+    Parameters
+    ----------
+    file : the scenario as read
+    stage : walls, strings, girder and deck
+    """
     film = film_of(file)
     length = film.hull_length_m or file.model.length_pp_m
     outline = outline_of(file)
@@ -105,13 +111,29 @@ def _project(camera: Camera, body_m: Array, pose: Pose, depth_m) -> Array:
 
 
 def width_on_picture(camera: Camera, place_m: Array, width_m: float) -> float:
-    """How many pixels a width at a tank place ``(3,)`` takes up."""
+    """How many pixels a width at a tank place ``(3,)`` takes up.
+
+    Parameters
+    ----------
+    camera : of the scenario
+    place_m : (3,) in the tank
+    width_m : of the thing
+    """
     ahead = (camera.rotation @ place_m + camera.translation)[2]
     return float(camera.lens.fx_px * width_m / max(ahead, 1e-3))
 
 
 def paint_mirror_image(picture: Picture, camera: Camera, rig: Rig, pose: Pose, exposure: float) -> None:
-    """The hull's dark mirror image and its shade on the water (before the marks' mirror images and the hull)."""
+    """The hull's dark mirror image and its shade on the water (before the marks' mirror images and the hull).
+
+    Parameters
+    ----------
+    picture : (h, w, 3) float32, BGR, DN, painted on
+    camera : of the scenario
+    rig : what is painted of the model
+    pose : x, y, heading of the model
+    exposure : factor on all brightness
+    """
     import cv2
 
     stage = rig.stage
@@ -128,7 +150,16 @@ def paint_mirror_image(picture: Picture, camera: Camera, rig: Rig, pose: Pose, e
 
 
 def paint_hull(picture: Picture, camera: Camera, rig: Rig, pose: Pose, exposure: float) -> tuple[slice, slice] | None:
-    """Sides, deck, fittings and tow bar. Returns the box that was painted."""
+    """Sides, deck, fittings and tow bar. Returns the box that was painted.
+
+    Parameters
+    ----------
+    picture : (h, w, 3) float32, BGR, DN, painted on
+    camera : of the scenario
+    rig : what is painted of the model
+    pose : x, y, heading of the model
+    exposure : factor on all brightness
+    """
     import cv2
 
     stage = rig.stage
@@ -210,7 +241,16 @@ def _bar(picture: Picture, camera: Camera, rig: Rig, pose: Pose, exposure: float
 
 
 def paint_post(picture: Picture, camera: Camera, rig: Rig, pose: Pose, exposure: float) -> None:
-    """The tow post hanging from the carriage, with its mirror image below the line's ring."""
+    """The tow post hanging from the carriage, with its mirror image below the line's ring.
+
+    Parameters
+    ----------
+    picture : (h, w, 3) float32, BGR, DN, painted on
+    camera : of the scenario
+    rig : what is painted of the model
+    pose : x, y, heading of the model
+    exposure : factor on all brightness
+    """
     if rig.tow_m is None:
         return
     x, y = pose.post_m
@@ -228,7 +268,16 @@ def paint_post(picture: Picture, camera: Camera, rig: Rig, pose: Pose, exposure:
 
 
 def paint_line(picture: Picture, camera: Camera, rig: Rig, pose: Pose, exposure: float) -> None:
-    """The tow line from the tow point to the post."""
+    """The tow line from the tow point to the post.
+
+    Parameters
+    ----------
+    picture : (h, w, 3) float32, BGR, DN, painted on
+    camera : of the scenario
+    rig : what is painted of the model
+    pose : x, y, heading of the model
+    exposure : factor on all brightness
+    """
     if rig.tow_m is None:
         return
     start = _project(camera, rig.tow_m[None, :], pose, rig.line_z_m)[0]

@@ -29,7 +29,15 @@ _NOISE_MARGIN_PX = 64
 
 
 def add_light(picture: Picture, centre_px: NDArray[np.float64], marker: FilmMarker, exposure: float) -> None:
-    """Add a mark's image: a Gaussian sampled at pixel centres, its peak ``peak_dn`` x exposure, its centre exact."""
+    """Add a mark's image: a Gaussian sampled at pixel centres, its peak ``peak_dn`` x exposure, its centre exact.
+
+    Parameters
+    ----------
+    picture : (h, w, 3) float32, BGR, DN, painted on
+    centre_px : (2,)
+    marker : of the scenario
+    exposure : factor on all brightness
+    """
     if marker.colour == "dark":
         _dark_mark(picture, centre_px, marker, exposure)
         return
@@ -40,7 +48,16 @@ def add_light(picture: Picture, centre_px: NDArray[np.float64], marker: FilmMark
 def add_reflection(
     picture: Picture, centre_px: NDArray[np.float64], marker: FilmMarker, strength: float, stretch: float
 ) -> None:
-    """Add a mark's mirror image, ``stretch`` times as high as wide."""
+    """Add a mark's mirror image, ``stretch`` times as high as wide.
+
+    Parameters
+    ----------
+    picture : (h, w, 3) float32, BGR, DN, painted on
+    centre_px : (2,)
+    marker : of the scenario
+    strength : factor on the light
+    stretch : height over width
+    """
     if marker.colour == "dark" or strength <= 0:
         return
     width = 1.15 * marker.width_px

@@ -44,7 +44,16 @@ class Strings:
 def paint_strings(
     camera: Camera, stage: Stage, datum: tuple[FilmDatum, ...], size: tuple[int, int], exposure: float
 ) -> Strings:
-    """Paint the layer once."""
+    """Paint the layer once.
+
+    Parameters
+    ----------
+    camera : of the scenario
+    stage : walls, strings, girder and deck
+    datum : points of the scenario
+    size : width and height, px
+    exposure : factor on all brightness
+    """
     colour = np.zeros((size[1], size[0], 3), dtype=np.float32)
     cover = np.zeros_like(colour)
     for picture, tint in ((colour, lambda c: c * exposure), (cover, lambda c: np.ones(3))):

@@ -68,7 +68,14 @@ class Ripples:
 
 
 def cast_rays(camera: Camera, u_px: NDArray[np.float64], v_px: NDArray[np.float64]) -> Rays:
-    """Directions ``(len(v), len(u), 3)`` in tank axes, not normalised; the lens is inverted on a grid and splined."""
+    """Directions ``(len(v), len(u), 3)`` in tank axes, not normalised; the lens is inverted on a grid and splined.
+
+    Parameters
+    ----------
+    camera : of the scenario
+    u_px : columns and rows
+    v_px : columns and rows
+    """
     grid_u = np.arange(u_px[0] - _KNOT_PX, u_px[-1] + 2 * _KNOT_PX, _KNOT_PX)
     grid_v = np.arange(v_px[0] - _KNOT_PX, v_px[-1] + 2 * _KNOT_PX, _KNOT_PX)
     mesh = np.stack(np.meshgrid(grid_u, grid_v), axis=-1).reshape(-1, 2)
@@ -79,7 +86,14 @@ def cast_rays(camera: Camera, u_px: NDArray[np.float64], v_px: NDArray[np.float6
 
 
 def paint_tank(camera: Camera, stage: Stage, size: tuple[int, int]) -> tuple[Picture, NDArray[np.float32]]:
-    """The empty tank ``(h, w, 3)``, antialiased by 2 x 2 rays a pixel, and how much of a pixel is water, ``(h, w)``."""
+    """The empty tank ``(h, w, 3)``, antialiased by 2 x 2 rays a pixel, and how much of a pixel is water, ``(h, w)``.
+
+    Parameters
+    ----------
+    camera : of the scenario
+    stage : walls, strings, girder and deck
+    size : width and height, px
+    """
     import cv2
 
     width, height = size
@@ -210,6 +224,15 @@ def make_ripples(
 
     The change in brightness is the slope of the wave times the change of the mirrored picture with slope. Waves that a
     pixel cannot resolve fade out. ``open_water`` (h, w): how much of a pixel is water with nothing before it.
+
+    Parameters
+    ----------
+    camera : of the scenario
+    stage : walls, strings, girder and deck
+    open_water : (h, w), how much of a pixel is open water
+    speed_m_s : of the carriage
+    height : of the waves, over the usual
+    rng : that draws
     """
     import cv2
 

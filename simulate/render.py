@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__
+from ..__version__ import __version__
 from ..geometry.camera import Camera
 from ..record.errors import InputError, VideoError
 from ..record.files import sha256_of_file, sha256_of_texts, write_text

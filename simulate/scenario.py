@@ -82,7 +82,13 @@ def scenario_times(file: ScenarioFile) -> Array:
 
 
 def scenario_histories(file: ScenarioFile, folder: Path) -> Histories:
-    """Histories named in [tow], on the record's clock, held constant beyond their ends."""
+    """Histories named in [tow], on the record's clock, held constant beyond their ends.
+
+    Parameters
+    ----------
+    file : the scenario as read
+    folder : where its histories lie
+    """
 
     def history(name: str | None, column: str, delay_s: float):
         if name is None:

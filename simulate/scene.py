@@ -83,21 +83,41 @@ def stage_of(file: ScenarioFile) -> Stage:
 
 
 def to_tank(body_m: Array, x_cg_m: Array, y_cg_m: Array, beta_rad: Array) -> tuple[Array, Array]:
-    """Body places (ahead of LCG, to starboard) -> tank x, y; everything broadcasts (theory.md 9.1)."""
+    """Body places (ahead of LCG, to starboard) -> tank x, y; everything broadcasts (theory.md 9.1).
+
+    Parameters
+    ----------
+    body_m : (..., 2) ahead of LCG, to starboard
+    x_cg_m : of LCG, tank axes
+    y_cg_m : of LCG, tank axes
+    beta_rad : heading
+    """
     ahead, side = np.asarray(body_m, dtype=float)[..., 0], np.asarray(body_m, dtype=float)[..., 1]
     cosine, sine = np.cos(beta_rad), np.sin(beta_rad)
     return x_cg_m + ahead * cosine - side * sine, y_cg_m + ahead * sine + side * cosine
 
 
 def post_places(file: ScenarioFile, t_s: Array) -> Array:
-    """The tow post over time, ``(n, 2)`` m."""
+    """The tow post over time, ``(n, 2)`` m.
+
+    Parameters
+    ----------
+    file : the scenario as read
+    t_s : (n,) times, s
+    """
     tow = tow_from_table(file.tow)
     moved, _ = tow.post_motion(np.asarray(t_s, dtype=float))
     return np.column_stack([np.full(len(t_s), tow.post_m[0]), tow.post_m[1] + np.broadcast_to(moved, len(t_s))])
 
 
 def mark_places(file: ScenarioFile, motion: pd.DataFrame) -> Array:
-    """Every mark's place at every sample, ``(n, marks, 3)`` m in tank axes."""
+    """Every mark's place at every sample, ``(n, marks, 3)`` m in tank axes.
+
+    Parameters
+    ----------
+    file : the scenario as read
+    motion : t_s, x_cg_m, y_cg_m, beta_rad
+    """
     x, y, beta = (motion[name].to_numpy(dtype=float) for name in ("x_cg_m", "y_cg_m", "beta_rad"))
     post = post_places(file, motion["t_s"].to_numpy(dtype=float))
     places = np.empty((len(motion), len(file.marker), 3))
@@ -115,6 +135,7 @@ def shown(file: ScenarioFile, t_s: Array, pixel_px: Array) -> NDArray[np.bool_]:
 
     Parameters
     ----------
+    file : the scenario as read
     t_s : (n,) s
     pixel_px : (n, marks, 2)
     """
@@ -131,6 +152,12 @@ def shown(file: ScenarioFile, t_s: Array, pixel_px: Array) -> NDArray[np.bool_]:
 
 def true_tracks(file: ScenarioFile, motion: pd.DataFrame, camera: Camera) -> pd.DataFrame:
     """Where every mark's centre truly is in every frame.
+
+    Parameters
+    ----------
+    file : the scenario as read
+    motion : t_s, x_cg_m, y_cg_m, beta_rad
+    camera : of the scenario
 
     Returns
     -------

@@ -18,11 +18,12 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from .__version__ import __version__
+
 if TYPE_CHECKING:
     from .pipeline.front import check_camera, compute_motion, diagnose, identify, render, simulate, steady, track
     from .record.run import read_run
 
-__version__ = "0.2.0"
 __all__ = [
     "__version__",
     "check_camera",

@@ -66,6 +66,8 @@ def _print(file: Any) -> None:
     print(f"{', '.join(file.runs)}: {file.verdict}")
     for sentence in file.sentences:
         print(f"  {sentence}")
+    if file.verdict == "mistake":
+        return
     for point in file.datum:
         px, mm = point.residual_px, point.residual_mm
         left = "" if point.used else "  left out"

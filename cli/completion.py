@@ -28,9 +28,7 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
 
 def call(options: argparse.Namespace) -> int:
     """Print the script."""
-    from .main import command_parser
-
-    script = completion_script(command_parser(), options.shell)
+    script = completion_script(options.parser, options.shell)
     options.outcome.result |= {"shell": options.shell, "script": script}
     print(script)
     return 0

@@ -39,6 +39,20 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
         metavar="SEED",
         help="check optimum and intervals: other starts, 100 drawn records, profiles (out/thorough.json; a minute for four runs)",
     )
+    sub.add_argument(
+        "--estimator",
+        metavar="NAME",
+        help="another way to the six than the joint fit, for a second opinion (docs/methods; an unknown name lists them); "
+        "writes out/derivatives_NAME.json and no page",
+    )
+    sub.add_argument(
+        "--estimators",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="FILE.py",
+        help="estimators of one's own; this RUNS the file as a program: name none that you would not run yourself",
+    )
     sub.add_argument("--no-page", action="store_true", help="write no HTML page")
     sub.add_argument("-o", "--out", type=Path, help="where derivatives.json and derivatives.html go (default: RUN/out)")
 
@@ -49,8 +63,11 @@ def call(options: argparse.Namespace) -> int:
     from ..pipeline.analysis import by_line, output_folder
 
     reference = None if options.reference is None else reference_set(options.reference)
+    other = _other_estimator(options)
     batch, free = by_line(read_batch(options))
     out = options.out or output_folder(options.runs)
+    if other is not None:
+        return _estimate(options, other, batch, free, out)
     if not batch.runs:
         return _identify_free(options, free, out)
     answer = fit_and_write(options, batch, out)
@@ -76,6 +93,49 @@ def call(options: argparse.Namespace) -> int:
     options.outcome.fail(answer.result.failed)
     code = exit_code(answer.result.failed)
     return max(code, _identify_free(options, free, out, answer)) if free.runs else code
+
+
+def _other_estimator(options: argparse.Namespace) -> Any:
+    """The estimator that is asked for by name; None: the joint fit."""
+    from ..record.errors import TowlineError
+
+    if options.estimator is None and not options.estimators:
+        return None
+    from ..identify.estimators import estimator_of
+    from ..record.own_code import run_own
+
+    for path in options.estimators:
+        run_own(path)
+    if options.estimator is None:
+        raise TowlineError("--estimators: which one? Name it with --estimator")
+    for option in ("reference", "thorough"):
+        if getattr(options, option) is not None:
+            raise TowlineError(f"--{option} goes with the joint fit, not with --estimator")
+    return estimator_of(options.estimator)
+
+
+def _estimate(options: argparse.Namespace, estimator: Any, batch: Any, free: Any, out: Path) -> int:
+    """By another way than the joint fit: a table and derivatives_NAME.json."""
+    from ..pipeline.analysis import estimate_batch
+    from ..record.errors import TowlineError
+    from ..record.priors import read_priors
+    from ..record.results import write_result
+    from ..report import derivatives_table
+
+    if free.runs:
+        raise TowlineError(f"--estimator: {free.runs[0].run.name} is a free run; the estimators take tows")
+    priors = None if options.priors is None else read_priors(options.priors)
+    with show_progress() as show:
+        show(f"fitting: {estimator.title}", 0, None)
+        result = estimate_batch(batch, estimator, options.speed, priors)
+    path = out / f"derivatives_{estimator.name}.json"
+    write_result(path, result)
+    console().print(derivatives_table(result))
+    print_notes(result.notes)
+    options.outcome.result["derivatives"] = result
+    options.outcome.wrote(path)
+    options.outcome.fail(result.failed)
+    return exit_code(result.failed)
 
 
 def _check_thoroughly(options: argparse.Namespace, answer: Any, out: Path) -> None:

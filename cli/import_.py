@@ -81,10 +81,11 @@ def _tracks(options: argparse.Namespace) -> int:
     found = import_tracks(options.source, options.program, wanted)
     table = found.table
     if options.between is not None:
+        from ..record.tables import seen_rows
         from ..vision.picked import interpolated
 
         # frames in which nobody digitised the point come anew, predicted or lost
-        table = interpolated(table[table["status"] == "measured"], options.between, options.largest_gap)
+        table = interpolated(table[seen_rows(table)], options.between, options.largest_gap)
     write_table(options.out, table)
     for note in found.notes:
         print(f"note: {note}")

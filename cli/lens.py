@@ -65,10 +65,10 @@ def call(options: argparse.Namespace) -> int:
     board = Board(
         options.board[0], options.board[1], options.square_m, options.charuco, options.marker_m, options.legacy
     )
-    views, missed, size, files = _views(options, board)
+    views, missed, size, files, left_out = _views(options, board)
     answer = calibrate(views, size, options.coefficients, options.square_pixels, not options.keep_all, options.flat)
     found = coverage(answer)
-    notes = [*answer.notes, *advice(answer, found)]
+    notes = [*left_out, *answer.notes, *advice(answer, found)]
     if options.run is not None:
         notes += _working_area(options.run, found)
     hashes = {str(path): sha256_of_file(path) for path in files}
@@ -81,41 +81,34 @@ def call(options: argparse.Namespace) -> int:
     return 0
 
 
-def _views(options: argparse.Namespace, board: Any) -> tuple[list[Any], list[str], tuple[int, int], list[Path]]:
-    """Views, names of pictures without a board, picture size, and the files that were read."""
+def _views(
+    options: argparse.Namespace, board: Any
+) -> tuple[list[Any], list[str], tuple[int, int], list[Path], list[str]]:
+    """Views, names of pictures without a board, picture size, the files that were used, and a note on each that was not."""
     from ..geometry.lens import find_board, other_size
     from ..pipeline.progress import progress
-    from ..record.errors import InputError, TowlineError
+    from ..record.errors import TowlineError
 
     files = _files(options.sources)
-    views: list[Any] = []
-    missed: list[str] = []
-    size: tuple[int, int] | None = None
+    looked: list[tuple[Path, tuple[int, int], list[Any], str]] = []
     last = None
     with progress() as show:
         for done, path in enumerate(files):
             show("looking for the board", done, len(files))
             if path.suffix.lower() not in PICTURES:
                 found, seen, size_here = _from_video(path, board, options.window_px)
-                missed += [] if found else [f"{path.name} ({seen} frames looked at)"]
+                missed = "" if found else f"{path.name} ({seen} frames looked at)"
             else:
                 luma = _picture(path)
                 size_here = (luma.shape[1], luma.shape[0])
                 view = find_board(luma, board, path.name, options.window_px)
-                found = [] if view is None else [view]
-                if view is None:
-                    missed.append(path.name)
-                    last = luma
-            if size is not None and size_here != size:
-                raise InputError(
-                    path,
-                    "",
-                    f"is {size_here[0]} x {size_here[1]} px, the ones before are {size[0]} x {size[1]}; "
-                    "all must come from one camera in one setting",
-                )
-            size = size_here
-            views += found
-    if not views or size is None:
+                found, missed = ([], path.name) if view is None else ([view], "")
+                last = luma if view is None else last
+            looked.append((path, size_here, found, missed))
+    size, left_out = _one_size([(path, size_here, max(len(found), 1)) for path, size_here, found, _ in looked])
+    used = [row for row in looked if row[1] == size]
+    views = [view for _, _, found, _ in used for view in found]
+    if not views:
         other = None if last is None else other_size(last, board)
         hint = "is --board the number of inner corners, and the whole board in the picture?"
         if board.dictionary:
@@ -124,7 +117,30 @@ def _views(options: argparse.Namespace, board: Any) -> tuple[list[Any], list[str
             hint = f"the board looks like {other[0]}x{other[1]} inner corners"
         what = f"{board.columns}x{board.rows} board"
         raise TowlineError(f"no {what} was found in {len(files)} file{'s' * (len(files) > 1)}: {hint}")
-    return views, missed, size, files
+    return views, [row[3] for row in used if row[3]], size, [row[0] for row in used], left_out
+
+
+def _one_size(pictures: list[tuple[Path, tuple[int, int], int]]) -> tuple[tuple[int, int], list[str]]:
+    """The size that more than half of the pictures have (each file with how many it counts for), and a note on each other."""
+    from collections import Counter
+
+    from ..record.errors import InputError
+
+    counts: Counter[tuple[int, int]] = Counter()
+    for _, size, count in pictures:
+        counts[size] += count
+    usual, most = counts.most_common(1)[0]
+    others = [(path, size) for path, size, _ in pictures if size != usual]
+    if others and 2 * most <= counts.total():
+        path, size = others[0]
+        raise InputError(
+            path,
+            "",
+            f"is {size[0]} x {size[1]} px, others are {usual[0]} x {usual[1]}, and no size is that of most pictures; all must "
+            "come from one camera in one setting",
+        )
+    words = f"px, the others {usual[0]} x {usual[1]}; left out, a lens is of one camera in one setting"
+    return usual, [f"{path.name}: {size[0]} x {size[1]} {words}" for path, size in others]
 
 
 def _files(sources: list[Path]) -> list[Path]:

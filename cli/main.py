@@ -9,9 +9,10 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
-from .. import __version__
+from ..__version__ import __version__
 from ..pipeline.executor.memory import reserve, too_little
 from ..record.names import take_any_name
+from .commands import modules
 from .common import EXIT_ERROR, EXIT_INTERRUPTED, EXIT_USAGE
 from .outcome import Outcome, no_memory, one_line
 
@@ -89,6 +90,7 @@ def _main(arguments: Sequence[str] | None) -> int:
             EXIT_USAGE, wrong.message
         )
         raise
+    options.parser = parser
     outcome = options.outcome = Outcome(options.command, options.json)
     try:
         with outcome.speaking():
@@ -172,8 +174,6 @@ def command_parser() -> argparse.ArgumentParser:
         sub.add_argument("--json", action="store_true", default=argparse.SUPPRESS, help=JSON_HELP)
         sub.set_defaults(call=call, light=False)
         return sub
-
-    from .commands import modules
 
     for module in modules():
         sub = command(module.NAME, module.call, module.HELP)

@@ -17,7 +17,7 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
 
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
-    from .. import __version__
+    from ..__version__ import __version__
     from ..identify.plan import make_plan
     from ..identify.plan.words import plan_lines
     from ..record.files import sha256_of_file

@@ -38,6 +38,7 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
     from ..pipeline.analysis import Batch, good_for, has_rudder, has_tension, output_folder
+    from ..pipeline.mistaken import mistake_lines
     from ..pipeline.stages import make_run_page
     from ..record.errors import TowlineError
     from ..report import write_page
@@ -46,6 +47,8 @@ def call(options: argparse.Namespace) -> int:
     out = options.out or output_folder(options.runs)
     for m in batch.runs:
         print(f"{m.run.name}: {motion_line(m)}")
+        for line in mistake_lines(m.run, m.camera.notes if m.camera is not None else []):
+            print(f"towline: {line}", file=sys.stderr)
     options.outcome.result["runs"] = {m.run.name: motion_found(m) for m in batch.runs}
     options.outcome.result["against_truth"] = _truth_lines(batch.runs)
     failed = dict(batch.failed)

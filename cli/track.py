@@ -7,7 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .common import (
     add_runs,
@@ -16,6 +16,9 @@ from .common import (
     show_progress,
 )
 from .outcome import Outcome
+
+if TYPE_CHECKING:
+    from ..record.corrections import Placed
 
 NAME = "track"
 HELP = "video to pixel tracks (out/tracks.csv), an overlay video (out/overlay.mp4) and the worst frames (out/worst.png)"
@@ -29,6 +32,20 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--follow", action="store_true", help="say how it goes: frames per second, frames done, losses")
     sub.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where the fits run (default: cpu)")
     sub.add_argument("--fresh", action="store_true", help="track again even if the tracks are up to date")
+    sub.add_argument(
+        "--from",
+        dest="from_frame",
+        type=int,
+        metavar="FRAME",
+        help="with --seed: follow the marks anew from this frame on; kept in RUN/corrections.toml",
+    )
+    sub.add_argument(
+        "--seed",
+        action="append",
+        default=[],
+        metavar="NAME=U,V",
+        help="where the marker NAME is in the frame of --from, pixels; may be repeated",
+    )
 
 
 def call(options: argparse.Namespace) -> int:
@@ -40,15 +57,21 @@ def call(options: argparse.Namespace) -> int:
         import av  # noqa: F401
 
         from ..pipeline import stages
-        from ..record.run import read_run
+        from ..record.corrections import in_words, read_corrections
+        from ..record.run import CORRECTIONS, read_run
+    seeds = seeds_of(options.from_frame, options.seed)
+    if seeds and len(options.runs) > 1:
+        raise TowlineError(f"--seed is of one run; {len(options.runs)} are given")
     failed: dict[str, str] = {}
     overlay, sheet = not options.no_overlay, options.sheet or not options.no_overlay
     for folder in options.runs:
         try:
             run = read_run(folder)
             filmed = run.file.source.video is not None
+            corrections = read_corrections(run)
+            new = corrections.seeded(seeds) if seeds else None
             with show_progress(options.follow) as show:
-                found = stages.track_run(run, show, options.fresh, options.device)
+                found = stages.track_run(run, show, options.fresh, options.device, new)
                 drawn = stages.draw_tracks(found, overlay, sheet, show) if filmed else []
         except TowlineError as error:
             if len(options.runs) == 1:
@@ -58,11 +81,54 @@ def call(options: argparse.Namespace) -> int:
         options.outcome.result[run.name] = {"markers": _markers_seen(found.table), "notes": found.notes}
         print(f"{run.name}: {markers_in_words(found.table)}")
         print_notes(found.notes)
+        if corrected := in_words(new or corrections):
+            print(f"corrected by hand ({run.folder / CORRECTIONS}): {corrected}")
+        if new:
+            options.outcome.wrote(run.folder / CORRECTIONS)
         if filmed:
             wanted = {"tracks.csv": True, "overlay.mp4": overlay, "worst.png": sheet}
             _say_written(options.outcome, run.out, wanted, found.anew, drawn)
     options.outcome.fail(failed)
     return exit_code(failed)
+
+
+def seeds_of(frame: int | None, given: Sequence[str]) -> list[Placed]:
+    """Seeds of --from and --seed; none where neither is given.
+
+    Parameters
+    ----------
+    frame : of --from
+    given : NAME=U,V each
+
+    Raises
+    ------
+    TowlineError : one without the other, a frame below 0, a seed that is none, or a name that stands twice
+    """
+    from ..record.corrections import Placed
+    from ..record.errors import TowlineError
+
+    if frame is None and not given:
+        return []
+    if frame is None or not given:
+        raise TowlineError(
+            "--from FRAME and --seed NAME=U,V go together: where the marks are in the frame to go on from"
+        )
+    if frame < 0:
+        raise TowlineError(f"--from {frame}: a frame's number is 0 or above")
+    seeds: dict[str, Placed] = {}
+    for text in given:
+        name, mark, place = text.rpartition("=")
+        u_px, comma, v_px = place.partition(",")
+        try:
+            pixel = float(u_px), float(v_px)
+        except ValueError:
+            pixel = math.nan, math.nan
+        if not (name and mark and comma and all(map(math.isfinite, pixel))):
+            raise TowlineError(f"--seed {text}: NAME=U,V is expected, two numbers in pixels")
+        if name in seeds:
+            raise TowlineError(f"--seed {text}: {name!r} is given twice")
+        seeds[name] = Placed(frame=frame, marker=name, pixel_px=pixel)
+    return list(seeds.values())
 
 
 def _say_written(outcome: Outcome, out: Path, wanted: dict[str, bool], anew: bool, drawn: Sequence[Path]) -> None:
@@ -85,12 +151,15 @@ def markers_in_words(table: Any) -> str:
 
 def _marker_seen(marker: str, rows: Any) -> dict[str, Any]:
     """How often and how well a marker was measured, and why not."""
+    from ..record.tables import BY_HAND
+
     lost = rows[rows["status"] == "lost"]
     reasons = lost["reason"] if "reason" in rows else []
     return {
         "marker": marker,
         "frames": len(rows),
         "measured": int((rows["status"] == "measured").sum()),
+        "by_hand": int((rows["status"] == BY_HAND).sum()),
         "sigma_px": rows[["sigma_u_px", "sigma_v_px"]].median().mean(),
         "lost": dict(
             Counter(why if isinstance(why, str) and why else "no reason given" for why in reasons).most_common()
@@ -103,6 +172,8 @@ def _seen_words(seen: dict[str, Any]) -> str:
     text = f"{seen['marker']} measured in {100 * seen['measured'] / seen['frames']:.2f} % of {seen['frames']} frames"
     if not math.isnan(seen["sigma_px"]):
         text += f" (sigma {seen['sigma_px']:.3f} px)"
+    if seen["by_hand"]:
+        text += f"; {seen['by_hand']} by hand"
     if seen["lost"]:
         text += "; lost: " + ", ".join(f"{count} {reason}" for reason, count in seen["lost"].items())
     return text

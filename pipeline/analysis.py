@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from .. import __version__
+from ..__version__ import __version__
 from ..identify import (
     Fit,
     RunData,
@@ -22,11 +22,13 @@ from ..identify import (
     free_file,
     run_data,
     same_trim,
+    six_file,
     steady_file,
     steady_state,
 )
 from ..identify.bracket import SHEARS, bracket_words, neutral_bracket
 from ..identify.cut import cut_of
+from ..identify.estimators import Estimator
 from ..identify.report import tow_stability
 from ..identify.steady import SteadyState, UnsettledError, stands_off
 from ..record.each import Each, in_turn
@@ -66,7 +68,16 @@ def compute_motions(
     fresh: bool = False,
     line: Line | None = None,
 ) -> Batch:
-    """Motion of every run; a bad run is put aside with its reason and the others go on. ``line``: as for ``read_run``."""
+    """Motion of every run; a bad run is put aside with its reason and the others go on. ``line``: as for ``read_run``.
+
+    Parameters
+    ----------
+    folders : run folders
+    method : one of ``geometry.METHODS``
+    progress : is told what is done
+    fresh : make it anew even where out/ is up to date
+    line : what the tow line keeps, "surge" or "constant", instead of what run.toml says; None: what it says
+    """
     runs: list[RunMotion] = []
     failed: dict[str, str] = {}
     for folder in folders:
@@ -138,23 +149,20 @@ def identify_batch(
 
     Parameters
     ----------
+    batch : runs with their motion, and what failed
+    form : "full" or "linear", as in ``identify.fit_runs``
+    speed_m_s : at which the derivatives are quoted; None: the runs' mean
+    priors : instead of the runs' own, or None
+    progress : is told what is done
+    noise : as in ``identify.fit_with_noise``
+    each : does a run's share, here or by workers
     kept : gets what fits, and gives the fit: what it says, or what it said before of the same runs
 
     Raises
     ------
     EstimationError : no run can be used
     """
-    failed = dict(batch.failed)
-    data: list[RunData] = []
-    used: list[RunMotion] = []
-    for m in batch.runs:
-        try:
-            data.append(run_data(m.run, m.motion, m.common, priors, compute_static_motion(m.run), m.lag))
-            used.append(m)
-        except TowlineError as error:
-            failed[m.run.name] = str(error)
-    if not used:
-        raise EstimationError(next(iter(failed.values()), "no run to fit"))
+    data, used, failed = _prepared(batch, priors)
     remarks = _one_hull(used)
 
     def fitted_now() -> Fit:
@@ -176,6 +184,57 @@ def identify_batch(
         result = result.model_copy(update={"notes": [*result.notes, *cut, *remarks]})
     fitted = {d.name: _fitted(fit, d, m, i) for i, (d, m) in enumerate(zip(data, used, strict=True))}
     return Identified(result, fitted, fit, data, used)
+
+
+def _prepared(batch: Batch, priors: Priors | None) -> tuple[list[RunData], list[RunMotion], dict[str, str]]:
+    """What is fitted of each run, those runs, and why others are not; EstimationError where there is none."""
+    failed = dict(batch.failed)
+    data: list[RunData] = []
+    used: list[RunMotion] = []
+    for m in batch.runs:
+        try:
+            data.append(run_data(m.run, m.motion, m.common, priors, compute_static_motion(m.run), m.lag))
+            used.append(m)
+        except TowlineError as error:
+            failed[m.run.name] = str(error)
+    if not used:
+        raise EstimationError(next(iter(failed.values()), "no run to fit"))
+    return data, used, failed
+
+
+def estimate_batch(
+    batch: Batch, estimator: Estimator, speed_m_s: float | None = None, priors: Priors | None = None
+) -> DerivativesFile:
+    """The six derivatives by another way than the joint fit.
+
+    Parameters
+    ----------
+    batch : runs with their motion, and what failed
+    estimator : of ``identify.estimators``
+    speed_m_s : at which the derivatives are quoted; None: the runs' mean
+    priors : instead of the runs' own, or None
+
+    Raises
+    ------
+    EstimationError : no run can be used, or the runs are not what the estimator needs
+    """
+    data, used, failed = _prepared(batch, priors)
+    remarks = _one_hull(used)
+    speed = float(np.mean([d.tow.speed_m_s for d in data])) if speed_m_s is None else speed_m_s
+    found = estimator.estimate(data, speed)
+    first = used[0].run
+    result = six_file(
+        estimator,
+        found,
+        speed,
+        first.model,
+        first.water,
+        __version__,
+        all_inputs([m.run for m in used]),
+        failed,
+        _true_six(used, speed),
+    )
+    return result.model_copy(update={"notes": [*result.notes, *_cut_short(used), *remarks]})
 
 
 def _one_hull(used: Sequence[RunMotion]) -> list[str]:
@@ -211,6 +270,7 @@ def identify_free_batch(
 
     Parameters
     ----------
+    batch : runs with their motion, and what failed
     speed_m_s : at which the values are quoted; None = the tows', or the runs' mean
     priors : instead of each run's own
     towed : the fit of tows whose derivatives and covariance the free runs are read with
@@ -267,7 +327,15 @@ def fit_page(
     progress: Callable[[str], None] | None = None,
     each: Each = in_turn,
 ) -> FitPage:
-    """What the page of a fit shows: beside the fit, whether the runs agree, and what it left."""
+    """What the page of a fit shows: beside the fit, whether the runs agree, and what it left.
+
+    Parameters
+    ----------
+    answer : of ``identify_batch``
+    compared : against a reference, or None
+    progress : is told what is done
+    each : does a run's share, here or by workers
+    """
     from ..identify.consistency import consistency, judged
     from ..report.identify_page import FitPage
 

@@ -11,10 +11,11 @@ import numpy as np
 import pandas as pd
 from scipy.special import chdtrc
 
-from .. import __version__
+from ..__version__ import __version__
 from ..geometry import DatumFit, run_datum
 from ..geometry.checks.check import Check, check_geometry, tolerance_names
 from ..geometry.checks.checked import Checked
+from ..geometry.checks.mistakes import Mistake
 from ..geometry.checks.refine import refined
 from ..geometry.checks.words import found_fault
 from ..geometry.mapping import ProjectiveMapping
@@ -23,10 +24,11 @@ from ..geometry.poses import Poses, poses_from_tracks, without_lags
 from ..identify import RunData, fit_runs, run_data
 from ..identify.joint.begin import knows_full_only
 from ..identify.tension import GaugeCheck, tension_from_motion
-from ..record.check_file import CheckFile, FoundFault, MapOfUncertainty, PointCheck
+from ..record.check_file import CheckFile, FoundFault, FoundMistake, MapOfUncertainty, PointCheck
 from ..record.errors import EstimationError, GeometryError, InputError, TowlineError
 from ..record.run import RUN_FILE, Run, all_inputs, read_run
 from ..simulate.model import DERIVATIVE_UNITS, Line
+from .mistaken import mistakes_of, named
 from .progress import Progress as StageProgress
 from .stages import fit_run_datum, track_run
 
@@ -46,7 +48,14 @@ Progress = Callable[[str], None]
 def filmed_runs(
     folders: Sequence[str | Path], progress: StageProgress, line: Line | None = None
 ) -> tuple[list[Run], list[pd.DataFrame], dict[str, str]]:
-    """Runs that can be checked, their tracks, and why the others cannot; a single run's reason is raised."""
+    """Runs that can be checked, their tracks, and why the others cannot; a single run's reason is raised.
+
+    Parameters
+    ----------
+    folders : run folders
+    progress : is told what is done
+    line : what the tow line keeps, "surge" or "constant", instead of what run.toml says; None: what it says
+    """
     runs: list[Run] = []
     tables: list[pd.DataFrame] = []
     failed: dict[str, str] = {}
@@ -67,7 +76,13 @@ def filmed_runs(
 
 
 def set_ups(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[tuple[str, list[Run], list[pd.DataFrame]]]:
-    """Runs of one camera, datum and set of marks belong together: the stem of their files, the runs, their tracks."""
+    """Runs of one camera, datum and set of marks belong together: the stem of their files, the runs, their tracks.
+
+    Parameters
+    ----------
+    runs : the runs, in their order
+    tables : their tracks
+    """
     groups: dict[str, list[int]] = {}
     for index, run in enumerate(runs):
         file = run.file
@@ -93,9 +108,50 @@ def checked(
     runs, tracks : of one set-up
     refine : parameters to estimate (``geometry.checks.refine.CHOICES``)
     effects : also say what each camera parameter's uncertainty does to the derivatives
+    progress : is told what is done
     """
     say = progress or (lambda _: None)
     say("checking the camera")
+    mistakes = _mistakes(runs, tracks)
+    if any(mistake.keys for mistake in mistakes):
+        return _mistaken(runs, tracks, mistakes)
+    return _checked(runs, tracks, refine, effects, say, mistakes)
+
+
+def _mistakes(runs: Sequence[Run], tracks: Sequence[pd.DataFrame]) -> list[Mistake]:
+    """Gross mistakes of the runs of a set-up; what they share is said once."""
+    found: dict[tuple[str, tuple[str, ...]], Mistake] = {}
+    for run, table in zip(runs, tracks, strict=True):
+        for mistake in mistakes_of(run, table):
+            found.setdefault((mistake.kind, mistake.keys), mistake)
+    return list(found.values())
+
+
+def _mistaken(runs: Sequence[Run], tracks: Sequence[pd.DataFrame], mistakes: Sequence[Mistake]) -> Checked:
+    """The check of a set-up that holds a mistake: it comes first, and no fault is named beside it.
+
+    Raises
+    ------
+    InputError : nothing can be shown of the set-up; names the mistake
+    """
+    with named(runs[0], tracks[0]):
+        found = _checked(runs, tracks, (), False, lambda _: None, mistakes)
+    said = [mistake.line for mistake in mistakes]
+    said.append("no statistics are given: they would rest on this set-up; mend run.toml and check again")
+    file = found.file.model_copy(
+        update={"verdict": "mistake", "sentences": said, "faults": [], "tried": [], "gauges": {}}
+    )
+    return replace(found, file=file)
+
+
+def _checked(
+    runs: Sequence[Run],
+    tracks: Sequence[pd.DataFrame],
+    refine: Sequence[str],
+    effects: bool,
+    say: Progress,
+    mistakes: Sequence[Mistake],
+) -> Checked:
     datum = fit_run_datum(runs[0])
     poses = [
         poses_from_tracks(run, without_lags(table), datum.mapping) for run, table in zip(runs, tracks, strict=True)
@@ -111,20 +167,25 @@ def checked(
     marks = [m.name for m in runs[0].file.marker if m.on == "model"]
     names = [run.name for run in runs]
     tried = [found_fault(check, scored, points, marks, names) for scored in check.ranking]
-    named = tried[: len(check.named)]
+    likely = tried[: len(check.named)]
     unlikely = chdtrc(check.null.degrees, check.null.chi_square) < UNLIKELY
-    verdict = "fault" if named else ("unknown" if unlikely else "sound")
+    verdict = "fault" if likely else ("unknown" if unlikely or mistakes else "sound")
     values, words = refined(check, refine) if refine else ([], [])
     changes = effects_of(runs, tracks, datum, say) if effects else {}
-    gauges = gauges_of(runs, tracks, datum)
+    gauges = gauges_of(runs, tracks, datum) if not mistakes else {}
     file = CheckFile(
         schema="towline/check",
         tool=__version__,
         inputs=all_inputs(runs),
         runs=names,
         verdict=verdict,
-        sentences=_sentences(verdict, named, check, runs, changes) + [gauge_words(*g) for g in gauges.items()],
-        faults=named,
+        sentences=[
+            *(mistake.line for mistake in mistakes),
+            *_sentences(verdict, likely, check, runs, changes),
+            *(gauge_words(*g) for g in gauges.items()),
+        ],
+        mistakes=[FoundMistake(kind=m.kind, keys=list(m.keys), sentence=m.line) for m in mistakes],
+        faults=likely,
         tried=tried,
         chi_square=check.null.chi_square,
         degrees=check.null.degrees,
@@ -215,6 +276,14 @@ def effects_of(
     """Change of each derivative by one standard deviation of each camera parameter, %: the runs evaluated again with it moved.
 
     Empty where these runs give no derivatives (no tension, free runs). ``only``: parameters whose name begins so.
+
+    Parameters
+    ----------
+    runs : the runs, in their order
+    tracks : tracks table
+    datum : fit of the datum
+    say : is told what is done
+    only : beginning of the parameters' names; "": all
     """
     tracks = [_thinned(table) for table in tracks]
     try:
@@ -276,7 +345,14 @@ def _data(runs: Sequence[Run], tracks: Sequence[pd.DataFrame], datum: DatumFit |
 
 
 def gauges_of(runs: Sequence[Run], tracks: Sequence[pd.DataFrame], datum: DatumFit) -> dict[str, GaugeCheck]:
-    """Load cells of lines that keep their length against the motion: run name -> scale, zero and delay."""
+    """Load cells of lines that keep their length against the motion: run name -> scale, zero and delay.
+
+    Parameters
+    ----------
+    runs : the runs, in their order
+    tracks : tracks table
+    datum : fit of the datum
+    """
     if not any(r.file.tow is not None and r.file.tow.tension is not None and r.file.tow.line == "surge" for r in runs):
         return {}
     try:
@@ -288,7 +364,13 @@ def gauges_of(runs: Sequence[Run], tracks: Sequence[pd.DataFrame], datum: DatumF
 
 
 def gauge_words(name: str, gauge: GaugeCheck) -> str:
-    """One sentence."""
+    """One sentence.
+
+    Parameters
+    ----------
+    name : of the run
+    gauge : load cell against the motion
+    """
     (scale, scale_sd), (zero, zero_sd), (late, late_sd) = gauge.scale, gauge.zero_n, gauge.delay_s
     said = (
         f"load cell of {name!r} against the motion: it reads {scale:.3f} +- {scale_sd:.3f} of what pulls, its zero is {zero:+.3f} "

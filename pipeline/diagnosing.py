@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import __version__
-from ..diagnose.apart import measured_apart
+from ..__version__ import __version__
 from ..diagnose.effects import LIBRARY, Effect, installed_effects, load_effects
 from ..diagnose.gap import Diagnosed, diagnosed
-from ..diagnose.tow import TowSimulator
-from ..diagnose.tow_data import TowRun, block_step, tow_run
-from ..diagnose.tow_numbers import COMPLIANCE
+from ..diagnose.inference.apart import measured_apart
+from ..diagnose.tow.data import TowRun, block_step, tow_run
+from ..diagnose.tow.numbers import COMPLIANCE
+from ..diagnose.tow.towed import TowSimulator
 from ..record.errors import EstimationError, InputError, TowlineError
 from ..record.files import write_text
 from ..record.names import shown
@@ -50,6 +50,7 @@ def diagnose_folders(
     held_out : runs kept aside for the shrink (fitted last); none: each run is kept aside in turn; one run alone is fitted itself
     effects : Python files with effects of one's own
     reference : derivatives.json of the simulator that is to be judged; None: the derivatives are fitted to these runs
+    progress : is told what is done
     line : what the tow line keeps, instead of what the runs say
 
     Raises
@@ -107,7 +108,13 @@ def _reference(path: Path) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def write_model(path: Path, found: Diagnosed) -> None:
-    """The simulator that reproduces the tank: derivatives, what the line keeps and effect, as tables of a scenario."""
+    """The simulator that reproduces the tank: derivatives, what the line keeps and effect, as tables of a scenario.
+
+    Parameters
+    ----------
+    path : of the file
+    found : what was found
+    """
     import tomlkit
 
     diagnosis = found.diagnosis

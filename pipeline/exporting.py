@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import __version__
+from ..__version__ import __version__
 from ..record.errors import InputError, TowlineError
 from ..record.exports import (
     MAT_SCHEMA,
@@ -58,6 +58,11 @@ def linear_model(hull: Hull, tow: Tow) -> LinearModel:
 
     A and the constant are ``simulate.linear_system``; the force's columns are ``sway_yaw_acceleration`` of unit forces; the line
     acts on y - y_o, so that the post's column is A's first with its sign turned; alpha = (y + X_T beta + Y_T - y_o)/L (2.17).
+
+    Parameters
+    ----------
+    hull : the six derivatives and the speed at which they are quoted
+    tow : T, X_T, L, U of the tow
 
     Raises
     ------
@@ -216,8 +221,10 @@ def export_mat(
 
     Parameters
     ----------
+    target : the .mat
     folders : run folders; what was not yet computed (tracks, motion) is computed now
     derivatives : derivatives.json; None: the one in the runs' common out/, if there is one
+    progress : is told what is done
 
     Raises
     ------

@@ -139,6 +139,7 @@ def identify(
     priors: Priors | None = None,
     noise: Noise = "auto",
     line: Line | None = None,
+    estimator: str | None = None,
 ) -> DerivativesFile:
     """The six linear sway and yaw derivatives from tows of one hull, fitted together by state-space prediction error.
 
@@ -150,6 +151,7 @@ def identify(
     priors : instead of each run's ``[priors]``
     noise : "output": output error; "innovations": a force pushes the hull about; "auto": what the residuals show
     line : what every tow line keeps, instead of ``tow.line``
+    estimator : another way than the joint fit, by its name (``identify.estimators``); ``form`` and ``noise`` are the joint fit's
 
     Returns
     -------
@@ -168,8 +170,12 @@ def identify(
     >>> found.derivatives["y_v"].unit
     'N s/m'
     """
-    from .analysis import compute_motions, identify_batch
+    from .analysis import compute_motions, estimate_batch, identify_batch
 
+    if estimator is not None:
+        from ..identify.estimators import estimator_of
+
+        return estimate_batch(compute_motions(runs, line=line), estimator_of(estimator), speed_m_s, priors)
     return identify_batch(compute_motions(runs, line=line), form, speed_m_s, priors, noise=noise).result
 
 

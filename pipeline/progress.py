@@ -21,7 +21,13 @@ RATE_OVER_S = 3.0
 
 
 def throttled(call: Callable[[int, int], None], every_s: float = CALL_EVERY_S) -> Callable[[int, int], None]:
-    """``call`` at most once every so many seconds; the calls between cost a tenth of a microsecond each."""
+    """``call`` at most once every so many seconds; the calls between cost a tenth of a microsecond each.
+
+    Parameters
+    ----------
+    call : what is called
+    every_s : between two calls
+    """
     due_s = monotonic() + every_s
 
     def sometimes(done: int, more: int = 0) -> None:

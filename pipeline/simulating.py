@@ -48,6 +48,10 @@ def render_file(
 
     Parameters
     ----------
+    scenario : scenario.toml
+    out : folder that is made
+    effects : Python files of a user's own effects
+    line : what the tow line keeps, "surge" or "constant", instead of what run.toml says; None: what it says
     progress : called with the scenario's name, frames drawn, frames in all
     """
     from ..simulate.render import render_scenario
@@ -59,7 +63,14 @@ def render_file(
 
 
 def changed_by(file: ScenarioFile, path: Path, effects: Sequence[Path] = ()) -> Changed | None:
-    """What a scenario's ``[[effect]]`` tables do to hull and tow; None without any."""
+    """What a scenario's ``[[effect]]`` tables do to hull and tow; None without any.
+
+    Parameters
+    ----------
+    file : the scenario as read
+    path : of the scenario
+    effects : Python files of a user's own effects
+    """
     if not file.effect:
         return None
     from ..diagnose.simulated import effects_of, with_effects

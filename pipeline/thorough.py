@@ -34,6 +34,7 @@ def thorough(
     answer : of ``analysis.identify_batch``
     seed : of what is drawn
     starts, draws : how many
+    progress : is told what is done
     """
     say = progress or (lambda _: None)
     fit, data = answer.fit, answer.data

@@ -34,6 +34,11 @@ def mirrored(url: str, cache: Path | None = None) -> Iterator[Path]:
 
     Files that did not change since the last time are not fetched again.
 
+    Parameters
+    ----------
+    url : where the files are
+    cache : local folder; None: ``cache_folder``
+
     Raises
     ------
     TowlineError : fsspec or the storage's own package is not installed, or the storage does not answer

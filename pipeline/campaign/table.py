@@ -17,7 +17,13 @@ COLUMNS = ("level", "name", "folder", "quantity", "value", "std", "unit", "reaso
 
 
 def tidy(runs: Sequence[Answer], fits: Sequence[Answer]) -> pd.DataFrame:
-    """Rows of runs, then of fits; what failed has one row with its reason and no quantity."""
+    """Rows of runs, then of fits; what failed has one row with its reason and no quantity.
+
+    Parameters
+    ----------
+    runs : answers of the runs
+    fits : answers of the fits
+    """
     rows = []
     for level, answers in (("run", runs), ("fit", fits)):
         for a in answers:
@@ -31,7 +37,13 @@ def tidy(runs: Sequence[Answer], fits: Sequence[Answer]) -> pd.DataFrame:
 
 
 def write_tidy(folder: Path, table: pd.DataFrame) -> list[Path]:
-    """campaign.csv (texts that a spreadsheet would calculate begin with ') and campaign.parquet (as they are)."""
+    """campaign.csv (texts that a spreadsheet would calculate begin with ') and campaign.parquet (as they are).
+
+    Parameters
+    ----------
+    folder : where they go
+    table : what is written
+    """
     paths = [folder / "campaign.csv", folder / "campaign.parquet"]
     with replacing(paths[0]) as temporary:
         for_people(table).to_csv(temporary, index=False, lineterminator="\n")

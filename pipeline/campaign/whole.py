@@ -34,8 +34,11 @@ def campaign(
 
     Parameters
     ----------
+    folder : that holds the runs
     workers : of ``workers.workers``
+    options : None: the usual ones
     out : where results of several runs go; default: folder/out
+    progress : is told what is done
 
     Raises
     ------

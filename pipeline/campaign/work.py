@@ -56,7 +56,14 @@ def silent(said: str) -> None:
 
 
 def run_job(job: str, folder: str, options: dict[str, Any]) -> dict[str, Any]:
-    """Tracks and motion of one run; whatever goes wrong is its reason."""
+    """Tracks and motion of one run; whatever goes wrong is its reason.
+
+    Parameters
+    ----------
+    job : its name
+    folder : of the run
+    options : of the campaign
+    """
     return _answered(job, "", lambda: _moved(job, Path(folder), Options(**options)))
 
 
@@ -73,6 +80,11 @@ def fit_job(
 
     Parameters
     ----------
+    job : its name
+    kind : of the fit
+    folders : run folders
+    out : folder of the results
+    options : of the campaign
     each : does a run's share
     tell : hears what is going on
     """

@@ -29,6 +29,8 @@ def side_by_side(work: Callable[[Item], Answer], items: Sequence[Item], known: S
 
     Parameters
     ----------
+    work : what is done of an item
+    items : in their order
     known : objects that answers may hold and that are not sent: they stand for themselves
     """
     if len(items) < 2 or not _two_cores():

@@ -157,7 +157,14 @@ def end_with(parent: int) -> None:
 
 
 def in_parallel(call: Callable[..., Any], arguments: Iterable[tuple[Any, ...]], count: int) -> Iterator[Any]:
-    """Results of ``call`` with each of ``arguments``, as they come."""
+    """Results of ``call`` with each of ``arguments``, as they come.
+
+    Parameters
+    ----------
+    call : what is called
+    arguments : of each call
+    count : of processes
+    """
     jobs = [(call, each) for each in arguments]
     with processes(min(count, len(jobs))) as done:
         yield from done(jobs)

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ... import __version__
+from ...__version__ import __version__
 from ...record.errors import InputError, TowlineError
 from ...record.files import read_array, write_array
 from ...record.results import CameraFile, read_result, write_result
 from ...record.run import RUN_FILE, Run
 from ...record.tables import input_hash_of, read_motion, read_tracks, write_table
+from ..mistaken import mistake_notes, named
 from ..progress import Progress
 from .tracks import DATUM, TRACKS, fit_run_datum, track_run
 from .versions import stamp_of
@@ -77,13 +78,18 @@ def compute_run_motion(
     refound = run.out / DATUM
     moving = run.file.source.video is not None and any(p.track for p in run.file.datum) and refound.is_file()
     datum_tracks = read_tracks(refound) if moving else None
-    result = motion_from_tracks(run, tracks, fit_run_datum(run), method, __version__, run.input_hashes(), datum_tracks)
+    with named(run, tracks):
+        fit = fit_run_datum(run)
+        result = motion_from_tracks(run, tracks, fit, method, __version__, run.input_hashes(), datum_tracks)
+    camera = result.camera.model_copy(
+        update={"notes": [*mistake_notes(run, tracks), *result.camera.notes, *found.notes]}
+    )
     write_table(paths[MARKS], result.marks, stamp)
-    write_result(paths[CAMERA], result.camera)
+    write_result(paths[CAMERA], camera)
     for name, modes in ((COMMON, result.common), (LAG, result.lag)):
         write_array(paths[name], modes)
     write_table(paths[MOTION], result.motion, stamp)  # last: its stamp vouches for the others
-    return RunMotion(run, read_motion(paths[MOTION]), result.common, result.camera, tracks, result.lag)
+    return RunMotion(run, read_motion(paths[MOTION]), result.common, camera, tracks, result.lag)
 
 
 def _kept(run: Run, paths: dict[str, Path], tracks: pd.DataFrame) -> RunMotion | None:

@@ -9,7 +9,7 @@ import numpy as np
 from ...record.errors import TowlineError
 from ...record.results import TruthFile, read_result
 from ...record.run import Run
-from ...record.tables import read_motion
+from ...record.tables import SEEN, read_motion, seen_rows
 from .motion import RunMotion
 
 if TYPE_CHECKING:
@@ -80,12 +80,12 @@ def draw_picture(run: Run, tracks: pd.DataFrame | None, share: float = 0.15) -> 
     wanted = int(frames[int(share * (len(frames) - 1))])
     rows = tracks[tracks["frame"] == wanted]
     places: dict[str, np.ndarray | None] = {
-        str(r.marker): np.array([r.u_px, r.v_px]) if r.status == "measured" else None for r in rows.itertuples()
+        str(r.marker): np.array([r.u_px, r.v_px]) if r.status in SEEN else None for r in rows.itertuples()
     }
     t_s = float(rows["t_s"].iloc[0])
     trails = {}
     for name in places:
-        path = tracks[(tracks["marker"] == name) & (tracks["status"] == "measured")]
+        path = tracks[(tracks["marker"] == name) & seen_rows(tracks)]
         trails[name] = list(path[["u_px", "v_px"]].to_numpy())
     source = run.file.source
     stamped_s = t_s - source.exposure_s / 2

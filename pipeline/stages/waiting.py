@@ -48,7 +48,12 @@ class Aside(Generic[T]):
 
 @contextmanager
 def begun(frames: Iterator[Frame]) -> Iterator[Iterator[Frame]]:
-    """Have the first frames decoded while the rest is made ready; decoding ends with the block."""
+    """Have the first frames decoded while the rest is made ready; decoding ends with the block.
+
+    Parameters
+    ----------
+    frames : of the recording
+    """
     first = Aside(lambda: next(frames, None))
 
     def coming() -> Iterator[Frame]:

@@ -1,0 +1,3 @@
+"""The version: everybody's, so it stands by itself and imports nothing."""
+
+__version__ = "0.2.0"

@@ -81,7 +81,13 @@ class WaysIn:
 
 
 def result_address(key: str, name: str) -> str:
-    """Where a page of results stands."""
+    """Where a page of results stands.
+
+    Parameters
+    ----------
+    key : of the result
+    name : of its file
+    """
     return f"{RESULTS}{key}/{quote(name)}"
 
 

@@ -166,6 +166,12 @@ class ByHand:
 def begun(folder: Path, markers: Sequence[str], every: int = 15) -> ByHand:
     """What was digitised in a folder before, to go on with.
 
+    Parameters
+    ----------
+    folder : of the run
+    markers : names
+    every : frames from one to the next
+
     Raises
     ------
     InputError : the file there cannot be used

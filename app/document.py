@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import stat
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -19,13 +18,11 @@ from ..record.run import RUN_FILE, Run
 from ..record.schema import RunFile
 from ..record.template import run_text
 from ..record.toml import TOO_DEEP, _key_path, _lists_to_tuples, _short, check_tables
-from ..record.typed import linked, sweep, write_typed
+from ..record.typed import linked, sweep, write_aside, write_typed
 from .toml_text import Where, value_at, with_row, with_value, without
 
 MOST_UNDO = 500
 """Steps that can be undone: a choice."""
-MOST_ASIDE = 100
-"""Texts that are kept beside run.toml when another program has changed it: a choice."""
 MOST_BYTES = 1 << 20
 """A run.toml larger than this is no run.toml."""
 
@@ -267,17 +264,7 @@ class Document:
         text = self._text if mine else self.on_disk()
         if text is None:
             return None
-        path = self.folder / RUN_FILE
-        mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o666
-        for number in range(1, MOST_ASIDE):
-            aside = self.folder / f"run.{'mine' if mine else 'theirs'}{number}.toml"
-            try:
-                aside.touch(mode, exist_ok=False)
-            except FileExistsError:
-                continue
-            write_typed(aside, text)
-            return aside
-        raise InputError(path, "", f"{MOST_ASIDE - 1} texts are kept beside it already; remove some")
+        return write_aside(self.folder / RUN_FILE, text, "mine" if mine else "theirs")
 
     def changed_outside(self) -> bool:
         """The file is no longer what was opened or saved here."""

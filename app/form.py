@@ -167,6 +167,11 @@ def shown(value: Any) -> str:
 def parsed(field: FormField, text: str) -> Any:
     """The value that a text means; None where it is empty (the key is left out).
 
+    Parameters
+    ----------
+    field : of the form
+    text : as it was typed
+
     Raises
     ------
     ValueError : what is wrong with it, in the schema's words

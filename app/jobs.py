@@ -35,9 +35,17 @@ class Found:
 
 
 def track(folders: Sequence[Path], tell: Progress, fresh: bool = False) -> Found:
-    """Track the marks and work the motion out: ``towline motion``."""
+    """Track the marks and work the motion out: ``towline motion``.
+
+    Parameters
+    ----------
+    folders : run folders
+    tell : is told (what, done, of how many)
+    fresh : make it anew even where out/ is up to date
+    """
     from ..pipeline.stages import CAMERA, MARKS, MOTION, TRACKS, compute_run_motion, track_run
     from ..record.run import read_run
+    from ..record.tables import BY_HAND
 
     (folder,) = folders
     run = read_run(folder)
@@ -56,15 +64,25 @@ def track(folders: Sequence[Path], tell: Progress, fresh: bool = False) -> Found
             why = ""
             if len(lost) and "reason" in rows:
                 why = f" ({', '.join(f'{reason}: {n}' for reason, n in lost['reason'].value_counts().items())})"
+            by_hand = int((rows["status"] == BY_HAND).sum())
             said.append(
-                f"{name}: measured in {int((rows['status'] == 'measured').sum())} frames, lost in {len(lost)}{why}"
+                f"{name}: measured in {int((rows['status'] == 'measured').sum())} frames, "
+                + (f"set by hand in {by_hand}, " if by_hand else "")
+                + f"lost in {len(lost)}{why}"
             )
     files = tuple(path for name in (TRACKS, MARKS, MOTION, CAMERA) if (path := run.out / name).is_file())
     return Found("Track", tuple(said), (), (), files)
 
 
 def check(folders: Sequence[Path], tell: Progress, effects: bool = True) -> Found:
-    """Is the camera right: ``towline check``."""
+    """Is the camera right: ``towline check``.
+
+    Parameters
+    ----------
+    folders : run folders
+    tell : is told (what, done, of how many)
+    effects : also say what each camera uncertainty does to the derivatives
+    """
     from ..pipeline.analysis import output_folder
     from ..pipeline.checking import checked, filmed_runs, set_ups
     from ..record.results import write_result
@@ -86,7 +104,14 @@ def check(folders: Sequence[Path], tell: Progress, effects: bool = True) -> Foun
 
 
 def identify(folders: Sequence[Path], tell: Progress, form: str = "full") -> Found:
-    """The six derivatives: ``towline identify``."""
+    """The six derivatives: ``towline identify``.
+
+    Parameters
+    ----------
+    folders : run folders
+    tell : is told (what, done, of how many)
+    form : "full" or "linear"
+    """
     from ..pipeline.analysis import compute_motions, fit_page, identify_batch, output_folder
     from ..record.results import write_result
     from ..report.format import SYMBOLS_TEXT, plus_minus
@@ -117,7 +142,13 @@ def identify(folders: Sequence[Path], tell: Progress, form: str = "full") -> Fou
 
 
 def steady(folders: Sequence[Path], tell: Progress) -> Found:
-    """The neutral point: ``towline steady``, with the page of ``towline run``."""
+    """The neutral point: ``towline steady``, with the page of ``towline run``.
+
+    Parameters
+    ----------
+    folders : run folders
+    tell : is told (what, done, of how many)
+    """
     from ..pipeline.analysis import compute_motions, fit_steady_batch, output_folder
     from ..pipeline.stages import make_run_page
     from ..record.results import write_result
@@ -139,7 +170,13 @@ def steady(folders: Sequence[Path], tell: Progress) -> Found:
 
 
 def diagnose(folders: Sequence[Path], tell: Progress) -> Found:
-    """Where simulator and tank differ: ``towline diagnose``."""
+    """Where simulator and tank differ: ``towline diagnose``.
+
+    Parameters
+    ----------
+    folders : run folders
+    tell : is told (what, done, of how many)
+    """
     from ..pipeline.analysis import output_folder
     from ..pipeline.diagnosing import diagnose_folders
     from ..record.results import write_result

@@ -23,6 +23,15 @@ window.addEventListener("keydown", (e) => {
   else if (key === "s") name = "snap";
   else if (key === "n") name = "next";
   else if (key === "p") name = "previous";
+  else if (key === "w") name = e.shiftKey ? "worst back" : "worst";
+  else if (key === "m") name = "move";
+  else if (key === "d") name = "seed";
+  else if (key === "x") name = "mark";
+  else if (key === "Delete") name = "remove";
+  else if (key === "[") name = "slower";
+  else if (key === "]") name = "faster";
+  // a button that was reached by keys is pressed by the space bar
+  else if (key === " " && !document.activeElement?.matches?.("button:focus-visible, [role]:focus-visible")) name = "play";
   if (!name) return;
   e.preventDefault();
   e.stopImmediatePropagation();

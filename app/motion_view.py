@@ -10,7 +10,7 @@ import numpy as np
 
 from ..record.errors import TowlineError
 from ..record.run import Run
-from ..record.tables import input_hash_of, read_motion, read_tracks
+from ..record.tables import input_hash_of, read_motion, read_tracks, seen_rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,6 +48,7 @@ def read_shown(run: Run | None, folder: Path) -> Shown:
     Parameters
     ----------
     run : as saved; None where run.toml cannot be read
+    folder : of the run
     """
     from ..pipeline.stages.motion import MOTION
     from ..pipeline.stages.tracks import TRACKS
@@ -68,7 +69,9 @@ def read_shown(run: Run | None, folder: Path) -> Shown:
     if run is not None and motion is not None:
         made_from = input_hash_of(motion_path)
         current = bool(source and source.motion) or made_from == stamp_of(run, "motion", "exact")
-        words = words or ("" if current else "made before the last change of run.toml or of the recording: track again")
+        words = words or (
+            "" if current else "made before the last change of run.toml, corrections or recording: track again"
+        )
     return Shown(motion, tracks, current, words)
 
 
@@ -92,7 +95,13 @@ def _plain(values: np.ndarray) -> list[float | None]:
 
 
 def value_at(motion: pd.DataFrame, t_s: float) -> str:
-    """alpha, beta and y_CG at the sample next to a time, in words."""
+    """alpha, beta and y_CG at the sample next to a time, in words.
+
+    Parameters
+    ----------
+    motion : motion table
+    t_s : time, s
+    """
     times = motion["t_s"].to_numpy(dtype=float)
     if not len(times):
         return ""
@@ -112,8 +121,15 @@ def value_at(motion: pd.DataFrame, t_s: float) -> str:
 def marks_at(
     tracks: pd.DataFrame, frame: int, trail: int = 40
 ) -> tuple[dict[str, tuple[float, float]], dict[str, list[list[float]]]]:
-    """Measured marks of a frame, and the last places of each: marker -> u, v px."""
-    part = tracks[(tracks["frame"] <= frame) & (tracks["frame"] > frame - trail) & (tracks["status"] == "measured")]
+    """Marks seen in a frame, measured or set by hand, and the last places of each: marker -> u, v px.
+
+    Parameters
+    ----------
+    tracks : tracks table
+    frame : of the recording
+    trail : places before it
+    """
+    part = tracks[(tracks["frame"] <= frame) & (tracks["frame"] > frame - trail) & seen_rows(tracks)]
     places: dict[str, tuple[float, float]] = {}
     trails: dict[str, list[list[float]]] = {}
     for name, rows in part.groupby("marker", sort=False):

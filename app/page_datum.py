@@ -7,8 +7,8 @@ from typing import Any
 from nicegui import ui
 
 from .form import FormField, parsed, row_fields, shown
-from .page_hall import Step
 from .page_parts import Typed, bullets, button, keys_line, say
+from .page_window import Step
 from .sight import arrows_of, grid_of
 
 FIELDS = {str(field.where[-1]): field for field in row_fields("datum")}
@@ -28,17 +28,17 @@ class DatumStep(Step):
     title = "Datum"
     picks = True
 
-    def __init__(self, hall: Any) -> None:
-        super().__init__(hall)
+    def __init__(self, window: Any) -> None:
+        super().__init__(window)
         self.grid = True
 
     def build(self) -> None:
         """Draw the panel of datum points."""
-        desk = self.desk
+        session = self.session
         self._what = ui.label("").classes("big")
         self._said = say("", "soft", lines=1)
         with ui.row().style("gap: 18px; align-items: center"):
-            snap = ui.checkbox("Snap to the mark", value=desk.snapping, on_change=self._snap)
+            snap = ui.checkbox("Snap to the mark", value=session.snapping, on_change=self._snap)
             grid = ui.checkbox("Grid", value=self.grid, on_change=self._set_grid)
             snap.props["aria-label"], grid.props["aria-label"] = "Snap", "Grid"
         self._fit = say("", lines=2)
@@ -51,7 +51,7 @@ class DatumStep(Step):
         self._before = -1
         self._list = ui.element("div")
         with self._list:
-            for number, row in enumerate(desk.doc.rows("datum")):
+            for number, row in enumerate(session.doc.rows("datum")):
                 self._row(number, row)
         self._top = ui.element("img").classes("top")
         self._top.props["alt"] = "view from above"
@@ -87,8 +87,8 @@ class DatumStep(Step):
             button("×", lambda: self._remove(number), "plain small", f"Remove {name}", "Remove")
 
     def _put(self, number: int, key: str, text: str) -> None:
-        self.desk.doc.set(("datum", number, key), parsed(FIELDS[key], text))
-        self.hall.changed()
+        self.session.doc.set(("datum", number, key), parsed(FIELDS[key], text))
+        self.window.changed()
 
     def _place(self, number: int, texts: list[str], axis: int, text: str) -> None:
         """A place is taken when x and y are there; a depth left empty is the datum plane's own, 0."""
@@ -98,50 +98,50 @@ class DatumStep(Step):
         texts[axis] = new[axis]
         if texts[0] and texts[1]:
             value = parsed(FIELDS["tank_m"], " ".join(part or "0" for part in texts))
-            name = self.desk.doc.get("datum", number, "name") or number + 1
-            self.desk.doc.set(("datum", number, "tank_m"), value, f"place of {name}")
+            name = self.session.doc.get("datum", number, "name") or number + 1
+            self.session.doc.set(("datum", number, "tank_m"), value, f"place of {name}")
         else:
-            self.desk.doc.set(("datum", number, "tank_m"), None)
-        self.hall.changed()
+            self.session.doc.set(("datum", number, "tank_m"), None)
+        self.window.changed()
 
     def _choose(self, number: int) -> None:
-        desk = self.desk
-        desk.selected["datum"] = -1 if desk.selected["datum"] == number else number
-        pixel = desk.doc.get("datum", number, "pixel_px")
-        if desk.selected["datum"] == number and isinstance(pixel, list) and self.hall.viewer is not None:
-            self.hall.viewer.run_method("zoomTo", pixel[0], pixel[1], 6)
-        self.hall.overlay()
+        session = self.session
+        session.selected["datum"] = -1 if session.selected["datum"] == number else number
+        pixel = session.doc.get("datum", number, "pixel_px")
+        if session.selected["datum"] == number and isinstance(pixel, list) and self.window.viewer is not None:
+            self.window.viewer.run_method("zoomTo", pixel[0], pixel[1], 6)
+        self.window.overlay()
         self.changed()
 
     def _remove(self, number: int) -> None:
-        self.desk.doc.remove_row("datum", number)
-        self.desk.selected["datum"] = -1
-        self.hall.redraw()
+        self.session.doc.remove_row("datum", number)
+        self.session.selected["datum"] = -1
+        self.window.redraw()
 
     def _snap(self, event: Any) -> None:
-        self.desk.snapping = bool(event.value)
+        self.session.snapping = bool(event.value)
 
     def _set_grid(self, event: Any) -> None:
         self.grid = bool(event.value)
-        self.hall.overlay()
+        self.window.overlay()
 
     async def pick(self, u_px: float, v_px: float, zoom: float) -> None:
         """A click sets or moves a point."""
-        found = await self.hall.snapped(u_px, v_px, zoom, self.desk.snapping)
+        found = await self.window.snapped(u_px, v_px, zoom, self.session.snapping)
         if found is None:
             return
-        new = self.desk.selected["datum"] < 0
-        number = self.desk.pick_datum(found)
-        self.desk.selected["datum"] = -1
-        if new and self.hall.step is self:  # the person may have gone on meanwhile
-            rows = self.desk.doc.rows("datum")
+        new = self.session.selected["datum"] < 0
+        number = self.session.pick_datum(found)
+        self.session.selected["datum"] = -1
+        if new and self.window.step is self:  # the person may have gone on meanwhile
+            rows = self.session.doc.rows("datum")
             with self._list:
                 self._row(number, rows[number])
-            self.hall.changed()
+            self.window.changed()
             name = rows[number]["name"]
-            self.hall.select(f"x of {name}")
+            self.window.select(f"x of {name}")
         else:
-            self.hall.changed()
+            self.window.changed()
         self._said.text = found.words
 
     async def key(self, name: str) -> bool:
@@ -149,20 +149,20 @@ class DatumStep(Step):
         if name == "grid":
             self.grid = not self.grid
         elif name == "snap":
-            self.desk.snapping = not self.desk.snapping
-        elif name == "escape" and self.desk.selected["datum"] >= 0:
-            self.desk.selected["datum"] = -1
+            self.session.snapping = not self.session.snapping
+        elif name == "escape" and self.session.selected["datum"] >= 0:
+            self.session.selected["datum"] = -1
         else:
             return False
-        self.hall.draw()
+        self.window.draw()
         return True
 
     def changed(self) -> None:
         """Residuals, the view from above, what the next click does."""
-        desk = self.desk
-        seen = desk.sight()
-        rows = desk.doc.rows("datum")
-        chosen = desk.selected["datum"]
+        session = self.session
+        seen = session.sight()
+        rows = session.doc.rows("datum")
+        chosen = session.selected["datum"]
         if 0 <= chosen < len(rows):
             self._what.text = f"Click {rows[chosen].get('name') or chosen + 1} again"
         else:
@@ -188,7 +188,7 @@ class DatumStep(Step):
             bullets([] if fit is None else list(seen.words), "warn")
 
     def _left_over(self, number: int, row: dict[str, Any]) -> str:
-        seen = self.desk.sight()
+        seen = self.session.sight()
         sigma = row.get("sigma_px", 0.5)
         text = f"± {sigma:.2g} px" if isinstance(sigma, (int, float)) else ""
         if "tank_m" not in row:
@@ -204,18 +204,18 @@ class DatumStep(Step):
 
     def tick(self) -> None:
         """The frame from above, once it stands still."""
-        if self.desk.index == self._before and self.desk.sight().fit is not None:
+        if self.session.index == self._before and self.session.sight().fit is not None:
             self._look_from_above()
-        self._before = self.desk.index
+        self._before = self.session.index
 
     def _look_from_above(self) -> None:
-        url = f"top/{self.desk.opened}/{self.desk.doc.version}/{self.desk.index}.jpg"
+        url = f"top/{self.session.opened}/{self.session.doc.version}/{self.session.index}.jpg"
         if self._top.props.get("src") != url:
             self._top.props["src"] = url
 
     def refilled(self) -> bool:
         """The same rows with other numbers."""
-        rows = self.desk.doc.rows("datum")
+        rows = self.session.doc.rows("datum")
         if len(rows) != len(self._typed):
             return False
         for row, (name, places, texts) in zip(rows, self._typed, strict=True):
@@ -229,11 +229,11 @@ class DatumStep(Step):
 
     def still(self) -> dict[str, Any]:
         """Points with their enlarged residuals, and the grid."""
-        seen = self.desk.sight()
+        seen = self.session.sight()
         arrows = arrows_of(seen)[1]
         along = {number: [du, dv] for number, du, dv in arrows}
         marks = []
-        for number, row in enumerate(self.desk.doc.rows("datum")):
+        for number, row in enumerate(self.session.doc.rows("datum")):
             pixel = row.get("pixel_px")
             if not (isinstance(pixel, list) and len(pixel) == 2):
                 continue
@@ -244,7 +244,7 @@ class DatumStep(Step):
                     "label": row.get("name") or f"point {number + 1}",
                     "colour": "#ffffff",
                     "shape": "cross",
-                    "chosen": number == self.desk.selected["datum"],
+                    "chosen": number == self.session.selected["datum"],
                     "arrow": along.get(number),
                 }
             )
@@ -255,7 +255,7 @@ class DatumStep(Step):
         import numpy as np
 
         lines, texts = [], []
-        for line in grid_of(self.desk.sight())[0]:
+        for line in grid_of(self.session.sight())[0]:
             points = line.pixel_px[::EVERY_POINT]
             points = points[np.isfinite(points).all(axis=1)]
             if len(points) < 2:

@@ -8,8 +8,8 @@ from nicegui import ui
 
 from ..record.run import leads_out
 from .form import UNITS, FormField, FormTable, parsed, shown, tables
-from .page_hall import Step
 from .page_parts import Typed, button, choose, say
+from .page_window import Step
 
 OPEN = ("", "source", "camera", "tow", "model", "water")
 TITLES = {
@@ -95,7 +95,7 @@ class FactsStep(Step):
                 self._field(field)
 
     def _field(self, field: FormField) -> None:
-        text = shown(self.desk.doc.get(*field.where))
+        text = shown(self.session.doc.get(*field.where))
         with ui.element("div").classes("ffield"):
             star = " *" if field.needed else ""
             ui.html(f'<div class="name">{html.escape(_name(field))}{star} <span class="key">{field.key}</span></div>',
@@ -120,16 +120,16 @@ class FactsStep(Step):
             self._errors[field.key] = ui.label("").classes("error")
 
     def _put(self, field: FormField, text: str) -> None:
-        if text == (shown(self.desk.doc.get(*field.where)) or (field.default if field.kind == "choice" else "")):
+        if text == (shown(self.session.doc.get(*field.where)) or (field.default if field.kind == "choice" else "")):
             return
         value = parsed(field, text)
         if field.key in FILES and value is not None:
-            if leads_out(value) and not self.desk.doc.outside:
+            if leads_out(value) and not self.session.doc.outside:
                 raise ValueError(f"{value!r} leads out of the run folder; outside = true at the top allows it")
-            if not (self.desk.doc.folder / value).is_file():
+            if not (self.session.doc.folder / value).is_file():
                 raise ValueError(f"no such file: {value} (paths start at the run folder)")
-        self.desk.doc.set(field.where, value)
-        self.hall.changed()
+        self.session.doc.set(field.where, value)
+        self.window.changed()
 
     def _wrong(self, field: FormField, words: str) -> None:
         label = self._errors.get(field.key)
@@ -137,30 +137,30 @@ class FactsStep(Step):
             label.text = words
 
     def _size(self) -> None:
-        if self.desk.frames is not None:
-            self.desk.doc.set(("camera", "image_size_px"), list(self.desk.size_px))
-            self.hall.redraw()
+        if self.session.frames is not None:
+            self.session.doc.set(("camera", "image_size_px"), list(self.session.size_px))
+            self.window.redraw()
 
     def refilled(self) -> bool:
         """The fields stand; their texts are put in."""
         for typed, field in self._typed.values():
             if typed.pending is None or not typed.wrong:
                 self._wrong(field, "")
-            typed.put(shown(self.desk.doc.get(*field.where)))
+            typed.put(shown(self.session.doc.get(*field.where)))
         for made, field in self._chosen:
-            made.value = shown(self.desk.doc.get(*field.where)) or field.default
+            made.value = shown(self.session.doc.get(*field.where)) or field.default
         self.changed()
         return True
 
     def changed(self) -> None:
         """Faults of the whole file at their fields; a text that was refused keeps its own words."""
-        faults = self.desk.doc.faults()
+        faults = self.session.doc.faults()
         for key, label in self._errors.items():
             typed = self._typed.get(key)
             if typed is not None and typed[0].wrong:
                 continue
             words = faults.get(key, "")
-            table_begun = "." not in key or self.desk.doc.get(*key.split(".")[:-1]) is not None
+            table_begun = "." not in key or self.session.doc.get(*key.split(".")[:-1]) is not None
             label.text = words if table_begun else ""
 
 

@@ -8,8 +8,8 @@ from nicegui import ui
 
 from ..record.errors import InputError
 from .byhand import FILE, SIGMA_PX
-from .page_hall import Step
-from .page_parts import Typed, button, colour_of, keys_line, say
+from .page_parts import Typed, button, colour_of, keys_line, say, sigma_of
+from .page_window import Step
 
 
 class HandStep(Step):
@@ -18,14 +18,14 @@ class HandStep(Step):
     title = "By hand"
     picks = True
 
-    def __init__(self, hall: Any) -> None:
-        super().__init__(hall)
+    def __init__(self, window: Any) -> None:
+        super().__init__(window)
         self.sigma_px = SIGMA_PX
 
     def build(self) -> None:
         """Draw the panel of marks by hand."""
         try:
-            hand = self.desk.hand()
+            hand = self.session.hand()
         except InputError as error:
             ui.label("By hand").classes("big")
             say(error.message, "warn")
@@ -57,23 +57,17 @@ class HandStep(Step):
             self._use = button("Use as the run's tracks", self._use_tracks, "main", "Use the clicks")
         self._source = say("", "soft")
         keys_line(("N", "next"), ("P", "previous"), ("Ctrl+Z", "undo click"), ("Ctrl+Y", "redo click"))
-        self.hall.go(hand.frame)
+        self.window.go(hand.frame)
         self.changed()
 
     def _every(self, text: str) -> None:
         value = int(text) if text.strip().isdigit() else 0
         if not 1 <= value <= 100000:
             raise ValueError("a whole number from 1 on is expected")
-        self.desk.hand().every = value
+        self.session.hand().every = value
 
     def _sigma(self, text: str) -> None:
-        try:
-            value = float(text)
-        except ValueError:
-            raise ValueError(f"{text!r} is no number") from None
-        if not 0 < value <= 100:
-            raise ValueError("above 0, at most 100 px")
-        self.sigma_px = value
+        self.sigma_px = sigma_of(text)
 
     def _snap(self, event: Any) -> None:
         self._snapping = bool(event.value)
@@ -82,61 +76,61 @@ class HandStep(Step):
         """A click is the wanted mark."""
         if self._what is None:
             return
-        clicked, sigma = self.desk.index, self.sigma_px
+        clicked, sigma = self.session.index, self.sigma_px
         if self._snapping:
-            found = await self.hall.snapped(u_px, v_px, zoom, True)
+            found = await self.window.snapped(u_px, v_px, zoom, True)
             if found is None:
                 return
             (u_px, v_px), sigma = found.pixel_px, found.sigma_px if found.found else sigma
             self._said.text = found.words
-        hand = self.desk.hand()
+        hand = self.session.hand()
         hand.frame = clicked  # the person may have gone on meanwhile
         if not hand.wanted:
-            self.hall.tell("This frame has all of its marks; undo one, or go on", "warning")
+            self.window.tell("This frame has all of its marks; undo one, or go on", "warning")
             return
         done = hand.click(u_px, v_px, sigma)
-        last = None if self.desk.frames is None else self.desk.frames.count - 1
+        last = None if self.session.frames is None else self.session.frames.count - 1
         if done and not hand.next_frame(last):
             self._said.text = "That was the last frame."
         self._after()
 
     def _after(self) -> None:
-        self.hall.go(self.desk.hand().frame)
-        self.hall.state()
-        self.hall.overlay()
+        self.window.go(self.session.hand().frame)
+        self.window.state()
+        self.window.overlay()
         self.changed()
 
     def _undo(self) -> None:
-        if self.desk.hand().undo() is not None:
+        if self.session.hand().undo() is not None:
             self._after()
 
     def _redo(self) -> None:
-        if self.desk.hand().redo() is not None:
+        if self.session.hand().redo() is not None:
             self._after()
 
     def _jump(self, way: int) -> None:
-        hand = self.desk.hand()
-        hand.frame = self.desk.go(self.desk.index + way * hand.every)
-        self.hall.show()
+        hand = self.session.hand()
+        hand.frame = self.session.go(self.session.index + way * hand.every)
+        self.window.show()
         self.changed()
 
     def _save(self) -> None:
-        hand = self.desk.hand()
-        if self.desk.frames is not None and hand.clicks:
-            hand.write(self.desk.doc.folder, self.desk.frames.time_s)
-            self.hall.tell(f"Saved {FILE}", "positive")
-            self.hall.state()
+        hand = self.session.hand()
+        if self.session.frames is not None and hand.clicks:
+            hand.write(self.session.doc.folder, self.session.frames.time_s)
+            self.window.tell(f"Saved {FILE}", "positive")
+            self.window.state()
 
     def _use_tracks(self) -> None:
-        if self.desk.doc.get("source", "tracks") == FILE:
-            self.desk.use_video()
+        if self.session.doc.get("source", "tracks") == FILE:
+            self.session.use_video()
         else:
-            if not self.desk.hand().clicks:
-                self.hall.tell("Nothing was clicked yet", "warning")
+            if not self.session.hand().clicks:
+                self.window.tell("Nothing was clicked yet", "warning")
                 return
             self._save()
-            self.desk.use_hand_tracks()
-        self.hall.changed()
+            self.session.use_hand_tracks()
+        self.window.changed()
         self.changed()
 
     async def key(self, name: str) -> bool:
@@ -151,19 +145,19 @@ class HandStep(Step):
     def moved(self) -> None:
         """The frame that is looked at is the one that is clicked."""
         if getattr(self, "_what", None) is not None:
-            self.desk.hand().frame = self.desk.index
+            self.session.hand().frame = self.session.index
             self.changed()
 
     def changed(self) -> None:
         """What is clicked next."""
         if self._what is None:
             return
-        hand = self.desk.hand()
+        hand = self.session.hand()
         self._what.text = f"Click: {hand.wanted}" if hand.wanted else "Frame done"
         self._count.text = f"{len(hand.frames)} frames done, {len(hand.clicks)} clicks" + (
             ", not saved" if hand.dirty else ""
         )
-        used = self.desk.doc.get("source", "tracks") == FILE
+        used = self.session.doc.get("source", "tracks") == FILE
         self._use.text = "Track the video instead" if used else "Use as the run's tracks"
         self._source.text = (
             f"source.tracks = {FILE}: step 6 works the motion out from the clicks."
@@ -173,24 +167,24 @@ class HandStep(Step):
 
     def still(self) -> dict[str, Any]:
         """All clicks of the marks, as their paths."""
-        if self.desk.by_hand is None:
+        if self.session.by_hand is None:
             return {}
         lines = []
-        for k, name in enumerate(self.desk.by_hand.markers):
-            rows = sorted((c.frame, c.u_px, c.v_px) for c in self.desk.by_hand.clicks if c.marker == name)
+        for k, name in enumerate(self.session.by_hand.markers):
+            rows = sorted((c.frame, c.u_px, c.v_px) for c in self.session.by_hand.clicks if c.marker == name)
             if len(rows) > 1:
                 lines.append({"points": [[u, v] for _, u, v in rows], "colour": colour_of(k), "opacity": 0.6})
         return {"lines": lines}
 
     def moving(self) -> dict[str, Any]:
         """The clicks of this frame."""
-        if self.desk.by_hand is None:
+        if self.session.by_hand is None:
             return {}
-        names = list(self.desk.by_hand.markers)
+        names = list(self.session.by_hand.markers)
         marks = [
             {"u": c.u_px, "v": c.v_px, "label": c.marker, "colour": colour_of(names.index(c.marker)), "shape": "cross"}
-            for c in self.desk.by_hand.clicks
-            if c.frame == self.desk.index and c.marker in names
+            for c in self.session.by_hand.clicks
+            if c.frame == self.session.index and c.marker in names
         ]
         return {"marks": marks}
 

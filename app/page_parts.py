@@ -42,7 +42,16 @@ def add_head() -> None:
 
 
 def button(text: str, call: Handler, kind: str = "plain", label: str = "", tip: str = "") -> ui.button:
-    """A button; ``kind``: main, plain, stop, with " small"."""
+    """A button; ``kind``: main, plain, stop, with " small".
+
+    Parameters
+    ----------
+    text : that is shown
+    call : what a click does
+    kind : class
+    label : for those who hear the page
+    tip : shown beside the mouse
+    """
     made = ui.button(text, on_click=call, color=None).classes(kind).props("unelevated no-caps")
     if label:
         made.props["aria-label"] = label
@@ -56,6 +65,8 @@ def say(text: str, kind: str = "", lines: int = 0) -> ui.label:
 
     Parameters
     ----------
+    text : that is shown
+    kind : class
     lines : that room is kept for. What changes by itself above things to click would move them from under the pointer.
     """
     return ui.label(text).classes(f"say {kind}").style(f"min-height: {lines}lh")
@@ -68,7 +79,13 @@ def keys_line(*pairs: tuple[str, str]) -> None:
 
 
 def bullets(sentences: Sequence[str], kind: str = "") -> None:
-    """Sentences as a list."""
+    """Sentences as a list.
+
+    Parameters
+    ----------
+    sentences : one a point
+    kind : class
+    """
     if sentences:
         rows = "".join(f"<li>{html.escape(text)}</li>" for text in sentences)
         ui.html(f'<ul class="list {kind}">{rows}</ul>', sanitize=False)
@@ -183,7 +200,15 @@ def _differs(theirs: str) -> str:
 
 
 def choose(label: str, options: Sequence[str], value: str, commit: Callable[[str], None]) -> ui.select:
-    """A list to choose from."""
+    """A list to choose from.
+
+    Parameters
+    ----------
+    label : for those who hear the page
+    options : to choose from
+    value : the present one
+    commit : is given the new one
+    """
     known = [*options] if value in options else [*options, value]
     made = ui.select(known, value=value, on_change=lambda e: commit(str(e.value))).props("outlined dense options-dense")
     made.props["aria-label"] = label
@@ -192,6 +217,26 @@ def choose(label: str, options: Sequence[str], value: str, commit: Callable[[str
 
 COLOURS = ("#ffb000", "#58c4ff", "#3ddc97", "#ff8adf", "#ffe14d", "#ff7a4d", "#c9b6ff")
 """Of marks over a dark picture, in their order."""
+
+
+def sigma_of(text: str) -> float:
+    """A point's standard deviation as a person types it, px.
+
+    Parameters
+    ----------
+    text : what was typed
+
+    Raises
+    ------
+    ValueError : no number, or not above 0 and at most 100, in words for the field
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        raise ValueError(f"{text!r} is no number") from None
+    if not 0 < value <= 100:
+        raise ValueError("above 0, at most 100 px")
+    return value
 
 
 def colour_of(number: int) -> str:

@@ -10,9 +10,9 @@ from nicegui import ui
 from ..record.errors import InputError
 from .address import result_address
 from .jobs import Found
-from .page_hall import Step
 from .page_parts import bullets, button, choose, say
 from .page_track import Progress
+from .page_window import Step
 from .places import page_file, places_below
 
 FORMS = {"full sine and kinematics": "full", "linear": "linear"}
@@ -30,7 +30,7 @@ class ResultsStep(Step):
         """Draw the panel of results: runs, commands, and the pages they write."""
         self._number, self._running = -1, False
         self._picked: dict[Path, ui.checkbox] = {}
-        here = self.desk.doc.folder
+        here = self.session.doc.folder
         with ui.element("div").style("display: flex; gap: 22px; height: 100%"):
             with ui.element("div").style("flex: 0 0 440px; overflow-y: auto; padding-right: 6px"):
                 ui.html("<h2>Runs</h2>", sanitize=False)
@@ -49,7 +49,7 @@ class ResultsStep(Step):
                     say("Equations:")
                     self._form = next(iter(FORMS))
                     choose("Equations", tuple(FORMS), self._form, self._set_form).style("width: 250px")
-                self._stop = button("Stop", self.desk.worker.stop, "stop", "Stop")
+                self._stop = button("Stop", self.session.worker.stop, "stop", "Stop")
                 self._progress = Progress()
                 self._found = ui.element("div")
                 self._reports = ui.element("div")
@@ -73,18 +73,18 @@ class ResultsStep(Step):
     def _start(self, name: str) -> None:
         folders = [path for path, box in self._picked.items() if box.value]
         if not folders:
-            self.hall.tell("Tick a run first", "warning")
+            self.window.tell("Tick a run first", "warning")
             return
-        if not self.hall.save():
+        if not self.window.save():
             return
         options = {"form": FORMS[self._form]} if name == "identify" else {}
-        if not self.desk.worker.start(name, folders, **options):
-            self.hall.tell("A job is under way", "warning")
+        if not self.session.worker.start(name, folders, **options):
+            self.window.tell("A job is under way", "warning")
         self.tick()
 
     def tick(self) -> None:
         """Follow the job."""
-        status = self.desk.worker.poll()
+        status = self.session.worker.poll()
         self._progress.put(status)
         if (status.number, status.running) == (self._number, self._running):
             return
@@ -109,9 +109,9 @@ class ResultsStep(Step):
     def _list_reports(self) -> None:
         """Pages that lie in out/ already."""
         self._reports.clear()
-        folder = self.desk.doc.folder
+        folder = self.session.doc.folder
         places = [folder / "out", folder.parent / "out"]
-        known = sorted({*(p for place in places for p in place.glob("*.html")), *self.desk.pages.values()})
+        known = sorted({*(p for place in places for p in place.glob("*.html")), *self.session.pages.values()})
         with self._reports:
             if known:
                 ui.html("<h3>Reports</h3>", sanitize=False)
@@ -128,9 +128,9 @@ class ResultsStep(Step):
 
     def _open(self, path: Path) -> None:
         try:
-            url = f"{result_address(self.desk.show_page(path), path.name)}?at={path.stat().st_mtime_ns}"
+            url = f"{result_address(self.session.show_page(path), path.name)}?at={path.stat().st_mtime_ns}"
         except (InputError, OSError) as error:
-            self.hall.tell(str(error), "negative")
+            self.window.tell(str(error), "negative")
             return
         self._frame.props["src"] = url
         self._frame.set_visibility(True)

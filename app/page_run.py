@@ -8,8 +8,8 @@ from typing import Any
 from nicegui import ui
 
 from ..record.errors import InputError, TowlineError
-from .page_hall import Step
 from .page_parts import button, keys_line, say
+from .page_window import Step
 from .places import Place, places_below
 
 STEP_OF = {"datum": 2, "marker": 3}
@@ -24,11 +24,11 @@ class RunStep(Step):
 
     def build(self) -> None:
         """Draw the panel of the run: open, begin, what is missing."""
-        desk = self.desk
+        session = self.session
         ui.html("<h2>Open a folder</h2>", sanitize=False)
         say("A run is a folder with a run.toml and a video. A folder with only a video becomes a new run.", "soft")
         with ui.element("div").classes("placerow").style("border-top: 0"):
-            said = getattr(self, "_said", str(desk.start))
+            said = getattr(self, "_said", str(session.start))
             self._path = (
                 ui.input(value=said, placeholder="folder", on_change=self._say).props("outlined dense").style("flex: 1")
             )
@@ -39,7 +39,7 @@ class RunStep(Step):
         self._fault = say("", "bad")
         self._found = ui.element("div")
         self._list()
-        if desk.document is not None:
+        if session.document is not None:
             self._todo()
         ui.html("<h3>Keys</h3>", sanitize=False)
         keys_line(
@@ -59,7 +59,7 @@ class RunStep(Step):
         self._said = str(event.value or "")
 
     def _todo(self) -> None:
-        document = self.desk.doc
+        document = self.session.doc
         ui.html(f"<h2 style='margin-top:18px'>{len(document.rows('datum'))} datum points, "
                 f"{len(document.rows('marker'))} markers</h2>", sanitize=False)  # fmt: skip
         say(f"{document.folder}", "soft")
@@ -74,14 +74,17 @@ class RunStep(Step):
                 number = STEP_OF.get(array.partition(".")[0], 1)
                 ui.label(f"{key}: {words}" if key else words).classes("path")
                 button(
-                    "Go there", lambda number=number: self.hall.go_step(number), "plain small", f"Go to {key or words}"
+                    "Go there",
+                    lambda number=number: self.window.go_step(number),
+                    "plain small",
+                    f"Go to {key or words}",
                 )
 
     def _list(self) -> None:
         self._found.clear()
         try:
             start = str(self._path.value or "")
-            found: list[Place] = places_below(self.desk.start if not start else _folder(start))
+            found: list[Place] = places_below(self.session.start if not start else _folder(start))
         except TowlineError as error:
             self._fault.text = str(error)
             return
@@ -108,14 +111,14 @@ class RunStep(Step):
                             )
 
     def _open(self, folder: str, video: str = "") -> None:
-        if self.desk.dirty and not self._asked(folder, video):
+        if self.session.dirty and not self._asked(folder, video):
             return
         try:
-            self.desk.open(folder, video)
+            self.session.open(folder, video)
         except TowlineError as error:
             self._fault.text = str(error)
             return
-        self.hall.go_step(1 if self.desk.doc.faults() else 5)
+        self.window.go_step(1 if self.session.doc.faults() else 5)
 
     def _asked(self, folder: str, video: str) -> bool:
         """Ask before what is not saved is lost."""
@@ -123,9 +126,9 @@ class RunStep(Step):
             say("This run has changes that are not saved.")
             with ui.row():
                 button(
-                    "Save and go on", lambda: (dialog.close(), self.hall.save() and self._open(folder, video)), "main"
+                    "Save and go on", lambda: (dialog.close(), self.window.save() and self._open(folder, video)), "main"
                 )
-                button("Drop them", lambda: (dialog.close(), self.desk.close(), self._open(folder, video)), "stop")
+                button("Drop them", lambda: (dialog.close(), self.session.close(), self._open(folder, video)), "stop")
                 button("Stay", dialog.close)
         dialog.open()
         return False

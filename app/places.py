@@ -71,6 +71,11 @@ def places_below(folder: Path) -> list[Place]:
 def inside(folder: Path, name: str) -> Path:
     """The file of a folder that a relative path names.
 
+    Parameters
+    ----------
+    folder : that the file must lie in
+    name : relative path
+
     Raises
     ------
     InputError : it is no relative path, leads out of the folder (also through a link), or no such file is there
@@ -88,6 +93,11 @@ def inside(folder: Path, name: str) -> Path:
 
 def page_file(page: Path, name: str) -> Path:
     """What the page of results ``page`` (RUN/out/x.html) may show: itself, or the numbers of a figure in a folder beside it.
+
+    Parameters
+    ----------
+    page : RUN/out/x.html
+    name : the path that is asked for
 
     Raises
     ------

@@ -61,7 +61,10 @@ export default {
   },
   watch: { curves_json() { this.read(); } },
   mounted() {
-    this.observer = new ResizeObserver(() => { this.w = this.$refs.root.clientWidth; this.h = this.$refs.root.clientHeight; });
+    this.observer = new ResizeObserver(() => {
+      const root = this.$refs.root;
+      if (root.clientWidth) { this.w = root.clientWidth; this.h = root.clientHeight; }  // hidden it has none
+    });
     this.observer.observe(this.$refs.root);
     this.read();
   },

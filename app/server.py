@@ -13,10 +13,10 @@ from typing import Any
 
 from ..record.errors import InputError, TowlineError
 from .address import HOST, WaysIn
-from .desk import Desk
 from .guard import Guard
 from .messages import heed_only_whole_messages, one_line_each
 from .places import page_file
+from .session import Session
 from .wire import MOST_HEAD, Strangers, most_strangers, protocol
 
 MOST_FRAMES = 10**8
@@ -64,19 +64,19 @@ def serve(
         ) from None
     # ended from outside as by Ctrl+C: the process of the jobs ends with this one
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(EXIT_TERMINATED))
-    desk = Desk(start)
+    session = Session(start)
     if open_run:
-        desk.open(start)
+        session.open(start)
     port = _free_port(port)
     ways = WaysIn(port)
     try:
-        _run(desk, port, ways, lambda: _started(port, ways, say, browser), debug)
+        _run(session, port, ways, lambda: _started(port, ways, say, browser), debug)
     except KeyboardInterrupt:
         pass  # the way to end it
     finally:
         ways.close()
-        desk.worker.close()
-        desk.close()
+        session.worker.close()
+        session.close()
 
 
 def _free_port(port: int) -> int:
@@ -107,26 +107,26 @@ def _started(port: int, ways: WaysIn, say: Callable[[str, Path], None], browser:
         webbrowser.open(ways.file.as_uri())
 
 
-def _run(desk: Desk, port: int, ways: WaysIn, started: Callable[[], None], debug: bool) -> None:
+def _run(session: Session, port: int, ways: WaysIn, started: Callable[[], None], debug: bool) -> None:
     from nicegui import app, core, ui
 
     from .page_datum import DatumStep
     from .page_facts import FactsStep
-    from .page_hall import Hall
     from .page_hand import HandStep
     from .page_marks import MarksStep
     from .page_results import ResultsStep
     from .page_run import RunStep
     from .page_track import TrackStep
+    from .page_window import Window
 
-    add_routes(app, desk)
+    add_routes(app, session)
 
     def root() -> None:
-        Hall(desk, [RunStep, FactsStep, DatumStep, MarksStep, HandStep, TrackStep, ResultsStep]).build()
+        Window(session, [RunStep, FactsStep, DatumStep, MarksStep, HandStep, TrackStep, ResultsStep]).build()
 
     def begin() -> None:
         threading.Thread(target=started, daemon=True).start()
-        threading.Thread(target=_warm, args=(desk,), daemon=True).start()
+        threading.Thread(target=_warm, args=(session,), daemon=True).start()
 
     strangers = Strangers(most_strangers())
     app.on_startup(begin)
@@ -156,7 +156,7 @@ def _run(desk: Desk, port: int, ways: WaysIn, started: Callable[[], None], debug
     )
 
 
-def _warm(desk: Desk) -> None:
+def _warm(session: Session) -> None:
     from importlib import import_module
 
     for name in WARM:
@@ -172,25 +172,31 @@ def _warm(desk: Desk) -> None:
     dot[38:43, 38:43] = 200
     snapped(Frame(0, 0.0, dot, None), (40.0, 40.0), lossy=True)
     find_candidates(dot)
-    desk.worker.warm()
+    session.worker.warm()
 
 
-def add_routes(app: Any, desk: Desk) -> None:
-    """Pictures of the open run, and reports that were made or asked for; nothing else of the disk is served."""
+def add_routes(app: Any, session: Session) -> None:
+    """Pictures of the open run, and reports that were made or asked for; nothing else of the disk is served.
+
+    Parameters
+    ----------
+    app : of the server
+    session : what the page works on
+    """
     from fastapi import Response
     from fastapi.responses import FileResponse, PlainTextResponse
 
     @app.get("/frame/{opened}/{index}.jpg")
     def frame(opened: int, index: int) -> Response:
-        frames = desk.frames
-        if frames is None or opened != desk.opened or not 0 <= index < MOST_FRAMES:
+        frames = session.frames
+        if frames is None or opened != session.opened or not 0 <= index < MOST_FRAMES:
             return PlainTextResponse("no such frame", 404)
         try:
             data, sure = frames.jpeg(index)
         except (TowlineError, ValueError) as error:
             return PlainTextResponse(str(error), 404)
         if not sure:
-            desk.unsure = index
+            session.unsure = index
         return Response(
             data, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=600" if sure else "no-store"}
         )
@@ -199,11 +205,11 @@ def add_routes(app: Any, desk: Desk) -> None:
     def top(opened: int, version: int, index: int) -> Response:
         import cv2
 
-        frames = desk.frames
-        if frames is None or opened != desk.opened or desk.document is None or not 0 <= index < MOST_FRAMES:
+        frames = session.frames
+        if frames is None or opened != session.opened or session.document is None or not 0 <= index < MOST_FRAMES:
             return PlainTextResponse("no such frame", 404)
         try:
-            seen = desk.from_above(index)
+            seen = session.from_above(index)
         except TowlineError as error:
             return PlainTextResponse(str(error), 404)
         if seen is None:
@@ -213,7 +219,7 @@ def add_routes(app: Any, desk: Desk) -> None:
 
     @app.get("/result/{key}/{name:path}")
     def result(key: str, name: str) -> Response:
-        page = desk.pages.get(key)
+        page = session.pages.get(key)
         if page is None:
             return PlainTextResponse("no such report", 404)
         try:

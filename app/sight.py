@@ -20,7 +20,6 @@ from ..report.scale_grid import GridLine, enlargement, grid_lines
 from ..report.topview import TopView, area_around, top_view
 from ..vision.recording import Frame
 from ..vision.spots.candidates import find_candidates
-from ..vision.spots.follow import ACQUIRE_WIDTHS_PX
 from ..vision.spots.search import Search
 
 LEAST_POINTS = 4
@@ -55,6 +54,7 @@ def sight(content: Any, size_px: tuple[int, int], lens_covariance: NDArray[Any] 
     ----------
     content : the tables, as TOML holds them
     size_px : of the picture
+    lens_covariance : (9, 9) of the lens, or None
     """
     points, numbers = [], []
     for number, row in enumerate(content.get("datum", [])):
@@ -143,6 +143,8 @@ def detected(frame: Frame, seen: Sight, run: Run | None) -> Detected:
 
     Parameters
     ----------
+    frame : of the recording
+    seen : what the camera sees
     run : checked; None where run.toml is not complete: then only the bright spots are shown
     """
     marks = () if run is None else tuple(m for m in run.file.marker if is_spot(m.look))
@@ -158,7 +160,7 @@ def detected(frame: Frame, seen: Sight, run: Run | None) -> Detected:
         return Detected(spots.centre_px, {}, f"{len(spots)} bright spots; which is which is not tried: {why}")
     near: list[NDArray[Any] | None] = [None if m.seen_at_px is None else np.array(m.seen_at_px) for m in marks]
     try:
-        chosen, spots = Search(run, marks, seen.fit.mapping).spots(frame, ACQUIRE_WIDTHS_PX, near)
+        chosen, spots = Search(run, marks, seen.fit.mapping).anywhere(frame, near)
     except TowlineError as error:
         return Detected(np.zeros((0, 2)), {}, str(error))
     found = {

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record.schema import DatumPoint
-from ..vision.datum_find import LEAST_SIGMA_PX, find_datum
+from ..vision.datum_find import CODEC_FACTOR, LEAST_SIGMA_PX, find_datum
 from ..vision.recording import Frame
-from ..vision.scatter import STILL_FACTOR
 from ..vision.symmetry import centre_of_symmetry
 
 CLICK_SIGMA_PX = 0.5
@@ -46,6 +45,8 @@ def snapped(frame: Frame, click_px: tuple[float, float], lossy: bool, zoom: floa
 
     Parameters
     ----------
+    frame : of the recording
+    click_px : (u, v) in the picture
     lossy : the recording was compressed with loss; a point that stands still keeps the codec's error in all frames
     zoom : screen pixels per pixel of the recording at the click
     """
@@ -60,7 +61,7 @@ def snapped(frame: Frame, click_px: tuple[float, float], lossy: bool, zoom: floa
         if corner is not None and _near(corner.centre_px, near) and (best is None or corner.asymmetry < best.asymmetry):
             best = corner
     if best is not None:
-        sigma = float(np.sqrt(np.mean(best.sigma_px**2))) * (STILL_FACTOR if lossy else 1.0)
+        sigma = float(np.sqrt(np.mean(best.sigma_px**2))) * (CODEC_FACTOR if lossy else 1.0)
         return _of(best.centre_px, sigma, near, "symmetric point")
     sigma = CLICK_SIGMA_PX / min(max(zoom, 0.25), 1.0)
     return Snapped((float(near[0]), float(near[1])), sigma, False, "no mark found at the click; taken as clicked")
@@ -78,7 +79,13 @@ def _of(place: Sequence[float] | NDArray[Any], sigma: float, click: NDArray[Any]
 
 
 def as_clicked(click_px: tuple[float, float], zoom: float = 1.0) -> Snapped:
-    """The click as it is, where snapping is switched off."""
+    """The click as it is, where snapping is switched off.
+
+    Parameters
+    ----------
+    click_px : (u, v) in the picture
+    zoom : of the picture on the screen
+    """
     return Snapped(
         (float(click_px[0]), float(click_px[1])), CLICK_SIGMA_PX / min(max(zoom, 0.25), 1.0), False, "taken as clicked"
     )

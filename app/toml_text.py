@@ -21,7 +21,13 @@ _ARRAY_BEFORE = {"datum": ("marker", "tow", "model", "water", "priors"), "marker
 
 
 def value_at(content: Mapping[str, Any], where: Where) -> Any:
-    """The value at ``where``; None where there is none."""
+    """The value at ``where``; None where there is none.
+
+    Parameters
+    ----------
+    content : parsed TOML
+    where : place of a key
+    """
     here: Any = content
     for part in where:
         try:
@@ -33,6 +39,12 @@ def value_at(content: Mapping[str, Any], where: Where) -> Any:
 
 def with_value(text: str, where: Where, value: Any) -> str:
     """``text`` with ``value`` (a number, text, truth value, or sequence of numbers) at ``where``.
+
+    Parameters
+    ----------
+    text : of run.toml
+    where : place of a key
+    value : of the key
 
     Raises
     ------
@@ -58,7 +70,13 @@ def with_value(text: str, where: Where, value: Any) -> str:
 
 
 def without(text: str, where: Where) -> str:
-    """``text`` without the key or table at ``where``; a key that words stand beside becomes a comment, so that they stay."""
+    """``text`` without the key or table at ``where``; a key that words stand beside becomes a comment, so that they stay.
+
+    Parameters
+    ----------
+    text : of run.toml
+    where : place of a key
+    """
     content = tomllib.loads(text)
     if value_at(content, where) is None:
         return text
@@ -76,7 +94,14 @@ def without(text: str, where: Where) -> str:
 
 
 def with_row(text: str, array: str, row: Mapping[str, Any]) -> str:
-    """``text`` with one more ``[[array]]`` table at the array's end."""
+    """``text`` with one more ``[[array]]`` table at the array's end.
+
+    Parameters
+    ----------
+    text : of run.toml
+    array : name of the array
+    row : keys and values
+    """
     content = tomllib.loads(text)
     wanted = deepcopy(content)
     wanted.setdefault(array, []).append({k: list(v) if isinstance(v, tuple) else v for k, v in row.items()})

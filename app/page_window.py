@@ -10,8 +10,8 @@ from typing import Any
 from nicegui import run, ui
 
 from ..record.errors import TowlineError
-from .desk import Desk
 from .page_parts import Viewer, add_head, button, typed_in
+from .session import Session
 from .snap import Snapped
 
 TICK_S = 0.2
@@ -27,8 +27,8 @@ class Step:
     with_viewer = True
     picks = False
 
-    def __init__(self, hall: Hall) -> None:
-        self.hall, self.desk = hall, hall.desk
+    def __init__(self, window: Window) -> None:
+        self.window, self.session = window, window.session
 
     def build(self) -> None:
         """Draw the panel."""
@@ -62,18 +62,18 @@ class Step:
         return False
 
 
-class Hall:
-    """The page of one browser window over the one desk.
+class Window:
+    """The page of one browser window over the one session.
 
     Attributes
     ----------
     step : the one that is shown
     """
 
-    def __init__(self, desk: Desk, kinds: list[Callable[[Hall], Step]]) -> None:
-        self.desk = desk
+    def __init__(self, session: Session, kinds: list[Callable[[Window], Step]]) -> None:
+        self.session = session
         self._steps = [kind(self) for kind in kinds]
-        self.number = 0 if desk.document is None else 1
+        self.number = 0 if session.document is None else 1
         self.viewer: Viewer | None = None
         self._slider: ui.slider | None = None
         self._now: ui.label | None = None
@@ -117,7 +117,7 @@ class Hall:
 
     def go_step(self, number: int) -> None:
         """Show another step."""
-        if self.desk.document is None and number > 0:
+        if self.session.document is None and number > 0:
             self.tell("Open a folder first", "warning")
             return
         self.number = number
@@ -127,8 +127,8 @@ class Hall:
         """Draw the step anew; the frame with its zoom stays."""
         for k, tab in enumerate(self._tabs):
             tab.classes(add="here" if k == self.number else "", remove="" if k == self.number else "here")
-        with_frame = self.step.with_viewer and self.desk.document is not None
-        if with_frame and (self.viewer is None or self._drawn != (self.desk.opened, self.desk.size_px)):
+        with_frame = self.step.with_viewer and self.session.document is not None
+        if with_frame and (self.viewer is None or self._drawn != (self.session.opened, self.session.size_px)):
             self._draw_left()
         self._left.set_visibility(with_frame)
         self._panel.clear()
@@ -137,36 +137,36 @@ class Hall:
             self.step.build()
         if self.viewer is not None:
             self.viewer.props["mode"] = "pick" if self.step.picks else "look"
-            self.viewer.props["empty"] = self.desk.video_problem or "reading the recording ..."
+            self.viewer.props["empty"] = self.session.video_problem or "reading the recording ..."
         self.state()
         self.overlay()
         self.show()
 
     def _draw_left(self) -> None:
         self._left.clear()
-        self._drawn = (self.desk.opened, self.desk.size_px)
+        self._drawn = (self.session.opened, self.session.size_px)
         with self._left:
-            self.viewer = Viewer(self.desk.size_px)
+            self.viewer = Viewer(self.session.size_px)
             self.viewer.on("pick", self._picked)
             with ui.element("div").classes("scrub"):
-                button("◀", lambda: self.go(self.desk.index - 1), "plain small", "Frame back", "One frame back (←)")
-                button("▶", lambda: self.go(self.desk.index + 1), "plain small", "Frame on", "One frame on (→)")
+                button("◀", lambda: self.go(self.session.index - 1), "plain small", "Frame back", "One frame back (←)")
+                button("▶", lambda: self.go(self.session.index + 1), "plain small", "Frame on", "One frame on (→)")
                 self._count = self._frames()
-                self._slider = ui.slider(min=0, max=max(self._count - 1, 1), value=self.desk.index, step=1)
+                self._slider = ui.slider(min=0, max=max(self._count - 1, 1), value=self.session.index, step=1)
                 self._slider.props["aria-label"] = "Frame"
                 self._slider.on("update:model-value", lambda e: self.go(int(e.args)), throttle=0.03)
                 self._now = ui.label("").classes("now")
 
     def _frames(self) -> int:
-        return 0 if self.desk.frames is None else self.desk.frames.count
+        return 0 if self.session.frames is None else self.session.frames.count
 
     def state(self) -> None:
         """The head: name, saved or not, what undo would do."""
-        desk = self.desk
-        document = desk.document
+        session = self.session
+        document = session.document
         self._name.text = "" if document is None else f"{document.get('name') or document.folder.name}"
         self._name.props["title"] = "" if document is None else str(document.folder)
-        dirty = desk.dirty
+        dirty = session.dirty
         self._pill.text = "" if document is None else "Not saved" if dirty else "Saved"
         self._pill.classes(add="unsaved" if dirty else "saved", remove="saved" if dirty else "unsaved")
         self._pill.set_visibility(document is not None)
@@ -180,7 +180,7 @@ class Hall:
         self.javascript(f"document.body.dataset.unsaved = '{'yes' if dirty else 'no'}'")
 
     def _now_seen(self) -> tuple[int, int]:
-        return self.desk.opened, -1 if self.desk.document is None else self.desk.document.version
+        return self.session.opened, -1 if self.session.document is None else self.session.document.version
 
     def overlay(self) -> None:
         """Draw over the frame again."""
@@ -189,33 +189,33 @@ class Hall:
             self.viewer.run_method("over", json.dumps(self.step.moving()))
 
     def show(self) -> None:
-        """Show the desk's frame."""
-        desk = self.desk
+        """Show the session's frame."""
+        session = self.session
         if self.viewer is None or not self.step.with_viewer:
             return
-        if desk.frames is None:
+        if session.frames is None:
             self.viewer.run_method("show", "", "")
             return
-        url = f"/frame/{desk.opened}/{desk.index}.jpg"
+        url = f"/frame/{session.opened}/{session.index}.jpg"
         self.viewer.run_method("show", url, json.dumps(self.step.moving()))
-        if self._slider is not None and self._slider.value != desk.index:
-            self._slider.value = desk.index
+        if self._slider is not None and self._slider.value != session.index:
+            self._slider.value = session.index
         if self._now is not None:
-            damaged = "  damaged" if desk.frames.damaged(desk.index) else ""
-            self._now.text = f"frame {desk.index}   {desk.frames.time_s(desk.index):.3f} s{damaged}"
+            damaged = "  damaged" if session.frames.damaged(session.index) else ""
+            self._now.text = f"frame {session.index}   {session.frames.time_s(session.index):.3f} s{damaged}"
         self.step.moved()
 
     # what the person does ----------------------------------------------------------------------------------------------
 
     def go(self, index: int) -> None:
         """Show another frame."""
-        before = self.desk.index
-        if self.desk.go(index) != before:
+        before = self.session.index
+        if self.session.go(index) != before:
             self.show()
 
     async def _picked(self, event: Any) -> None:
         given = event.args
-        if self._busy or int(given.get("frame", -1)) != self.desk.index:
+        if self._busy or int(given.get("frame", -1)) != self.session.index:
             return  # a click into a picture that is no longer the one
         self._busy = True
         try:
@@ -229,7 +229,7 @@ class Hall:
         """A key of the page."""
         if await self.step.key(name):
             return
-        index = self.desk.index
+        index = self.session.index
         moves = {"back": index - 1, "on": index + 1, "back25": index - LARGE_STEP, "on25": index + LARGE_STEP}
         moves |= {"first": 0, "last": 1 << 40}
         if name in moves:
@@ -246,19 +246,19 @@ class Hall:
 
     def undo(self) -> None:
         """Take the last change of run.toml back."""
-        if self.desk.document is not None and (what := self.desk.document.undo()):
+        if self.session.document is not None and (what := self.session.document.undo()):
             self.tell(f"Undone: {what}")
             self.redraw()
 
     def redo(self) -> None:
         """Do again what was taken back."""
-        if self.desk.document is not None and (what := self.desk.document.redo()):
+        if self.session.document is not None and (what := self.session.document.redo()):
             self.tell(f"Done again: {what}")
             self.redraw()
 
     def redraw(self) -> None:
         """After a change that may have moved rows about."""
-        if self.desk.refresh_video() or not self.step.refilled():
+        if self.session.refresh_video() or not self.step.refilled():
             self.draw()
             return
         self.state()
@@ -268,11 +268,11 @@ class Hall:
         """Another window changed run.toml, or opened another run: show that, and lose nothing that is being typed here."""
         fields = typed_in(self._panel)
         pending = {label: (text, field.read) for label, field in fields.items() if (text := field.pending) is not None}
-        same_run = self._seen[0] == self.desk.opened
+        same_run = self._seen[0] == self.session.opened
         with ExitStack() as held:
             for field in fields.values():
                 held.enter_context(field.held())
-            if same_run and not self.desk.refresh_video() and self.step.refilled():
+            if same_run and not self.session.refresh_video() and self.step.refilled():
                 self.state()
                 self.overlay()
                 return
@@ -287,7 +287,7 @@ class Hall:
 
     def changed(self) -> None:
         """After a change that left the rows as they are."""
-        if self.desk.refresh_video():
+        if self.session.refresh_video():
             self.draw()
             return
         self.state()
@@ -296,20 +296,20 @@ class Hall:
 
     def save(self, over: bool = False) -> bool:
         """Write what is not saved; whether all is written. ``over`` what another program wrote meanwhile."""
-        desk = self.desk
+        session = self.session
         for field in typed_in(self._panel).values():
             field.take()
-        if desk.document is None or not desk.dirty:
+        if session.document is None or not session.dirty:
             return True
-        if not over and desk.document.changed_outside():
+        if not over and session.document.changed_outside():
             self._ask_over()
             return False
         try:
-            written = desk.save()
+            written = session.save()
         except (TowlineError, OSError) as error:
             self.tell(f"Not saved: {error}", "negative")
             return False
-        faults = desk.document.faults()
+        faults = session.document.faults()
         names = ", ".join(path.name for path in written)
         if faults:
             self.tell(f"Saved {names}; still missing or wrong: {len(faults)} (step 1 lists them)", "warning")
@@ -320,12 +320,12 @@ class Hall:
         return True
 
     def _ask_over(self) -> None:
-        desk = self.desk
+        session = self.session
 
         def kept(mine: bool) -> bool:
             dialog.close()
             try:
-                path = desk.doc.keep_aside(mine)
+                path = session.doc.keep_aside(mine)
             except (TowlineError, OSError) as error:
                 self.tell(f"Nothing was changed: {error}", "negative")
                 return False
@@ -341,7 +341,7 @@ class Hall:
             if not kept(mine=True):
                 return
             try:
-                desk.open(desk.doc.folder)
+                session.open(session.doc.folder)
             except TowlineError as error:
                 self.tell(str(error), "negative")
             self.draw()
@@ -400,12 +400,12 @@ class Hall:
 
     async def snapped(self, u_px: float, v_px: float, zoom: float, to_mark: bool) -> Snapped | None:
         """Where a click into the shown frame landed; None where another run was opened before that was known."""
-        opened = self.desk.opened
-        found = await self.work(self.desk.snap, self.desk.index, (u_px, v_px), zoom, to_mark)
-        return found if self.desk.opened == opened else None
+        opened = self.session.opened
+        found = await self.work(self.session.snap, self.session.index, (u_px, v_px), zoom, to_mark)
+        return found if self.session.opened == opened else None
 
     def _tick(self) -> None:
-        frames = self.desk.frames
+        frames = self.session.frames
         if self._seen != self._now_seen():
             self._changed_elsewhere()
         if frames is not None and frames.problem and frames.problem != self._told:
@@ -418,10 +418,10 @@ class Hall:
                 self._slider.props["max"] = max(count - 1, 1)
             if self.viewer is not None and frames.complete and self.viewer.props["count"] != count:
                 self.viewer.props["count"] = count
-            if self.desk.unsure == self.desk.index and (frames.known(self.desk.index) or frames.complete):
-                self.desk.unsure = -1
+            if self.session.unsure == self.session.index and (frames.known(self.session.index) or frames.complete):
+                self.session.unsure = -1
                 self.show()
         self.step.tick()
 
 
-__all__ = ["Hall", "Step"]
+__all__ = ["Step", "Window"]

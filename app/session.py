@@ -1,6 +1,6 @@
-"""What lies on the desk: the run that is open, the frame that is shown, what is picked and clicked, and the jobs.
+"""What lies on the session: the run that is open, the frame that is shown, what is picked and clicked, and the jobs.
 
-One person works at one desk. Nothing here draws; the pages ask and tell.
+One person works at one session. Nothing here draws; the pages ask and tell.
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ from typing import Any
 
 from ..geometry.motion import lens_covariance
 from ..record.errors import InputError, TowlineError
-from ..record.run import RUN_FILE, Run, leads_out, read_run, stay_inside
+from ..record.run import CORRECTIONS, RUN_FILE, Run, leads_out, read_run, stay_inside
 from ..record.sources import is_recording, recordings_in
 from ..report.topview import TopView
 from ..vision.recording import Frame
 from .byhand import FILE, ByHand, begun
+from .correcting import Correcting
 from .document import Document
 from .frames import EXACT, Frames
 from .motion_view import Shown, read_shown
@@ -31,7 +32,7 @@ DIGITS = 4
 
 
 @dataclass
-class Desk:
+class Session:
     """The state of the page.
 
     Attributes
@@ -44,6 +45,7 @@ class Desk:
     snapping : clicks go to the mark next to them
     selected : numbers of the datum point and the marker that the next click moves; -1 = a new one
     by_hand : None until the markers are known
+    corrections : of the tracks; None until they are asked for
     opened : goes up with every run that is opened
     unsure : a frame that was shown before the recording was read up to it; -1 = none
     pages : result pages that may be shown, by keys that nobody guesses: their address holds no other secret
@@ -59,6 +61,7 @@ class Desk:
     snapping: bool = True
     selected: dict[str, int] = field(default_factory=lambda: {"datum": -1, "marker": -1})
     by_hand: ByHand | None = None
+    corrections: Correcting | None = None
     opened: int = 0
     unsure: int = -1
     pages: dict[str, Path] = field(default_factory=dict)
@@ -67,6 +70,7 @@ class Desk:
     _detected: dict[tuple[int, int], Detected] = field(default_factory=dict)
     _detecting: Lock = field(default_factory=Lock)
     _shown: tuple[tuple[Any, ...], Shown] | None = None
+    _corrected: tuple[Any, ...] = ()
     _looked_at: tuple[str, float | None, float, bool] | None = None
 
     # opening and saving --------------------------------------------------------------------------------------------------
@@ -98,7 +102,7 @@ class Desk:
         """Put the open run away."""
         if self.frames is not None:
             self.frames.close()
-        self.document = self.frames = self.by_hand = None
+        self.document = self.frames = self.by_hand = self.corrections = None
         self.index, self.video, self.video_problem = 0, "", ""
         self.selected = {"datum": -1, "marker": -1}
         self._sight = self._shown = self._view = None
@@ -115,11 +119,14 @@ class Desk:
     def dirty(self) -> bool:
         """Something is not saved."""
         by_hand = self.by_hand is not None and self.by_hand.dirty
-        return self.document is not None and (self.document.dirty or by_hand)
+        corrected = self.corrections is not None and self.corrections.dirty
+        return self.document is not None and (self.document.dirty or by_hand or corrected)
 
     def save(self) -> list[Path]:
-        """Write run.toml, and the clicks where there are new ones."""
+        """Write run.toml, and the clicks and corrections where there are new ones."""
         written = []
+        if self.corrections is not None and self.corrections.dirty:
+            written += self.corrections.write(self.doc.outside)
         if self.by_hand is not None and self.by_hand.dirty and self.frames is not None:
             if self.by_hand.clicks:
                 written.append(self.by_hand.write(self.doc.folder, self.frames.time_s, self.doc.outside))
@@ -327,12 +334,50 @@ class Desk:
         ]
         self.doc.set_all(changes, "track the video")
 
+    # corrections ---------------------------------------------------------------------------------------------------------
+
+    def correcting(self) -> Correcting:
+        """The corrections of the tracks, begun or gone on with; read again where another program changed them.
+
+        Raises
+        ------
+        InputError : something is missing in run.toml, it names no video, or the corrections that are there cannot be used
+        """
+        if self.doc.get("source", "video") is None:
+            raise InputError(
+                self.doc.folder / RUN_FILE,
+                "source.video",
+                "none; corrections are of tracks that towline makes of a video",
+            )
+        kept = self.corrections
+        markers = tuple(self.doc.rows("marker"))
+        if kept is None or self._corrected != markers or (not kept.dirty and kept.changed_outside):
+            run = self.doc.run()
+            found = Correcting.of(run)
+            if kept is not None and kept.dirty:  # the markers were edited: what is not written stays
+                kept.markers = run.file.marker
+            else:
+                found.version = 0 if kept is None else kept.version + 1
+                self.corrections = kept = found
+            self._corrected = markers
+        return kept
+
+    def analysed(self, index: int) -> bool:
+        """Whether a frame lies in source.span_s."""
+        span = self.doc.get("source", "span_s")
+        if self.frames is None or not isinstance(span, list) or len(span) != 2:
+            return True
+        t_s = self.frames.time_s(index) - self.frames.exposure_s / 2
+        return float(span[0]) - 1e-6 <= t_s <= float(span[1]) + 1e-6
+
     # results -------------------------------------------------------------------------------------------------------------
 
     def shown(self) -> Shown:
         """Motion and tracks in out/; read again when something there, or the saved run.toml, changed."""
         folder = self.doc.folder
-        paths = [folder / "out" / n for n in ("motion.csv", "tracks.csv")] + [folder / RUN_FILE, folder / FILE]
+        paths = [folder / "out" / n for n in ("motion.csv", "tracks.csv")] + [
+            folder / n for n in (RUN_FILE, FILE, CORRECTIONS)
+        ]
         key = (self.opened, *(p.stat().st_mtime_ns if p.is_file() else 0 for p in paths))
         kept = self._shown
         if kept is None or kept[0] != key:
@@ -359,4 +404,4 @@ class Desk:
         return key
 
 
-__all__ = ["Desk"]
+__all__ = ["Session"]

@@ -6,7 +6,8 @@ Two moving spots, 640 x 480, 120 frames at 30 Hz, H.264: an mp4 with B frames (i
 carries its own number as a row of large blocks, so that a frame handed out tells which one it is. Copies are broken by flipped
 bits in the index or the pictures, wiped stretches, truncation, and packets left out or doubled. Every copy is read in a watched
 process; of every frame that is not marked as damaged, the time must be that very frame's own and the spots must look as in the
-unbroken clip. Ends with code 1 if there was a crash, a hang or a wrong time.
+unbroken clip, or the recording must have said that it is doubtful (*warned*: a note, which the commands print). Ends with code 1 if
+there was a crash, a hang or a wrong time without a word.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ PICTURE_TOLERANCE_DN = 4
 HANG_S = 30.0
 MEMORY_BYTES = 4 << 30
 WORKERS, COPIES_PER_WORKER = 2, 50
-OUTCOMES = ("clean", "gaps", "error", "wrong time", "wrong picture", "hang", "crash")
+OUTCOMES = ("clean", "gaps", "warned", "error", "wrong time", "wrong picture", "hang", "crash")
 
 
 def judge(path: Path, truth: np.ndarray, threads: int) -> dict:
@@ -48,8 +49,10 @@ def judge(path: Path, truth: np.ndarray, threads: int) -> dict:
     """
     good = damaged = wrong_time = wrong_picture = 0
     note = error = ""
+    said: list[str] = []
     try:
         for frame in read_frames(path, decode_threads=threads):
+            said += frame.notes
             if frame.damaged:
                 damaged += 1
                 continue
@@ -66,6 +69,8 @@ def judge(path: Path, truth: np.ndarray, threads: int) -> dict:
         error = str(caught)
     if error:
         outcome = "error"  # ends the evaluation: frames before it are not used
+    elif said:
+        outcome = "warned"
     elif wrong_time:
         outcome = "wrong time"
     elif wrong_picture:
@@ -76,8 +81,10 @@ def judge(path: Path, truth: np.ndarray, threads: int) -> dict:
         "outcome": outcome,
         "good": good,
         "damaged": damaged,
-        "wrong_time": wrong_time,
+        "wrong_time": 0 if said else wrong_time,
+        "warned_time": wrong_time if said else 0,
         "wrong_picture": wrong_picture,
+        "said": said,
         "error": error,
         "note": note,
     }
@@ -195,7 +202,9 @@ def main() -> int:
     for copy, result in fuzz(given.copies, given.seed, given.threads):
         row = table.setdefault((copy.suffix, copy.kind), Counter())
         row[result["outcome"]] += 1
-        frames.update({key: result.get(key, 0) for key in ("good", "damaged", "wrong_time", "wrong_picture")})
+        frames.update(
+            {key: result.get(key, 0) for key in ("good", "damaged", "wrong_time", "warned_time", "wrong_picture")}
+        )
         frames["peak_mib"] = max(frames["peak_mib"], result.get("peak_mib", 0))
         if given.list or result["outcome"] in ("wrong time", "wrong picture", "hang", "crash"):
             print(f"{copy.suffix} {copy.kind}, seed {copy.seed}: {result}")
@@ -210,6 +219,7 @@ def main() -> int:
     print(
         f"\nframes: {frames['good']} handed out as good, of them {frames['wrong_time']} with a wrong time and "
         f"{frames['wrong_picture']} with a wrong picture; {frames['damaged']} marked as damaged; "
+        f"{frames['warned_time']} with a wrong time in recordings that say so; "
         f"peak memory {frames['peak_mib']} MiB; {time.perf_counter() - began:.0f} s"
     )
     return int(any(total[name] for name in ("wrong time", "hang", "crash")))

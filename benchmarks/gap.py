@@ -17,8 +17,8 @@ from gap_cases import EFFECTS, NEEDS_CONSTANT, NEEDS_SURGE, campaign
 from towline import __version__
 from towline.diagnose.effects import LIBRARY
 from towline.diagnose.gap import diagnosed
-from towline.diagnose.tow import TowSimulator
-from towline.diagnose.tow_data import block_step, tow_run
+from towline.diagnose.tow.data import block_step, tow_run
+from towline.diagnose.tow.towed import TowSimulator
 from towline.geometry import motion_from_tracks, run_datum
 from towline.record import TowlineError
 

@@ -12,7 +12,7 @@ from contextlib import ExitStack
 from html.parser import HTMLParser
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 import pytest
@@ -66,6 +66,32 @@ def run_folder(tmp_path: Path, samples: Path) -> Path:
 def cameras(root: Path) -> ModuleType:
     """Random cameras and planted faults."""
     return _cases(root, "geometry_cases")
+
+
+@pytest.fixture(scope="session")
+def set_ups(root: Path) -> ModuleType:
+    """Random set-ups as people write them, and mistakes."""
+    return _cases(root, "mistakes_cases")
+
+
+@pytest.fixture(scope="session")
+def mistakes(root: Path, cameras: ModuleType, set_ups: ModuleType) -> ModuleType:
+    """What towline says of them."""
+    return _cases(root, "mistakes")
+
+
+@pytest.fixture(scope="session")
+def footage_scenes(root: Path) -> ModuleType:
+    """Marks on a deck that moves over a tank, both cut from photographs; every place is known."""
+    return _cases(root, "footage_scenes")
+
+
+@pytest.fixture(scope="session")
+def footage(root: Path, footage_scenes: ModuleType) -> ModuleType:
+    """What towline makes of such a scene."""
+    for name in ("footage_peers", "footage_real"):
+        _cases(root, name)
+    return _cases(root, "footage")
 
 
 @pytest.fixture(scope="session")
@@ -185,7 +211,7 @@ def end_to_end(root: Path) -> ModuleType:
 @pytest.fixture(scope="session")
 def tow_runs(cases: ModuleType) -> Callable[[int, int], list]:
     """(seed, how many) -> tows without any effect, as the diagnosis takes them."""
-    from towline.diagnose.tow_data import block_step, tow_run
+    from towline.diagnose.tow.data import block_step, tow_run
     from towline.geometry import motion_from_tracks, run_datum
 
     def made(seed: int, count: int) -> list:
@@ -260,6 +286,19 @@ def derivatives_of() -> Callable[..., DerivativesFile]:
         return DerivativesFile(**{**given, **more})
 
     return made
+
+
+@pytest.fixture(scope="session")
+def table_in() -> Callable[[Any], Any]:
+    """(annotation of a key of run.toml) -> the model of the table that stands there, alone or in a list; None: a value."""
+    from pydantic import BaseModel
+
+    def found(annotation: Any) -> Any:
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            return annotation
+        return next((model for part in get_args(annotation) if (model := found(part)) is not None), None)
+
+    return found
 
 
 @pytest.fixture(scope="session")

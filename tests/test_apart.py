@@ -12,13 +12,13 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from towline.diagnose.apart import Apart, measured_apart, measurement
 from towline.diagnose.effects import LIBRARY, Effect, Parameter
-from towline.diagnose.engine import screened
-from towline.diagnose.grams import Grams
-from towline.diagnose.hypothesis import Hypothesis, with_effects
-from towline.diagnose.inference import Fitted, Inference
-from towline.diagnose.noise import Forces
+from towline.diagnose.inference.apart import Apart, measured_apart, measurement
+from towline.diagnose.inference.engine import screened
+from towline.diagnose.inference.evidence import Fitted, Inference
+from towline.diagnose.inference.grams import Grams
+from towline.diagnose.inference.hypothesis import Hypothesis, with_effects
+from towline.diagnose.inference.noise import Forces
 from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
 from towline.record import InputError, read_run
 

@@ -14,26 +14,30 @@ import time
 import tomllib
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from towline.app.address import WaysIn
 from towline.app.byhand import FILE, ByHand, begun
-from towline.app.desk import Desk
 from towline.app.document import Document
 from towline.app.form import parsed, row_fields, tables
 from towline.app.frames import EXACT, Frames
 from towline.app.guard import MOST_BODY, Guard
+from towline.app.jumps import losses, next_of
 from towline.app.motion_view import curves, marks_at, value_at
 from towline.app.places import inside, page_file, place, places_below
+from towline.app.playing import Player, other_speed
+from towline.app.session import Session
 from towline.app.sight import detected, sight
 from towline.app.snap import CLICK_SIGMA_PX, snapped
 from towline.app.worker import Worker
 from towline.record import InputError, read_motion, read_run, read_tracks
+from towline.record.corrections import read_corrections, text_of
 from towline.record.schema import RunFile
 from towline.vision.recording import Frame, read_frames
 
@@ -47,9 +51,9 @@ CODEC_PX = 0.15
 
 
 @pytest.fixture
-def desk(run_folder: Path) -> Iterator[Desk]:
+def session(run_folder: Path) -> Iterator[Session]:
     """With that run open."""
-    made = Desk(run_folder)
+    made = Session(run_folder)
     made.open(run_folder)
     yield made
     made.close()
@@ -182,14 +186,13 @@ def test_faults_carry_their_keys(run_folder: Path) -> None:
 # the form -------------------------------------------------------------------------------------------------------------
 
 
-def test_the_form_has_every_key_of_the_schema() -> None:
+def test_the_form_has_every_key_of_the_schema(table_in: Callable[[Any], Any]) -> None:
     """Walked anew here: every leaf of RunFile is a field with words."""
-    from towline.record.reference import _model_in
 
     def leaves(model: Any, prefix: str) -> set[str]:
         found = set()
         for name, field in model.model_fields.items():
-            inner = _model_in(field.annotation)
+            inner = table_in(field.annotation)
             found |= {prefix + name} if inner is None else leaves(inner, f"{prefix}{name}.")
         return found
 
@@ -340,17 +343,17 @@ def test_a_click_beside_everything_stays_where_it_is() -> None:
     assert (found.pixel_px, found.sigma_px, found.found) == ((40.25, 41.75), CLICK_SIGMA_PX, False)
 
 
-def test_clicks_on_a_sample_land_on_its_truth(desk: Desk, samples: Path) -> None:
+def test_clicks_on_a_sample_land_on_its_truth(session: Session, samples: Path) -> None:
     truth = read_tracks(samples / "mariner" / "x1446" / "truth" / "tracks.csv")
     for frame in (0, 250):
-        assert desk.frames is not None
-        assert desk.frames.wait(frame, 60.0)
+        assert session.frames is not None
+        assert session.frames.wait(frame, 60.0)
         for row in truth[truth["frame"] == frame].itertuples():
-            found = desk.snap(frame, (row.u_px + 1.3, row.v_px - 0.9))  # pyright: ignore
+            found = session.snap(frame, (row.u_px + 1.3, row.v_px - 0.9))  # pyright: ignore
             assert np.hypot(found.pixel_px[0] - row.u_px, found.pixel_px[1] - row.v_px) < CODEC_PX  # pyright: ignore
 
 
-def test_a_click_belongs_to_the_frame_it_was_made_in(desk: Desk) -> None:
+def test_a_click_belongs_to_the_frame_it_was_made_in(session: Session) -> None:
     """The person goes on to another frame while the mark next to the click is looked for."""
     pytest.importorskip("nicegui", reason="nicegui is not installed (the extra app)")
     from types import SimpleNamespace
@@ -358,26 +361,26 @@ def test_a_click_belongs_to_the_frame_it_was_made_in(desk: Desk) -> None:
     from towline.app.page_hand import HandStep
     from towline.app.snap import as_clicked
 
-    assert desk.frames is not None
-    assert desk.frames.wait(60, 60.0)
+    assert session.frames is not None
+    assert session.frames.wait(60, 60.0)
     snapped_in = []
 
     async def slowly(u_px: float, v_px: float, zoom: float, to_mark: bool) -> Any:
-        snapped_in.append(desk.index)
-        desk.hand().frame = desk.go(40)  # as HandStep.moved does
+        snapped_in.append(session.index)
+        session.hand().frame = session.go(40)  # as HandStep.moved does
         return as_clicked((u_px, v_px), zoom)
 
-    hall: Any = SimpleNamespace(
-        desk=desk, snapped=slowly, go=desk.go, state=lambda: None, overlay=lambda: None, tell=lambda *_: None
+    window: Any = SimpleNamespace(
+        session=session, snapped=slowly, go=session.go, state=lambda: None, overlay=lambda: None, tell=lambda *_: None
     )
-    step: Any = HandStep(hall)
+    step: Any = HandStep(window)
     step._snapping = True
     step._what, step._said, step._count, step._use, step._source = (SimpleNamespace(text="") for _ in range(5))
-    desk.go(15)
+    session.go(15)
     asyncio.run(step.pick(430.0, 188.0, 1.0))
     assert snapped_in == [15]
-    assert [(c.frame, c.marker) for c in desk.hand().clicks] == [(15, "bow")]
-    assert desk.index == 15  # where the next click, the stern's, is expected
+    assert [(c.frame, c.marker) for c in session.hand().clicks] == [(15, "bow")]
+    assert session.index == 15  # where the next click, the stern's, is expected
 
 
 # camera and detector --------------------------------------------------------------------------------------------------
@@ -421,22 +424,123 @@ def test_the_detector_shows_what_tracking_will_take(run_folder: Path, samples: P
     assert "not complete" in nothing.words
 
 
-def test_a_look_ahead_is_a_look_at_that_frame(desk: Desk) -> None:
+def test_a_look_ahead_is_a_look_at_that_frame(session: Session) -> None:
     """Whatever frame is on the screen; kept until run.toml changes, and a few at most."""
-    assert desk.frames is not None
-    ahead = desk.detect(7)
-    there = detected(desk.frames.exact(7), desk.sight(), desk.run_or_none())
-    assert ahead.marks_px == there.marks_px != desk.detect(desk.index).marks_px
-    desk.go(7)
-    assert desk.detect(7) is ahead
-    desk.doc.set_all([(("marker", 0, "depth_m"), 0.4)], "deeper")
-    assert desk.detect(7) is not ahead
+    assert session.frames is not None
+    ahead = session.detect(7)
+    there = detected(session.frames.exact(7), session.sight(), session.run_or_none())
+    assert ahead.marks_px == there.marks_px != session.detect(session.index).marks_px
+    session.go(7)
+    assert session.detect(7) is ahead
+    session.doc.set_all([(("marker", 0, "depth_m"), 0.4)], "deeper")
+    assert session.detect(7) is not ahead
     for index in range(EXACT + 1):
-        desk.detect(index)
-    assert len(desk._detected) == EXACT
+        session.detect(index)
+    assert len(session._detected) == EXACT
 
 
 # by hand --------------------------------------------------------------------------------------------------------------
+
+
+def test_corrections_are_made_taken_back_and_written(session: Session, run_folder: Path) -> None:
+    made = session.correcting()
+    assert not session.dirty
+    made.move(5, "bow", (100.126, 50.0), 1.0)
+    made.move(5, "bow", (101.0, 50.0), 0.7)  # the second click is the one
+    made.remove(6, "stern")
+    made.seed(9, "bow", (90.0, 40.0), 1.0)
+    assert session.dirty
+    assert [(p.frame, p.marker, p.pixel_px, p.sigma_px) for p in made.made.point] == [(5, "bow", (101.0, 50.0), 0.7)]
+    assert made.removed(6, "stern")
+    assert made.undo() == "seed bow"
+    assert made.undo() == "remove stern"
+    assert not made.removed(6, "stern")
+    assert made.redo() == "remove stern"
+    made.remove(5, "bow")  # instead of the point
+    assert made.point(5, "bow") is None
+    assert made.redo() == ""  # another change came after what was taken back
+    session.save()
+    assert not session.dirty
+    assert text_of(read_corrections(read_run(run_folder))) == text_of(made.made)
+    with pytest.raises(InputError, match="'mast' is none of the run's markers"):
+        made.move(5, "mast", (1.0, 2.0), 1.0)
+    assert made.release(5, "bow")
+    assert made.release(6, "stern")
+    assert not made.release(6, "stern")
+    session.save()
+    assert not (run_folder / "corrections.toml").exists()
+
+
+def test_a_range_of_removed_points_is_parted_by_what_is_set_in_it(session: Session, run_folder: Path) -> None:
+    text = '[[removed]]\nframe = 10\nlast_frame = 20\nmarker = "bow"\n'
+    (run_folder / "corrections.toml").write_text(text)
+    made = session.correcting()
+    made.move(15, "bow", (1.0, 2.0), 1.0)
+    assert [frame for frame in range(8, 23) if made.removed(frame, "bow")] == [*range(10, 15), *range(16, 21)]
+    made.undo()
+    assert [frame for frame in range(8, 23) if made.removed(frame, "bow")] == list(range(10, 21))
+
+
+def test_corrections_of_another_program_are_read_or_kept_beside(session: Session, run_folder: Path) -> None:
+    path = run_folder / "corrections.toml"
+    assert not session.correcting().made
+    theirs = '[[point]]\nframe = 3\nmarker = "bow"\npixel_px = [1.0, 2.0]\n'
+    path.write_text(theirs)
+    assert session.correcting().point(3, "bow") is not None  # nothing of one's own: theirs is shown
+    session.correcting().remove(4, "stern")
+    path.write_text(theirs.replace("3", "7"))
+    path.chmod(0o600)
+    written = session.save()
+    assert [p.name for p in written] == ["corrections.toml", "corrections.theirs1.toml"]
+    assert written[1].read_text() == theirs.replace("3", "7")
+    assert written[1].stat().st_mode & 0o777 == 0o600  # what was private stays so
+    path.write_text("[[point]]\nframe = 1\n")
+    with pytest.raises(InputError, match="missing key"):
+        session.correcting()
+
+
+def test_tracks_that_come_from_elsewhere_are_not_corrected(session: Session) -> None:
+    session.correcting()
+    session.doc.set_all([(("source", "video"), None), (("source", "tracks"), "own.csv")], "own tracks")
+    with pytest.raises(InputError, match="corrections are of tracks that towline makes of a video"):
+        session.correcting()
+
+
+def test_losses_are_gone_through_one_by_one() -> None:
+    rows = [(frame, frame / 30, name, 1.0, 2.0, "measured", "") for frame in range(10) for name in ("bow", "stern")]
+    tracks = pd.DataFrame(rows, columns=["frame", "t_s", "marker", "u_px", "v_px", "status", "reason"])
+    gone = tracks["frame"].isin([2, 3, 4, 8]) & (tracks["marker"] == "stern") | (tracks["frame"] == 0) & (
+        tracks["marker"] == "bow"
+    )
+    tracks.loc[gone, ["status", "reason"]] = "lost", "covered"
+    found = losses(tracks)
+    assert found == [
+        (0, "bow lost for 1 frame: covered"),
+        (2, "stern lost for 3 frames: covered"),
+        (8, "stern lost for 1 frame: covered"),
+    ]
+    assert next_of(found, 2, 1) == found[2]
+    assert next_of(found, 2, -1) == found[0]
+    assert next_of(found, 8, 1) is None
+
+
+def test_playing_keeps_the_clock_at_any_speed_and_stops_at_the_end() -> None:
+    player = Player()
+    for speed in (0.25, 1.0, 4.0):
+        player.speed = speed
+        player.start(10, 100.0)
+        frame = 10
+        for turn in range(1, 40):
+            frame = player.due(frame, 100.0 + turn / 37, 25.0, 1000)
+            assert frame == 10 + int(turn / 37 * 25 * speed + 1e-9)
+    player.start(10, 100.0)
+    player.speed = 1.0
+    assert player.due(500, 101.0, 25.0, 1000) == 500  # the person has gone elsewhere: on from there
+    assert player.due(500, 102.0, 25.0, 1000) == 525
+    assert player.due(525, 300.0, 25.0, 1000) == 999
+    assert not player.running
+    assert [other_speed(1.0, way) for way in (1, -1)] == [2.0, 0.5]
+    assert other_speed(4.0, 1) == 4.0
 
 
 def test_clicks_go_on_by_n_and_are_taken_back() -> None:
@@ -469,16 +573,16 @@ def test_clicks_go_on_by_n_and_are_taken_back() -> None:
         hand.table(float)
 
 
-def test_clicks_become_tracks_and_tracks_motion(desk: Desk, run_folder: Path, samples: Path) -> None:
+def test_clicks_become_tracks_and_tracks_motion(session: Session, run_folder: Path, samples: Path) -> None:
     """Places of the truth clicked on every 10th frame with 0.5 px of scatter: the motion is off by what it says it is."""
     from towline.pipeline.stages import compute_run_motion
 
     truth = samples / "mariner" / "x1446" / "truth"
     places = read_tracks(truth / "tracks.csv")
     rng = np.random.default_rng(5)
-    hand = desk.hand()
+    hand = session.hand()
     hand.every, hand.frame = 10, 0
-    assert desk.frames is not None
+    assert session.frames is not None
     while True:
         rows = places[places["frame"] == hand.frame].set_index("marker")
         for name in ("bow", "stern"):
@@ -486,13 +590,13 @@ def test_clicks_become_tracks_and_tracks_motion(desk: Desk, run_folder: Path, sa
             hand.click(u, v, 0.5)
         if not hand.next_frame(1199):
             break
-    assert desk.dirty
-    desk.use_hand_tracks()
-    assert "tracks" in desk.doc.content["source"]
-    assert "video" not in desk.doc.content["source"]
-    assert desk.video_name() == "video.mp4"
-    desk.save()
-    assert not desk.dirty
+    assert session.dirty
+    session.use_hand_tracks()
+    assert "tracks" in session.doc.content["source"]
+    assert "video" not in session.doc.content["source"]
+    assert session.video_name() == "video.mp4"
+    session.save()
+    assert not session.dirty
     again = begun(run_folder, ["bow", "stern"])
     assert (len(again.clicks), again.every, again.frame) == (240, 10, 1200)
     made = compute_run_motion(read_run(run_folder))
@@ -549,21 +653,21 @@ def test_folders_are_found_and_named(tmp_path: Path, run_folder: Path) -> None:
             place(wrong)
 
 
-def test_a_desk_begins_a_run_where_there_is_only_a_video(desk: Desk, run_folder: Path) -> None:
+def test_a_desk_begins_a_run_where_there_is_only_a_video(session: Session, run_folder: Path) -> None:
     (run_folder / "run.toml").unlink()
-    desk.open(run_folder)
-    assert desk.dirty
-    assert desk.doc.get("source", "video") == "video.mp4"
+    session.open(run_folder)
+    assert session.dirty
+    assert session.doc.get("source", "video") == "video.mp4"
     assert not (run_folder / "run.toml").exists()
-    found = desk.snap(0, (261.5, 133.0))
+    found = session.snap(0, (261.5, 133.0))
     assert found.found
-    assert desk.pick_datum(found) == 0
-    assert "tank_m" not in desk.doc.rows("datum")[0]  # nobody measured it yet
-    desk.selected["datum"] = 0
-    desk.pick_datum(desk.snap(0, (559.0, 142.0)))
-    assert len(desk.doc.rows("datum")) == 1
-    desk.doc.undo()
-    assert desk.doc.rows("datum")[0]["pixel_px"] == pytest.approx(found.pixel_px, abs=1e-3)
+    assert session.pick_datum(found) == 0
+    assert "tank_m" not in session.doc.rows("datum")[0]  # nobody measured it yet
+    session.selected["datum"] = 0
+    session.pick_datum(session.snap(0, (559.0, 142.0)))
+    assert len(session.doc.rows("datum")) == 1
+    session.doc.undo()
+    assert session.doc.rows("datum")[0]["pixel_px"] == pytest.approx(found.pixel_px, abs=1e-3)
 
 
 # jobs -----------------------------------------------------------------------------------------------------------------
@@ -577,7 +681,7 @@ def _wait(worker: Worker, until_s: float = 40.0) -> Any:
     return worker.poll()
 
 
-def test_jobs_run_beside_the_page_and_can_be_stopped(desk: Desk, run_folder: Path, tmp_path: Path) -> None:
+def test_jobs_run_beside_the_page_and_can_be_stopped(session: Session, run_folder: Path, tmp_path: Path) -> None:
     worker = Worker()
     try:
         assert worker.start("track", [tmp_path / "nowhere"])
@@ -610,11 +714,11 @@ def test_jobs_run_beside_the_page_and_can_be_stopped(desk: Desk, run_folder: Pat
     places, trails = marks_at(read_tracks(run_folder / "out" / "tracks.csv"), 50)
     assert set(places) == {"bow", "stern"}
     assert all(len(trail) == 40 for trail in trails.values())
-    assert desk.shown().current
-    desk.doc.set(("tow", "tow_point_m"), 1.4)
-    desk.save()
-    assert not desk.shown().current
-    assert "track again" in desk.shown().words
+    assert session.shown().current
+    session.doc.set(("tow", "tow_point_m"), 1.4)
+    session.save()
+    assert not session.shown().current
+    assert "track again" in session.shown().words
 
 
 # who may talk to it ---------------------------------------------------------------------------------------------------

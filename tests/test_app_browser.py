@@ -218,6 +218,175 @@ def test_a_cursor_that_comes_late_leaves_the_field_that_is_typed_into(
         browser.close()
 
 
+@pytest.fixture
+def filmed(tmp_path: Path, samples: Path) -> Path:
+    """A run that is ready to be tracked: the first four seconds of a sample."""
+    folder = tmp_path / "tow2"
+    folder.mkdir()
+    shutil.copy(samples / "mariner" / "x1446" / "video.mp4", folder)
+    text = (samples / "mariner" / "x1446" / "run.toml").read_text()
+    (folder / "run.toml").write_text(text.replace("[source]\n", "[source]\nspan_s = [0.0, 4.0]\n", 1))
+    return folder
+
+
+CLICK_PX = 1.5
+"""A click at a zoom of 0.9 lands within a pixel of the screen of where it was meant, along each axis."""
+
+
+@pytest.mark.slow
+def test_tracks_are_played_and_set_right(browsers: ModuleType, filmed: Path, samples: Path, tmp_path: Path) -> None:
+    """Play, jumps, a point moved and one removed, both taken back and done again, seeds, and tracking on from them."""
+    shots = Path(os.environ.get("TOWLINE_SHOTS", tmp_path / "shots"))
+    served = Served(filmed, tmp_path / "errors.txt")
+    said: list[str] = []
+    try:
+        with sync_api.sync_playwright() as playwright:
+            browser = browsers.started(playwright)
+            page = browser.new_page(viewport={"width": 1366, "height": 768})
+            page.set_default_timeout(30_000)
+            page.on("console", lambda m: said.append(m.text) if m.type in ("error", "warning") else None)
+            page.on("pageerror", lambda e: said.append(str(e)))
+            person = Person(page, shots)
+            page.goto(served.address)
+            page.locator(".head").wait_for()
+            try:
+                page.keyboard.press("6")
+                page.wait_for_function(shown(0))
+                person.press("Track")
+                page.locator(".plots .curve").first.wait_for()
+                page.evaluate(MOVED)
+                play_and_jump(person)
+                set_right(person, filmed)
+                seed_and_track_on(person, filmed)
+                moved = page.evaluate("window.moved")
+            except sync_api.Error as error:
+                person.shot("6-correct-failed")
+                error.add_note(page.evaluate("document.body.innerText"))
+                raise
+            browser.close()
+    finally:
+        served.end()
+    assert said == []
+    assert moved == []
+    assert "Traceback" not in (tmp_path / "errors.txt").read_text()
+    judge_corrections(filmed, samples)
+
+
+def play_and_jump(person: Person) -> None:
+    page = person.page
+    page.keyboard.press("Escape")
+    page.keyboard.press("Space")
+    page.wait_for_function("Number(document.querySelector('.viewer').dataset.shown) > 12")
+    page.keyboard.press("Space")
+    page.wait_for_function("document.querySelector('[aria-label=\"Play\"]').innerText === 'Play'")
+    page.wait_for_timeout(300)
+    here = int(page.locator(".viewer").get_attribute("data-shown"))
+    page.wait_for_timeout(500)
+    assert int(page.locator(".viewer").get_attribute("data-shown")) == here  # it stays where it was stopped
+    page.keyboard.press("ArrowRight")
+    page.wait_for_function(shown(here + 1))
+    page.keyboard.press("]")
+    page.get_by_text("2x", exact=True).wait_for()
+    page.keyboard.press("[")
+    page.get_by_text("1x", exact=True).wait_for()
+    page.keyboard.press("n")
+    page.get_by_text("No loss after this frame").wait_for()
+    page.keyboard.press("w")
+    page.get_by_text(re.compile(r"Worst 1 of \d+: (bow|stern), sigma")).wait_for()
+    person.shot("6-played")
+
+
+def set_right(person: Person, filmed: Path) -> None:
+    page = person.page
+    page.get_by_role("radio", name="Correct").click()
+    page.keyboard.press("Escape")
+    at(person, 25)
+    page.keyboard.press("m")
+    page.mouse.click(*person.screen(440.0, 200.0))
+    by_hand = "[...document.querySelectorAll('.viewer .over .label')].some(e => e.textContent === 'bow by hand')"
+    page.wait_for_function(by_hand)
+    page.get_by_text("1 point by hand, not saved").wait_for()
+    page.keyboard.press("Control+z")
+    page.get_by_text("Nothing corrected").wait_for()
+    page.wait_for_function(f"!({by_hand})")
+    page.keyboard.press("Control+y")
+    page.wait_for_function(by_hand)
+    sigma = page.get_by_label("Sigma of a correction", exact=True)
+    sigma.click()
+    page.keyboard.press("Delete")  # of the text, not of a point
+    page.keyboard.press("x")
+    sigma.fill("0.8")
+    sigma.press("Tab")
+    page.keyboard.press("Escape")
+    page.get_by_text("1 point by hand, not saved").wait_for()
+    page.keyboard.press("x")
+    at(person, 50)
+    page.keyboard.press("Delete")
+    page.get_by_text("1 point by hand, 1 removed, not saved").wait_for()
+    page.get_by_text("stern removed").wait_for()
+    person.shot("6-correct")
+    page.keyboard.press("Control+s")
+    page.wait_for_function(pill("Saved"))
+    written = tomllib.loads((filmed / "corrections.toml").read_text())
+    assert [(p["frame"], p["marker"], p["sigma_px"]) for p in written["point"]] == [
+        (25, "bow", pytest.approx(1.0, rel=0.5))
+    ]
+    assert [(p["frame"], p["marker"]) for p in written["removed"]] == [(50, "stern")]
+
+
+def seed_and_track_on(person: Person, filmed: Path) -> None:
+    page = person.page
+    at(person, 75)
+    page.keyboard.press("d")
+    page.keyboard.press("x")
+    for mark, place in (("bow", (421.9, 189.4)), ("stern", (414.5, 399.5))):
+        page.mouse.click(*person.screen(*place))
+        label = f"[...document.querySelectorAll('.viewer .over .label')].some(e => e.textContent === '{mark} seed')"
+        page.wait_for_function(label)
+    person.shot("6-seeded")
+    person.press("Track on from here")
+    page.get_by_text("Track done in").wait_for()
+    page.get_by_text(re.compile(r"bow: measured in \d+ frames, set by hand in 1")).wait_for()
+    page.wait_for_function(pill("Saved"))
+    person.shot("6-tracked-on")
+    page.keyboard.press("Escape")
+    page.keyboard.press("Home")
+    page.wait_for_function(shown(0))
+    page.keyboard.press("n")
+    page.wait_for_function(shown(50))
+    page.get_by_text("Loss 1 of 1: stern lost for 1 frame: removed by hand").wait_for()
+
+
+def at(person: Person, frame: int) -> None:
+    """To a multiple of 25, by keys."""
+    page = person.page
+    page.keyboard.press("Home")
+    page.wait_for_function(shown(0))
+    for step in range(1, frame // 25 + 1):
+        page.keyboard.press("Shift+ArrowRight")
+        page.wait_for_function(shown(25 * step))
+
+
+def judge_corrections(filmed: Path, samples: Path) -> None:
+    from towline.record.tables import read_motion, read_tracks
+
+    written = tomllib.loads((filmed / "corrections.toml").read_text())
+    assert {s["marker"]: s["frame"] for s in written["seed"]} == {"bow": 75, "stern": 75}
+    tracks = read_tracks(filmed / "out" / "tracks.csv").set_index(["marker", "frame"])
+    assert tracks.loc[("bow", 25), "status"] == "by_hand"
+    assert abs(tracks.loc[("bow", 25), "u_px"] - 440.0) < CLICK_PX
+    assert tracks.loc[("stern", 50), "status"] == "lost"
+    truth = read_tracks(samples / "mariner" / "x1446" / "truth" / "tracks.csv").set_index(["marker", "frame"])
+    for name in ("bow", "stern"):
+        rows = tracks.loc[name].loc[75:]
+        apart = rows[["u_px", "v_px"]] - truth.loc[name].loc[rows.index, ["u_px", "v_px"]]
+        assert (rows["status"] == "measured").all()
+        assert (apart.abs().to_numpy() < 5 * rows[["sigma_u_px", "sigma_v_px"]].to_numpy()).mean() > 0.99
+    motion = read_motion(filmed / "out" / "motion.csv")
+    assert motion["sigma_y_cg_m"][25] > 5 * motion["sigma_y_cg_m"].median()  # the hand's
+    assert motion["status"][50] == "lost"
+
+
 def begin_a_run(person: Person) -> None:
     person.page.get_by_text("1 video, no run yet").wait_for()
     person.shot("1-run")

@@ -38,7 +38,7 @@ from towline.blind.draw import (
     write_cases,
 )
 from towline.blind.judge import NO_GAP, UNKNOWN, Judged
-from towline.blind.measure import _exact, measured
+from towline.blind.measure import measured
 from towline.blind.next_runs import with_next_run
 from towline.blind.scores import Score, calibration, interval, scores
 from towline.blind.signature import RIVALS, STRENGTH, block_means, distances_of, linear
@@ -391,7 +391,9 @@ def test_the_noise_that_the_score_takes_is_the_generators(coloured: bool) -> Non
     sensed, path, still = linear(case), swum(case), swum(case, random=False)
     total, count = 0.0, 0
     for i, factor in enumerate(sensed.whiteners):
-        rest = block_means(case, filmed(case, path, i).pixel) - _exact(case, still, i)
+        rest = block_means(case, filmed(case, path, i).pixel) - block_means(
+            case, filmed(case, still, i, noisy=False).clean
+        )
         white = solve_triangular(factor, rest, lower=True)
         total, count = total + float(white @ white), count + len(white)
     # chi-square of 1120 values, about a dozen of which per run belong to settings that this motion has not moved

@@ -19,10 +19,10 @@ from towline.cli import main
 from towline.geometry import motion_from_tracks, run_datum
 from towline.geometry.camera import Lens
 from towline.geometry.checks.bundle import Extra, State
-from towline.geometry.checks.check import Check, _long_run, bundle_of, camera_of, check_geometry, tolerances
+from towline.geometry.checks.check import Check, bundle_of, camera_of, check_geometry, long_run_variance, tolerances
 from towline.geometry.checks.faults import refit, screen
 from towline.geometry.checks.jump import find_jump
-from towline.geometry.checks.refine import _words, refined
+from towline.geometry.checks.refine import open_words, refined
 from towline.geometry.checks.seen import SeenCamera
 from towline.geometry.datum_model import PLAIN
 from towline.record import GeometryError, read_tracks
@@ -179,14 +179,14 @@ def test_one_linear_step_foresees_the_full_fit(cameras: ModuleType, seed: int) -
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])
-def test_sums_of_a_coloured_series_vary_as_its_long_run_variance_says(memory: float) -> None:
+def test_sums_of_a_coloured_series_vary_as_itslong_run_variance_variance_says(memory: float) -> None:
     """1 + 2 (a + a^2 + ...) down to where a^k is a twentieth, of an autoregression of variance 1; 40 draws of 4000 samples, whose
     splines take a per cent or two. A mean over 40 draws is known to 2 %."""
     rng, t = np.random.default_rng(5), np.arange(4000) / 400
     found = []
     for _ in range(40):
         series = lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.normal(size=4400))[400:]
-        found.append(_long_run(t, series))
+        found.append(long_run_variance(t, series))
     powers = memory ** np.arange(1, 50)
     assert np.mean(found) == pytest.approx(1 + 2 * powers[powers > 0.05].sum(), rel=0.08)
 
@@ -392,7 +392,7 @@ def test_what_only_a_pair_tells_is_said_as_the_sum_that_is_fixed() -> None:
         Refined(parameter=n, stated=0.0, value=0.0, std=float(s), unit="m", observable=bool(s < 0.3 * w))
         for n, s, w in zip(("a", "b"), np.sqrt(np.diag(covariance)), wide, strict=True)
     ]
-    said = _words(["a", "b"], covariance, wide, values)
+    said = open_words(["a", "b"], covariance, wide, values)
     assert said == [
         "a is not told by these runs (+- 0.01 m); it is left as stated",
         "b is not told by these runs (+- 0.02 m); it is left as stated",
@@ -403,7 +403,7 @@ def test_what_only_a_pair_tells_is_said_as_the_sum_that_is_fixed() -> None:
         r"null direction, in shares of what is possible: (\+0\.6\d a \+0\.7\d b|-0\.6\d a -0\.7\d b)", said[3]
     )
     apart = np.diag([1e-6, 1e-6])
-    assert _words(["a", "b"], apart, wide, [v.model_copy(update={"observable": True}) for v in values]) == []
+    assert open_words(["a", "b"], apart, wide, [v.model_copy(update={"observable": True}) for v in values]) == []
 
 
 @pytest.mark.parametrize(("gap_s", "seen"), [(0.15, True), (0.45, False)])

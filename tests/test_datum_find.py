@@ -17,6 +17,7 @@ from towline.record.scenario import ScenarioFile
 from towline.record.schema import RunFile
 from towline.record.toml import check_tables
 from towline.simulate.render import camera_of, render_scenario
+from towline.vision import read_frames
 from towline.vision.datum_find import find_datum
 from towline.vision.symmetry import centre_of_symmetry
 from towline.vision.tag_squares import tag_cells
@@ -90,7 +91,7 @@ def point(look: str | None, near: tuple[float, float], place: float = 0.0) -> Da
 
 
 def test_marks_are_found_from_rough_picks_and_averaged() -> None:
-    """Four frames: sigma falls by two and stays true; with loss it is 2.5 times one frame's and does not fall."""
+    """Four frames: sigma falls by nearly two and stays true; a single frame's, with loss, is twice what the fit says."""
     rng = np.random.default_rng(33)
     scores, one, four = [], [], []
     for _ in range(20):
@@ -112,10 +113,66 @@ def test_marks_are_found_from_rough_picks_and_averaged() -> None:
             four.append(this.sigma_px)
         one += [p.sigma_px for p in find_datum(points, frames[:1]).points if p is not None]
     assert 0.85 < np.std(scores) < 1.15, np.std(scores)  # 120 numbers know it to 0.065
-    assert np.mean(one) / np.mean(four) == pytest.approx(2.0, rel=0.1)
-    lossy = find_datum(points, frames, lossy=True).points[0]
+    assert 1.6 < np.mean(one) / np.mean(four) < 2.1  # the root of four, less what repeats of the marks' own edges
+    lossy = find_datum(points, frames[:1], lossy=True).points[0]
     assert lossy is not None
-    assert lossy.sigma_px / four[-3] == pytest.approx(2.5 * 2, rel=0.2)
+    assert lossy.sigma_px / one[-3] == pytest.approx(2.0, rel=0.01)
+
+
+def film(folder: Path, frames: list[np.ndarray], codec: str, **options: str) -> list[np.ndarray]:
+    """The frames as a film holds them."""
+    import av
+
+    path = folder / "film.mkv"
+    height, width = frames[0].shape
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=30, options=options)
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        for frame in frames:
+            planes = np.concatenate([frame, np.full((height // 2, width), 128, np.uint8)])
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(planes, format="yuv420p")))
+        container.mux(stream.encode())
+    return [frame.luma for frame in read_frames(path)]
+
+
+FACTOR_SPREAD = 0.7, 1.25
+"""An error's standard deviation over its sigma, as far as one factor for all codecs and what few pixels tell of texture leave it
+open: 0.70-1.05 measured on plain ground at crf 18-28, 1.04-1.22 on texture (30 scenes)."""
+POINTS = 24
+"""Points of a case below: 48 numbers, whose standard deviation is known to a tenth of itself; three of these are allowed."""
+
+
+@pytest.mark.parametrize(("crf", "texture_dn"), [(None, 3.0), (18, 0.0), (23, 3.0), (28, 0.0)])
+def test_frames_of_a_still_camera_do_not_know_a_point_better_than_what_repeats_in_them(
+    tmp_path: Path, crf: int | None, texture_dn: float
+) -> None:
+    """Marks on plain or textured ground, without loss, compressed, and compressed once and kept without loss since: what repeats in
+    every frame does not fall with their number."""
+    scores: dict[bool, list[np.ndarray]] = {True: [], False: []}
+    for seed in range(POINTS // 6):
+        rng = np.random.default_rng(500 + seed)
+        ground = cv2.GaussianBlur(rng.normal(0, 1, (240, 320)), (0, 0), 1.5)
+        picture = 60 + texture_dn * ground / ground.std()
+        centres = np.array([[60.0 + 100 * i, 70.0 + 100 * j] for j in range(2) for i in range(3)])
+        centres += rng.uniform(-0.5, 0.5, centres.shape)
+        for centre, kind in zip(centres, ("dot", "cross", "dot") * 2, strict=True):
+            low = np.rint(centre).astype(int) - 30
+            picture[low[1] : low[1] + 61, low[0] : low[0] + 61] += mark(kind, centre - low) - 60
+        frames = [noisy(rng, picture, 3.0) for _ in range(8)]
+        if crf is not None:
+            frames = film(tmp_path, frames, "libx264", crf=str(crf), preset="veryfast")
+        rough = centres + rng.uniform(-2, 2, centres.shape)
+        points = [point("mark", (float(u), float(v)), k) for k, (u, v) in enumerate(rough)]
+        for lossy in (False, True)[: 1 if crf is None else 2]:
+            for truth, this in zip(centres, find_datum(points, frames, lossy=lossy).points, strict=True):
+                assert this is not None
+                assert this.reason == ""
+                scores[lossy].append((this.pixel_px - truth) / this.sigma_px)
+    chance = 3 / np.sqrt(2 * 2 * POINTS)
+    for lossy, found in scores.items():
+        if found:
+            z = np.sqrt(np.mean(np.square(found)))
+            assert FACTOR_SPREAD[0] * (1 - chance) < z < FACTOR_SPREAD[1] * (1 + chance), (lossy, z)
 
 
 def test_a_camera_that_moves_is_noticed() -> None:

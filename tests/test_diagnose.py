@@ -17,24 +17,18 @@ import tomlkit
 from towline.cli import main
 from towline.diagnose.effects import LIBRARY, STAGES, Effect, load_effects
 from towline.diagnose.effects.hull import CROSSFLOW
-from towline.diagnose.effects.page import whole_library
-from towline.diagnose.gap import _verdict
-from towline.diagnose.hypothesis import Hypothesis
-from towline.diagnose.next_run import next_run
-from towline.diagnose.noise import Forces
-from towline.diagnose.tow import TowSimulator
-from towline.diagnose.tow_data import block_step
-from towline.diagnose.tow_model import TowModel
-from towline.diagnose.tow_noise import tow_noise
-from towline.diagnose.words import sentences
+from towline.diagnose.gap import rival_of
+from towline.diagnose.inference.hypothesis import Hypothesis
+from towline.diagnose.inference.noise import Forces
+from towline.diagnose.tow.data import block_step
+from towline.diagnose.tow.model import TowModel
+from towline.diagnose.tow.next_run import next_run
+from towline.diagnose.tow.noise import tow_noise
+from towline.diagnose.tow.towed import TowSimulator
 from towline.pipeline.diagnosing import diagnose_folders
 from towline.record import InputError, read_run
-from towline.record.gap_file import GapFile, NextMeasurement, Where
-from towline.report.gap_page import _headline
 from towline.simulate.model import Hull, Tow
 from towline.simulate.motion import Start, simulate_full
-
-TITLES = {effect.name: effect.title for effect in whole_library()}
 
 
 @pytest.mark.parametrize("planted", ["none", "crossflow_drag", "deck_height", "unknown kick"])
@@ -64,6 +58,10 @@ def test_what_was_planted_is_what_is_said(
         assert abs(number.value - size) < 4 * number.std + 0.1 * size
         assert file.ranking[0].gap_after < 1.15
         assert any("misses" in s for s in file.sentences)
+        rival = rival_of(found.diagnosis.ranking, found.diagnosis.best)
+        assert file.next_run is not None
+        assert rival is not None
+        assert f" {planted} from {rival.names[0]} (expected D " in file.next_run.why
 
 
 def test_every_name_of_the_contract_is_in_the_library(root: Path) -> None:
@@ -86,7 +84,7 @@ def test_every_name_of_the_contract_is_in_the_library(root: Path) -> None:
 @pytest.fixture(scope="module")
 def model(cases: ModuleType, tmp_path_factory: pytest.TempPathFactory):
     """A model of two runs and a hypothesis at the truth."""
-    from towline.diagnose.tow_data import tow_run
+    from towline.diagnose.tow.data import tow_run
     from towline.geometry import motion_from_tracks, run_datum
 
     campaign = cases.campaign("none", np.random.default_rng(2))
@@ -272,41 +270,3 @@ def test_a_free_run_is_refused_by_name(
     assert read_run(folder).file.kind == "free"
     assert main(["diagnose", str(folder)]) == 1
     assert "only towed runs" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("no_gap", "unknown", "effects", "verdict"),
-    [
-        (0.9, 0.05, (0.05,), "no_gap"),
-        (0.25, 0.05, (0.4, 0.3), "no_gap"),  # something is likely missing, but not surely
-        (0.19, 0.01, (0.5, 0.3), "effect"),
-        (0.1, 0.5, (0.4,), "unknown"),
-        (0.1, 0.44, (0.23, 0.23), "effect"),
-        (0.05, 0.95, (), "unknown"),
-    ],
-)
-def test_a_gap_is_called_where_one_is_almost_sure(
-    no_gap: float, unknown: float, effects: tuple[float, ...], verdict: str
-) -> None:
-    names = [SimpleNamespace(names=(f"effect {k}",)) for k in range(len(effects))]
-    ranking = SimpleNamespace(
-        candidates=tuple(names), probabilities=np.array(effects), p_no_gap=no_gap, p_unknown=unknown
-    )
-    said, best = _verdict(ranking)
-    assert said == verdict
-    assert best is (names[0] if verdict == "effect" else None)
-
-
-@pytest.mark.parametrize(
-    ("p_no_gap", "headline", "said"), [(0.9, "No gap", "explains these runs"), (0.3, "Open", "nor excluded")]
-)
-def test_no_gap_for_want_of_proof_is_said_so(p_no_gap: float, headline: str, said: str) -> None:
-    file = GapFile(
-        schema="towline/gap", tool="test", inputs={}, verdict="no_gap", ranking=[], indistinguishable=[], p_no_gap=p_no_gap,
-        p_unknown=0.0, set95=[[]], next_run=None, where=Where(stage="", share={}, runs={}, span_s=[], band_hz=[]),
-        next_measurement=NextMeasurement(effect="frame_rate", numbers={"frame_rate.rate": 1e-4}, distance=900.0, why="the clock."),
-    )  # fmt: skip
-    words = " ".join(sentences(file, None, SimpleNamespace(), TITLES))
-    assert said in words
-    assert ("Without a tow: measure the clock." in words) == (headline == "Open")
-    assert _headline(file) == headline

@@ -15,10 +15,10 @@ import pytest
 
 from towline.diagnose.effects import LIBRARY
 from towline.diagnose.gap import diagnosed
-from towline.diagnose.hypothesis import Hypothesis
-from towline.diagnose.tow import TowSimulator
-from towline.diagnose.tow_data import SLOW_S, SLOW_UNSEEN_PX, TowRun, tow_run
-from towline.diagnose.tow_rates import Fields
+from towline.diagnose.inference.hypothesis import Hypothesis
+from towline.diagnose.tow.data import SLOW_S, SLOW_UNSEEN_PX, TowRun, tow_run
+from towline.diagnose.tow.rates import Fields
+from towline.diagnose.tow.towed import TowSimulator
 from towline.record import Run, RunFile
 from towline.record.schema import WaterTable
 from towline.record.toml import check_tables

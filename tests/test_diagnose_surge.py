@@ -16,10 +16,10 @@ import pytest
 
 from towline.diagnose.effects import LIBRARY
 from towline.diagnose.gap import Diagnosis, diagnosed
-from towline.diagnose.hypothesis import Hypothesis
+from towline.diagnose.inference.hypothesis import Hypothesis
 from towline.diagnose.simulated import effects_of, with_effects
-from towline.diagnose.tow import TowSimulator
-from towline.diagnose.tow_data import TowRun, block_step, tow_run
+from towline.diagnose.tow.data import TowRun, block_step, tow_run
+from towline.diagnose.tow.towed import TowSimulator
 from towline.pipeline.diagnosing import diagnose_folders
 from towline.record import Run, RunFile
 from towline.record.scenario import ScenarioFile

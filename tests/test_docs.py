@@ -26,6 +26,7 @@ from types import ModuleType
 import pytest
 
 from towline.cli import command_parser, main
+from towline.record.corrections import Corrections
 from towline.record.instruments.setup import SetupFile
 from towline.record.plan_file import PlanRequest
 from towline.record.priors import Priors
@@ -44,6 +45,7 @@ SCHEMAS = {
     "run.toml": RunFile,
     "plan.toml": PlanRequest,
     "setup.toml": SetupFile,
+    "corrections.toml": Corrections,
     "priors.toml": Priors,
     "scenario.toml": ScenarioFile,
 }

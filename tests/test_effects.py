@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from towline.diagnose.effects import LIBRARY, Effect, Seen, Situation, camera
 from towline.diagnose.simulated import effects_of, with_effects
-from towline.diagnose.unknown import (
+from towline.diagnose.tow.unknown import (
     ACROSS_PER_M,
     BETA_RAD,
     CHANGES,
@@ -22,8 +22,8 @@ from towline.diagnose.unknown import (
     TURNED_PER_RAD,
     V_M_S,
     Y_M,
-    _forms,
     free_forms,
+    shapes_of,
 )
 from towline.record.scenario import ScenarioFile
 from towline.record.schema import CameraTable, DatumPoint, Marker, TowTable
@@ -175,7 +175,7 @@ def test_what_the_camera_sees_by_hand() -> None:
 
 def test_the_free_forms_are_powers_of_time_place_and_heading() -> None:
     t = np.linspace(0, 8, 5)
-    forms = _forms(seen(t, np.zeros(5)))
+    forms = shapes_of(seen(t, np.zeros(5)))
     y, b, at = 0.2 / Y_M, 0.04 / BETA_RAD, t / 4 - 1
     for found, truth in zip(forms, (1.0, at, y, y * y, b, b * b, y * b), strict=True):
         np.testing.assert_allclose(found[:, 0, 0], np.broadcast_to(truth, 5), rtol=1e-12)

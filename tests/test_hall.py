@@ -253,29 +253,41 @@ def test_a_dark_and_a_bright_mark_and_the_colour_that_tells_two_apart(tmp_path: 
     np.testing.assert_allclose(both.centre_px[list(chosen.chosen)], [(290, 150), (110, 150)], atol=1.0)
 
 
-def test_a_light_that_looks_white_may_be_a_coloured_one_and_another_colour_may_not() -> None:
+@pytest.mark.parametrize(
+    ("seen", "accepted"),
+    [
+        (("red", "red"), True),
+        (("white", "white"), True),
+        (("red", "unknown"), True),
+        (("green", "green"), False),
+        (("blue", "blue"), False),
+    ],
+)
+def test_a_light_that_looks_white_may_be_a_coloured_one_and_another_colour_may_not(
+    tmp_path: Path, seen: tuple[str, str], accepted: bool
+) -> None:
     """Compressed, or overexposed, a small red light is white: two of those are still believed, two green ones are not."""
-    from towline.vision.spots.identity import ACCEPT_COST, TINTS, WASHED_OUT_COST, _tint_cost
+    from towline.vision.spots.candidates import Candidates
+    from towline.vision.spots.identity import TINTS, assign
 
-    names = ("red", "green", "blue", "yellow", "white")
-    seen = np.array([TINTS[name] for name in names], dtype=float)
-    seen /= np.linalg.norm(seen, axis=1, keepdims=True)
-    half = seen[0] + 0.5 * np.array([1.0, 1.0, 0.0])
-    unknown = np.full(3, np.nan)
-    cost = dict(
-        zip(
-            (*names, "pale red", "unknown"),
-            _tint_cost(np.array([*seen, half / np.linalg.norm(half), unknown]), np.array(TINTS["red"], dtype=float)),
-            strict=True,
-        )
+    Hall().track(tmp_path)  # writes run.toml
+    text = "".join(x for x in (tmp_path / "run.toml").read_text().splitlines(True) if "seen_at_px" not in x)
+    for name in ("bow", "stern"):
+        text = text.replace(f'name = "{name}"', f'name = "{name}"\ncolour = "red"')
+    (tmp_path / "run.toml").write_text(text)
+    run = read_run(tmp_path)
+    tints = np.array([TINTS.get(colour, (np.nan,) * 3) for colour in seen], dtype=float)
+    tints /= np.linalg.norm(tints, axis=1, keepdims=True)
+    spots = Candidates(
+        np.array([(290.0, 150.0), (110.0, 150.0)]),
+        np.full(2, 200.0),
+        np.full(2, 2.0),
+        np.ones(2),
+        np.zeros(2, bool),
+        tints,
     )
-    assert cost["red"] == cost["unknown"] == 0.0
-    assert 1.0 < cost["white"] <= WASHED_OUT_COST
-    assert 0.0 < cost["pale red"] < cost["white"]
-    assert 2 * cost["white"] < ACCEPT_COST
-    for other in ("green", "blue"):
-        assert 2 * cost[other] > ACCEPT_COST
-    np.testing.assert_allclose(_tint_cost(seen, np.array(TINTS["white"], dtype=float))[4], 0.0, atol=1e-12)
+    chosen = assign(spots, run.file.marker, run_datum(run, (WIDTH, HEIGHT)).mapping, run)
+    assert (min(chosen.chosen) >= 0 and chosen.accepted) == accepted
 
 
 def test_datum_points_are_found_again_after_a_knock(tmp_path: Path) -> None:

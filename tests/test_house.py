@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -48,8 +49,8 @@ def test_every_package_is_listed(root: Path) -> None:
     assert listed == found
 
 
-def _imports(root: Path, path: Path) -> Iterator[tuple[str, int]]:
-    """Rooms that a file imports from, wherever in it: at its top, in a function, for the type checker."""
+def _names(root: Path, path: Path) -> Iterator[tuple[str, int]]:
+    """What a file imports of towline, wherever in it: at its top, in a function, for the type checker; with the line."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found = [a.name for a in node.names if a.name.partition(".")[0] == "towline"]
@@ -61,7 +62,12 @@ def _imports(root: Path, path: Path) -> Iterator[tuple[str, int]]:
             found = [f"{node.module}.{a.name}" for a in node.names] if node.module == "towline" else [str(node.module)]
         else:
             continue
-        yield from ((name.split(".")[1], node.lineno) for name in found if "." in name)
+        yield from ((name, node.lineno) for name in found)
+
+
+def _imports(root: Path, path: Path) -> Iterator[tuple[str, int]]:
+    """Rooms that a file imports from, and the line."""
+    yield from ((name.split(".")[1], line) for name, line in _names(root, path) if "." in name)
 
 
 def test_rooms_import_what_the_table_allows_and_nothing_else(root: Path, house: dict[str, set[str]]) -> None:
@@ -79,6 +85,58 @@ def test_rooms_import_what_the_table_allows_and_nothing_else(root: Path, house: 
                     assert other in allowed, f"{path.relative_to(root)}:{line} imports {other}"
                     used[room].add(other)
     assert used == house, "the table allows what nobody needs"
+
+
+def _modules(root: Path) -> dict[str, Path]:
+    """Every module of the package by its name."""
+    names = {}
+    for path in [*root.glob("*.py"), *(p for room in root.glob("*/__init__.py") for p in room.parent.rglob("*.py"))]:
+        parts = path.relative_to(root).with_suffix("").parts
+        if parts[0] not in ("build", "dist"):
+            names[".".join(("towline", *parts)).removesuffix(".__init__")] = path
+    return names
+
+
+def test_no_module_is_imported_by_what_it_imports(root: Path) -> None:
+    """Module by module, lazy imports and those for type checkers included; the front door, which opens every room, is nobody's."""
+    modules = _modules(root)
+    needs: dict[str, set[str]] = {}
+    for name, path in modules.items():
+        found = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.level:
+                base = ".".join(("towline", *path.parents[node.level - 1].relative_to(root).parts))
+                base = f"{base}.{node.module}" if node.module else base
+                found |= {f"{base}.{a.name}" if f"{base}.{a.name}" in modules else base for a in node.names}
+        needs[name] = found & modules.keys() - {name}
+    assert not any("towline" in found for found in needs.values()), "the front door is imported from inside"
+    try:
+        list(TopologicalSorter(needs).static_order())
+    except CycleError as error:
+        pytest.fail(" -> ".join(error.args[1]))
+
+
+def test_what_infers_knows_no_tow(root: Path) -> None:
+    """The second table of the architecture page: rooms inside ``diagnose/``."""
+    text = (root / "docs" / "developer" / "architecture.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `diagnose/(\w+)/` \|[^|]*\|([^|]*)\|$", text, flags=re.MULTILINE)
+    inside = {room: set(re.findall(r"\w+", allowed)) for room, allowed in rows}
+    assert inside.keys() == {p.parent.name for p in (root / "diagnose").glob("*/__init__.py")}
+    for room, allowed in inside.items():
+        for path in (root / "diagnose" / room).rglob("*.py"):
+            for name, line in _names(root, path):
+                other = name.split(".")[2] if name.startswith("towline.diagnose.") else room
+                assert other in allowed | {room}, f"{path.relative_to(root)}:{line} imports {name}"
+
+
+def test_no_test_imports_what_is_private(root: Path) -> None:
+    """Tests say what is promised, and so use what has a public name."""
+    for path in (root / "tests").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "towline":
+                names = [*str(node.module).split("."), *(a.name for a in node.names)]
+                private = [n for n in names if n.startswith("_") and not n.endswith("__")]
+                assert not private, f"{path.name}:{node.lineno} imports {private}"
 
 
 def test_the_test_of_imports_sees_every_kind(tmp_path: Path) -> None:

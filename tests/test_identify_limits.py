@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 
 from towline.identify import derivatives_file, fit_runs
-from towline.identify.limits.bound import cramer_rao
+from towline.identify.limits.bound import cramer_rao, information, information_of_six
 from towline.identify.limits.combinations import determined
-from towline.identify.limits.cure import cure
-from towline.identify.limits.profile import profile
+from towline.identify.limits.cure import cure, released_run
+from towline.identify.limits.identifiability import ANCHOR_SHARE, OPEN_VARIANCE, without_anchors
+from towline.identify.limits.profile import interval_end, plausible, profile, walked_outward
 from towline.identify.limits.words import combination_name, transient_share
 from towline.identify.report import examined
 from towline.record import Priors
 from towline.record.priors import DerivativePriors, ValuePrior
 from towline.record.schema import ModelTable, WaterTable
+from towline.simulate import Start, simulate_linear
 
 RATE_HZ = 16.0
 LOST_S = 20.0
@@ -171,3 +173,114 @@ def test_profiles_agree_with_the_fishers_interval_and_stay_open_where_the_record
     low, high = profile(weak, [run], 5).interval
     assert low is not None
     assert high is not None
+
+
+@pytest.mark.parametrize(
+    ("index", "value", "sd", "bounded_below"),
+    [(0, 50.0, 1.0, True), (4, -3.0, 0.4, True), (1, 20.0, 20.0, False)],
+)
+def test_the_ends_of_a_parabola_are_196_deviations_away(
+    index: int, value: float, sd: float, bounded_below: bool
+) -> None:
+    """Rise ((x - value) / sd)^2; a mass is not looked for below a tenth of its value, and has no end there."""
+
+    def rise(x: float) -> float:
+        return ((x - value) / sd) ** 2
+
+    walks = [walked_outward(rise, value, sign * 0.7 * sd, plausible(index, value)) for sign in (-1, 1)]
+    low, high = (interval_end(value, walk) for walk in walks)
+    assert high == pytest.approx(value + 1.959964 * sd, rel=1e-4)
+    assert low == (pytest.approx(value - 1.959964 * sd, rel=1e-4) if bounded_below else None)
+    for walk in walks:
+        assert [r for _, r in walk] == [rise(v) for v, _ in walk]
+        assert all(r < 3.842 for _, r in walk[:-1])  # nothing is fitted beyond the first rise that is high enough
+    assert interval_end(value, [(value + 4.0, 4 * 3.841)]) == pytest.approx(
+        value + 2.0
+    )  # one step that is twice too long
+
+
+@pytest.mark.parametrize(
+    ("index", "value", "within"), [(0, 50.0, (5.0, 500.0)), (3, -50.0, (-500.0, 400.0)), (2, 50.0, (-400.0, 500.0))]
+)
+def test_where_nothing_rises_the_search_ends_at_what_can_be(
+    index: int, value: float, within: tuple[float, float]
+) -> None:
+    """A mass from a tenth to ten times its value, a damping within nine times its size, and no end in either direction."""
+    assert plausible(index, value) == pytest.approx(within)
+    for sign in (-1, 1):
+        walk = walked_outward(lambda _: 0.0, value, sign * 2.0, within)
+        at = np.array([v for v, _ in walk])
+        assert ((at > within[0]) & (at < within[1])).all()
+        assert not within[0] < at[-1] + 1.5 * (at[-1] - at[-2]) < within[1]  # one more step would leave it
+        assert interval_end(value, walk) is None
+    assert interval_end(value, []) is None
+    assert len(walked_outward(lambda _: 0.0, value, 1e-3, within)) == 14
+
+
+def test_a_proposed_run_is_that_of_the_linear_form_with_the_noise_that_was_seen(campaigns: ModuleType) -> None:
+    """Against ``simulate_linear``; the median covariance counts, one sample of the record is a hundred times worse."""
+    run = campaigns.still_run(1.548, campaigns.times(8.0, 20.0))
+    covariance = np.tile([[4e-6, 1e-6], [1e-6, 9e-6]], (len(run.t_s), 1, 1))
+    covariance[0] *= 100
+    run = replace(run, covariance=covariance, t_s=run.t_s + 3.0)
+    made = released_run(run, campaigns.SIX, 1.28, 0.1, np.array([2.0, 0.5]))
+    assert made is not None
+    np.testing.assert_allclose(made.covariance[7], [[16e-6, 1e-6], [1e-6, 2.25e-6]])
+    assert (made.tow.tow_point_m, made.tow.line_length_m) == (run.tow.tow_point_m + 0.1, run.tow.line_length_m)
+    np.testing.assert_allclose(made.t_s, np.arange(len(run.t_s)) / 8)
+    wanted = simulate_linear(campaigns.HULL, made.tow, Start(y_cg_m=0.15), made.t_s)
+    np.testing.assert_allclose(made.y_m, wanted["y_cg_m"], atol=1e-6)
+    np.testing.assert_allclose(made.beta_rad, wanted["beta_rad"], atol=1e-6)
+
+
+GROWING = np.array([1, 1, 1, 1, 1, -0.3])
+"""Negative yaw damping: the tow oscillates ever wider."""
+
+
+@pytest.mark.parametrize(
+    ("changed", "move_m", "span_s", "proposed"),
+    [
+        (1.0, "just aft of the neutral point", 20.0, False),
+        (1.0, -1.6, 20.0, False),  # behind the centre of gravity
+        (GROWING, 0.0, 20.0, False),  # wider than 0.8 of its line before it ends
+        (GROWING, 0.0, 1.0, True),
+    ],
+)
+def test_no_run_is_proposed_that_cannot_be_towed(
+    campaigns: ModuleType, changed: float | np.ndarray, move_m: float | str, span_s: float, proposed: bool
+) -> None:
+    six = campaigns.SIX * changed
+    move = six[4] / six[2] - 1.548 - 0.001 if isinstance(move_m, str) else move_m
+    run = campaigns.still_run(1.548, campaigns.times(8.0, span_s), "modal")
+    assert (released_run(run, six, 1.28, move, np.ones(2)) is not None) == proposed
+
+
+def test_what_is_known_without_the_anchors() -> None:
+    """A known information matrix, the anchors' added and taken out again."""
+    rng = np.random.default_rng(3)
+    six = np.array([149.19, 62.11, -52.87, -66.33, -48.51, -57.60])
+    size, anchor = np.abs(six), six * [1.2, 0.9, 1, 1, 1, 1]
+    root = rng.normal(size=(6, 6))
+    scaled = root @ root.T + 300 * np.eye(6)
+    added = np.diag([*(size[:2] / (ANCHOR_SHARE * anchor[:2])) ** 2, 0, 0, 0, 0])
+    outer = np.outer(size, size)
+    found = without_anchors(np.linalg.inv(scaled + added) * outer, six, anchor)
+    np.testing.assert_allclose(found, np.linalg.inv(scaled) * outer, rtol=1e-8)
+    # m' is known by its anchor alone
+    scaled = np.diag([0.0, *[400.0] * 5])
+    found = np.diag(without_anchors(np.linalg.inv(scaled + added) * outer, six, anchor)) / size**2
+    np.testing.assert_allclose(found, [OPEN_VARIANCE, *[1 / 400] * 5], rtol=1e-6)
+
+
+def test_the_information_on_the_six_is_the_inverse_of_their_covariance(campaigns: ModuleType) -> None:
+    """A real run with its start, biases, tension and tow point free: the whole matrix inverted, the six's block inverted again."""
+    run = campaigns.still_run(1.548, campaigns.times(4.0, 40.0), "modal", priors=campaigns.NUISANCE)
+    matrix, problem = information([run], campaigns.SIX, "linear", 1.28)
+    free = np.flatnonzero(problem.free)
+    assert len(free) > 10
+    inner = matrix[np.ix_(free, free)]
+    scale = np.sqrt(np.diag(inner))
+    whole = (np.linalg.inv(inner / np.outer(scale, scale)) / np.outer(scale, scale))[:6, :6]
+    found = information_of_six(matrix, problem) @ whole
+    sd = np.sqrt(np.diag(whole))
+    np.testing.assert_allclose(found * sd / sd[:, None], np.eye(6), atol=1e-5)

@@ -106,16 +106,18 @@ def test_the_motion_s_lags_are_those_of_its_marks(samples: Path) -> None:
     tracks = read_tracks(run.folder / "truth" / "tracks.csv")
     tracks = tracks[tracks["frame"] < 200].reset_index(drop=True).assign(sigma_u_px=0.05, sigma_v_px=0.05)
     fit = run_datum(run, (960, 720))
-    assert motion_from_tracks(run, tracks, fit).lag.shape[0] == 0
+    pulls = motion_from_tracks(
+        run, tracks, fit
+    ).lag  # what else goes with the motion and not with the place (test_pull.py)
     made = motion_from_tracks(run, tracks.assign(**{LAG_COLUMN: SIGMA_PX}), fit)
     names = [m.name for m in run.file.marker]
     pixel = np.stack([tracks.loc[tracks["marker"] == n, ["u_px", "v_px"]].to_numpy() for n in names], axis=1)
     frames = np.unique(tracks["frame"])
     t_s = tracks["t_s"].to_numpy()[:: len(names)]
     modes = lag_modes(frames, t_s, pixel, np.full(len(names), SIGMA_PX), np.zeros(pixel.shape[:2], dtype=bool))
-    assert made.lag.shape == (len(modes), len(frames), 3)
+    assert made.lag.shape == (len(pulls) + len(modes), len(frames), 3)
     whole = 0.0
-    for mode, told in zip(modes, made.lag, strict=True):
+    for mode, told in zip(modes, made.lag[len(pulls) :], strict=True):
         moved = tracks.copy()
         for k, name in enumerate(names):
             moved.loc[moved["marker"] == name, ["u_px", "v_px"]] += mode[:, k]

@@ -522,8 +522,51 @@ def test_the_command_names_what_is_wrong(folder: Path, tmp_path: Path, capsys: p
     assert call(tmp_path, "--board", "8x5", "--square-m", 0.03) == 1
     assert "a.png: is no picture" in capsys.readouterr().err
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((20, 30), np.uint8))
-    assert call(folder, tmp_path, "--board", "8x5", "--square-m", 0.03) == 1
-    assert "a.png: is 30 x 20 px, the ones before are 640 x 480" in capsys.readouterr().err
+    words = [folder / "p0.png", folder / "p1.png", tmp_path / "a.png", tmp_path / "a.png", "--board", "8x5"]
+    assert call(*words, "--square-m", 0.03) == 1
+    assert "is 30 x 20 px, others are 640 x 480, and no size is that of most pictures" in capsys.readouterr().err
+
+
+def test_a_picture_of_another_size_is_left_out_and_named(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever stands on it: the lens is that of the others."""
+    import cv2
+
+    board = drawn(Board(8, 5, 0.03), np.random.default_rng(3), PINHOLE, (640, 480))
+    cv2.imwrite(str(tmp_path / "wide.png"), cv2.copyMakeBorder(board, 0, 1, 0, 1, cv2.BORDER_REPLICATE))
+    alone, with_it = tmp_path / "alone.json", tmp_path / "with.json"
+    assert call(folder, "--board", "8x5", "--square-m", 0.03, "-o", alone) == 0
+    assert "left out, a lens is" not in capsys.readouterr().out
+    # the first that is looked at, so that it is not the first that says what size is meant
+    assert call(tmp_path / "wide.png", folder, "--board", "8x5", "--square-m", 0.03, "-o", with_it) == 0
+    assert "note: wide.png: 641 x 481 px, the others 640 x 480; left out" in capsys.readouterr().out
+    one, two = read_lens(alone), read_lens(with_it)
+    assert one.inputs == two.inputs
+    assert [(v.name, v.points, v.used) for v in one.views] == [(v.name, v.points, v.used) for v in two.views]
+    numbers = [lens.camera_table().model_dump(exclude_none=True) for lens in (one, two)]
+    assert numbers[0].keys() == numbers[1].keys()
+    for key, value in numbers[0].items():
+        assert value == pytest.approx(numbers[1][key], rel=1e-9, abs=1e-9), key  # sums in another order
+
+
+OPENCV_FLAT_PX = (1159.3, 1154.0)
+"""fx, fy of OpenCV on the 15 pictures in which it finds the board, which it takes as flat (SOURCE.md)."""
+
+
+def test_two_larger_pictures_of_a_real_board_are_left_out(
+    shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "lens.json"
+    assert call(shared / "real" / "wrinkled_board", "--board", "9x6", "--square-m", 0.025, "--flat", "-o", out) == 0
+    said = capsys.readouterr().out
+    for number in (7, 15):
+        assert f"note: calibration{number}.jpg: 1281 x 721 px, the others 1280 x 720; left out" in said
+    lens = read_lens(out)
+    assert len(lens.views) >= 15
+    # the same pictures in the main: as near as the stated deviation of one of the two lets expect
+    gap = np.array([lens.fx_px, lens.fy_px]) - OPENCV_FLAT_PX
+    assert (np.abs(gap) < 3 * np.array([lens.sd["fx"], lens.sd["fy"]])).all()
 
 
 def test_a_video_serves_as_well(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

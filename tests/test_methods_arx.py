@@ -9,18 +9,19 @@ import pytest
 from scipy.signal import lfilter
 
 from towline.identify.methods.arx import (
-    _simulated,
     arx_derivatives,
     arx_of_records,
     continuous_coefficients,
     discrete_tow,
     fit_arx,
+    simulated_response,
     suggested_decimation,
 )
 from towline.identify.methods.characteristic import monic_coefficients
 from towline.identify.methods.common import Record
 from towline.identify.methods.iv import four_stage_iv
 from towline.identify.methods.least_squares import least_squares_svd
+from towline.identify.methods.open_loop_fit import run_data_of
 from towline.record import EstimationError
 from towline.simulate import Hull, Start, Tow, simulate_linear, stability
 
@@ -135,10 +136,8 @@ def test_usual_noise_is_too_much_for_arx() -> None:
 
 
 def test_a_prepared_run_is_a_record() -> None:
-    from towline.identify.methods.open_loop_fit import _run_data
-
     one = record(1.751, np.random.default_rng(8), 1.0)
-    again = Record.of(_run_data(one))
+    again = Record.of(run_data_of(one))
     assert again.step_s == pytest.approx(STEP_S)
     np.testing.assert_array_equal(again.beta_rad, one.beta_rad)
 
@@ -199,9 +198,9 @@ def test_a_driven_model_answers_as_its_difference_equation_from_rest() -> None:
         for j in range(1, 5):
             if k - 2 * j >= 0:
                 wanted[k] += a[j - 1] * wanted[k - 2 * j] + b[:, j - 1] * u[k - 2 * j]
-    found = _simulated(np.zeros((60, 2)), u, np.concatenate([a, b.ravel()]), decimation)
+    found = simulated_response(np.zeros((60, 2)), u, np.concatenate([a, b.ravel()]), decimation)
     np.testing.assert_allclose(found, wanted, atol=1e-12)
-    wild = _simulated(np.zeros((200, 2)), np.ones(200), np.concatenate([[3.0, 0, 0, 0], b.ravel()]), 1)
+    wild = simulated_response(np.zeros((200, 2)), np.ones(200), np.concatenate([[3.0, 0, 0, 0], b.ravel()]), 1)
     assert np.abs(wild).max() == 1e3
 
 
@@ -209,7 +208,7 @@ def test_a_driven_model_answers_as_its_difference_equation_from_rest() -> None:
 def test_a_driven_tow_is_found_exactly_without_noise(method: Literal["ls", "iv"]) -> None:
     a, b = discrete_tow(HULL, tow(1.548), 2.0)
     u = np.repeat(np.random.default_rng(7).choice([-1.0, 1.0], 40), 5)
-    clean = _simulated(np.zeros((200, 2)), u, np.concatenate([a, b.ravel()]), 1)
+    clean = simulated_response(np.zeros((200, 2)), u, np.concatenate([a, b.ravel()]), 1)
     found = fit_arx(clean, 2.0, u=u, method=method)
     np.testing.assert_allclose(found.a, a, atol=1e-6)
     np.testing.assert_allclose(found.b, b, rtol=1e-6, atol=1e-9 * np.abs(b).max())

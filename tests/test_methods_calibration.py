@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from towline.identify.methods.calibration import _second_difference_sd, calibrate_rate
+from towline.identify.methods.calibration import calibrate_rate, second_difference_sd
 from towline.record import EstimationError
 from towline.simulate import Hull, Start, Tow, simulate_full
 
@@ -89,8 +89,8 @@ def test_the_covariance_of_scale_bias_and_start_is_that_of_weighted_least_square
 def test_noise_of_a_smooth_course_is_told_by_its_second_differences() -> None:
     """6 sigma^2 is their variance; a straight line has none but rounding."""
     rng, t = np.random.default_rng(7), np.arange(4000) / 100
-    found = _second_difference_sd(0.3 * np.sin(t) + rng.normal(0, 1e-3, 4000))
+    found = second_difference_sd(0.3 * np.sin(t) + rng.normal(0, 1e-3, 4000))
     assert found == pytest.approx(1e-3, rel=4 / np.sqrt(2 * 4000 / 2.5))
-    line = _second_difference_sd(1 + 2 * t)
+    line = second_difference_sd(1 + 2 * t)
     assert line > 1e-12 * 79.9
     assert line < 1e-10

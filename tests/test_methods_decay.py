@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from towline.identify.decay_search import _peak_rad_s, limits_of
+from towline.identify.decay_search import limits_of, strongest_rad_s
 from towline.identify.methods.characteristic import derivatives_from_coefficients
 from towline.identify.methods.decay import fit_decay
 from towline.identify.methods.forced import modal_derivatives
@@ -136,7 +136,7 @@ def test_the_strongest_line_is_found_however_many_swings_there_are(swings: float
     w = 2 * np.pi * swings / 60
     values = np.column_stack([0.1 * np.cos(w * t + 0.3) + 0.2 + 0.01 * t, 0.02 * np.sin(w * t) - 0.1])
     step = (60 * np.pi / t[-1] - 1.5 * np.pi / t[-1]) / 159
-    assert _peak_rad_s(t, values + 1e-4 * np.random.default_rng(1).normal(size=values.shape)) == pytest.approx(
+    assert strongest_rad_s(t, values + 1e-4 * np.random.default_rng(1).normal(size=values.shape)) == pytest.approx(
         w, abs=step
     )
 

@@ -8,10 +8,10 @@ import pytest
 from towline.identify.methods.common import balance
 from towline.identify.methods.forced import (
     Swing,
-    _solve,
     forced_response,
     frequency_dependence,
     modal_derivatives,
+    solve_six,
     swing_from_alpha,
 )
 from towline.identify.methods.phase import (
@@ -162,7 +162,7 @@ def test_equations_that_leave_one_direction_open_are_refused(missing: int) -> No
     rows = np.random.default_rng(missing).normal(size=(12, 6))
     rows[:, missing] = rows[:, (missing + 1) % 6] * 2 + 1e-13 * rows[:, missing]
     with pytest.raises(EstimationError, match="tell the six"):
-        _solve([(rows, np.ones(12))], [np.eye(12)])
+        solve_six([(rows, np.ones(12))], [np.eye(12)])
 
 
 def test_frequency_dependent_derivatives_are_followed() -> None:

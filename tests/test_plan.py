@@ -43,9 +43,9 @@ from towline.identify.plan import (
     unit_tow,
 )
 from towline.identify.plan.candidates import TOW_POINTS_LBP, default_tow_points
-from towline.identify.plan.checks import _excess
+from towline.identify.plan.checks import force_excess
 from towline.identify.plan.information import commons
-from towline.identify.plan.plan import _usable, setting_of
+from towline.identify.plan.plan import refuse_unusable, setting_of
 from towline.identify.reference import reference_set
 from towline.identify.response import linear_response
 from towline.record import EstimationError, Priors, read_result
@@ -608,8 +608,8 @@ def test_what_is_not_reached_and_what_stays_is_noted(root: Path, tmp_path: Path)
 
 @pytest.mark.parametrize("angle", [0.1, 1.0, 2.2, 3.0])
 def test_the_linear_forms_force_is_too_large_by_the_angle_over_its_sine(angle: float) -> None:
-    assert _excess(angle) == pytest.approx((angle - np.sin(angle)) / np.sin(angle))
-    assert np.isinf(_excess(np.pi))
+    assert force_excess(angle) == pytest.approx((angle - np.sin(angle)) / np.sin(angle))
+    assert np.isinf(force_excess(np.pi))
 
 
 def test_a_score_weighs_each_derivative_by_its_own_wish() -> None:
@@ -631,7 +631,7 @@ def test_a_release_to_either_side_moves_the_tow(root: Path, tmp_path: Path, y_m:
         request.replace("release_y_m = 0.15", f"release_y_m = {y_m}\nrelease_beta_rad = {beta_rad}"), encoding="utf-8"
     )
     plan = read_toml(path, PlanRequest)
-    _usable(setting_of(plan, tmp_path), plan, path)
+    refuse_unusable(setting_of(plan, tmp_path), plan, path)
 
 
 SURGE = SurgePriors(

@@ -123,7 +123,7 @@ def test_every_run_of_the_reference_data_is_read(shared: Path) -> None:
         ("[water]\ndensity_kg_m3 = 1000.0\n", "", "", "water: missing table"),
         ('kind = "tow"', 'kind = "towed"', "kind", "input should be"),
         ("mass_kg = 78.0", "mass_kg = nan", "model.mass_kg", "finite"),
-        ('name = "t"', 'name = "t', "", "not valid TOML"),
+        ('name = "t"', 'name = "t', "name", 'line 1, `name = "t`: its closing " is missing'),
     ],
 )
 def test_faults_name_file_key_and_value(tmp_path: Path, old: str, new: str, where: str, words: str) -> None:

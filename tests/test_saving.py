@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from towline.app.desk import Desk
 from towline.app.document import Document
+from towline.app.session import Session
 from towline.record import InputError, read_run
 from towline.record.files import replacing, write_text
 from towline.record.typed import LEFT_OVER_S, write_typed
@@ -157,24 +157,24 @@ def test_a_recording_outside_needs_the_same_word_in_the_app(run_folder: Path, tm
     name = "../other.mp4" if named == "relative" else str(tmp_path / "other.mp4")
     line = f'video = "{name}"' if named != "comment" else f'tracks = "t.csv"\n# video = "{name}"'
     path.write_text(path.read_text().replace('video = "video.mp4"', line))
-    desk = Desk(run_folder)
+    session = Session(run_folder)
     try:
-        desk.open(run_folder)
-        assert desk.frames is None
+        session.open(run_folder)
+        assert session.frames is None
         if named != "comment":
             with pytest.raises(InputError) as refused:
                 read_run(run_folder)
-            assert desk.video_problem == str(refused.value)
-            assert "leads out of the run folder; outside = true" in desk.video_problem
-        desk.doc.set(("outside",), True)
-        assert desk.refresh_video()
-        assert desk.frames is not None
-        assert desk.frames.count > 1
-        desk.doc.set(("outside",), None)
-        assert desk.refresh_video()
-        assert desk.frames is None
+            assert session.video_problem == str(refused.value)
+            assert "leads out of the run folder; outside = true" in session.video_problem
+        session.doc.set(("outside",), True)
+        assert session.refresh_video()
+        assert session.frames is not None
+        assert session.frames.count > 1
+        session.doc.set(("outside",), None)
+        assert session.refresh_video()
+        assert session.frames is None
     finally:
-        desk.close()
+        session.close()
 
 
 def _fifo(path: Path) -> None:

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from towline.vision import path_scatter
-from towline.vision.scatter import _moved_since, with_scatter
+from towline.vision.scatter import with_scatter
 from towline.vision.spots.stretch import Stretch
 
 HALF_PX = 12
@@ -56,12 +56,41 @@ def test_the_scatter_of_a_path_holds_an_error_with_a_memory() -> None:
     assert 0.7 * 0.05 < np.mean(found) < 1.05 * 0.05
 
 
+def test_a_join_of_two_recordings_is_no_scatter() -> None:
+    """The path leaps by 60 px where the second recording begins: the scatter stays that of the noise, to its own 5 %."""
+    rng = np.random.default_rng(43)
+    t = np.arange(500) / 25
+    path = 400 + 30 * np.sin(0.7 * (t % 10.0))
+    path[250:] += 60.0
+    found = [path_scatter(t, path + rng.normal(0, 0.05, 500)) for _ in range(10)]
+    assert abs(np.mean(found) / 0.05 - 1) < 0.05
+    pause = np.where(t < 10, t, t + 5)
+    found = [path_scatter(pause, path + rng.normal(0, 0.05, 500)) for _ in range(10)]
+    assert abs(np.mean(found) / 0.05 - 1) < 0.05
+
+
+def test_an_error_smoother_than_a_random_walk_is_seen_and_a_fast_motion_is_none() -> None:
+    """B frames smooth an error over a quarter of a second: seven tenths of it are seen. That the mark swings at 0.8 Hz by 20 px
+    leaves the scatter what it is: a spline with knots half a period apart still follows it."""
+    rng = np.random.default_rng(44)
+    t = np.arange(750) / 25
+    window = np.hanning(9) / np.sqrt((np.hanning(9) ** 2).sum())
+    still, swinging = [], []
+    for _ in range(8):
+        error = np.convolve(rng.normal(0, 0.05, 750 + 8), window, mode="valid")
+        still.append(path_scatter(t, 400 + error))
+        swinging.append(path_scatter(t, 400 + 20 * np.sin(2 * np.pi * 0.8 * t) + error))
+    assert 0.7 * 0.05 < np.mean(still) < 1.05 * 0.05
+    assert np.mean(swinging) < 1.2 * np.mean(still)
+
+
 def test_the_axis_that_shows_a_codecs_error_speaks_for_both() -> None:
     """Along v the mark hardly moves and its error is frozen; the sigma there follows u."""
     rng = np.random.default_rng(43)
     t = np.arange(600) / 30
     table = pd.DataFrame(
         {
+            "frame": np.arange(600),
             "t_s": t,
             "marker": "bow",
             "u_px": 400 + 50 * np.sin(0.5 * t) + rng.normal(0, 0.06, 600),
@@ -117,7 +146,14 @@ def tracks(speed_px: float, every: int, rng: np.random.Generator, frames: int = 
     truth = np.column_stack([400 + speed_px * 25 / 0.5 * np.sin(0.5 * t_s), np.full(frames, 200.0)])
     place = truth + rng.normal(0, SIGMA_PX, truth.shape)
     place[repeated] = place[np.flatnonzero(repeated) - 1]
-    columns = {"t_s": t_s, "marker": "bow", "u_px": place[:, 0], "v_px": place[:, 1], "repeated": repeated.astype(int)}
+    columns = {
+        "frame": np.arange(frames),
+        "t_s": t_s,
+        "marker": "bow",
+        "u_px": place[:, 0],
+        "v_px": place[:, 1],
+        "repeated": repeated.astype(int),
+    }
     return pd.DataFrame(columns | {"sigma_u_px": SIGMA_PX, "sigma_v_px": SIGMA_PX}), truth
 
 
@@ -136,11 +172,16 @@ def test_a_repeated_place_is_off_by_the_way_since(speed_px: float, every: int) -
     assert np.sqrt((error[again] ** 2).mean()) == pytest.approx(np.sqrt((sigma[again] ** 2).mean()), rel=0.1)
 
 
-def test_places_before_and_after_all_pictures_of_their_own() -> None:
-    rows = pd.DataFrame({"t_s": np.arange(20) / 10, "u_px": np.arange(20.0), "v_px": 0.0})
-    own = np.zeros(20, dtype=bool)
-    own[5:8] = True
-    moved = _moved_since(rows, own)
-    assert np.isfinite(moved).all()
-    assert (moved[own] == 0).all()
-    assert (_moved_since(rows, own & (np.arange(20) == 5)) == 0).all()  # one picture tells no rate
+@pytest.mark.parametrize(("own", "wider"), [((5, 6, 7), True), ((5,), False)])
+def test_places_before_and_after_all_pictures_of_their_own(own: tuple[int, ...], wider: bool) -> None:
+    """A mark at 10 px/s: those of its own are as sure as stated, the others less sure; one picture tells no rate."""
+    t_s = np.arange(20) / 10
+    repeated = np.where(np.isin(np.arange(20), own), 0, 1)
+    columns = {"frame": np.arange(20), "t_s": t_s, "marker": "bow", "u_px": 10 * t_s, "v_px": 0.0, "repeated": repeated}
+    found = with_scatter(pd.DataFrame(columns | {"sigma_u_px": SIGMA_PX, "sigma_v_px": SIGMA_PX}), [Bow], Flat())  # pyright: ignore[reportArgumentType]
+    sigma = found["sigma_u_px"].to_numpy()
+    assert np.isfinite(sigma).all()
+    assert sigma[repeated == 0] == pytest.approx(SIGMA_PX)
+    # one frame of 0.1 s after the last picture of its own it may be a pixel off, two frames after two
+    expected = np.hypot(SIGMA_PX, [1.0, 2.0]) if wider else SIGMA_PX
+    assert sigma[[max(own) + 1, max(own) + 2]] == pytest.approx(expected)

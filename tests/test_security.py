@@ -24,7 +24,7 @@ from towline.record.results import Measured
 
 ROOT = Path(__file__).resolve().parent.parent
 ALLOWED = {
-    "diagnose/effects/base.py: exec_module": "load_effects: a Python file of the user's own, named outright on the command line",
+    "record/own_code.py: exec_module": "run_own: a Python file of the user's own, named outright on the command line",
     "pipeline/executor/copies.py: pickle": "between this process and its own forked copy, through a pipe; never from a file",
 }
 """Where what runs code stands all the same, and why."""

@@ -13,14 +13,14 @@ from scipy.interpolate import CubicSpline
 from scipy.stats import norm
 
 from towline.diagnose.effects import LIBRARY, Effect, Parameter
-from towline.diagnose.grams import Columns, Grams, reduced
-from towline.diagnose.hypothesis import Hypothesis, Path
-from towline.diagnose.inference import Inference, Solved
-from towline.diagnose.noise import Forces
-from towline.diagnose.shooting import between, carried
-from towline.diagnose.tow_model import TowModel
-from towline.diagnose.tow_noise import tow_noise
-from towline.diagnose.tow_start import base_hypotheses, measured_path
+from towline.diagnose.inference.evidence import Inference, Solved
+from towline.diagnose.inference.grams import Columns, Grams, reduced
+from towline.diagnose.inference.hypothesis import Hypothesis, Path
+from towline.diagnose.inference.noise import Forces
+from towline.diagnose.inference.shooting import between, carried
+from towline.diagnose.tow.model import TowModel
+from towline.diagnose.tow.noise import tow_noise
+from towline.diagnose.tow.start import base_hypotheses, measured_path
 from towline.geometry.normal import inverse_of_normal
 
 SLOPE_SHARE = 0.03

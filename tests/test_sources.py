@@ -159,11 +159,14 @@ def test_what_cannot_be_read_is_one_line(
         towline.track(folder)
 
 
-def test_without_it_a_folder_is_refused(pair: tuple[Path, Path]) -> None:
+def test_a_folder_without_pictures_is_refused(pair: tuple[Path, Path], tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(pair[1], tmp_path / "run"))
+    for file in (folder / "shots").iterdir():
+        file.unlink()
     with pytest.raises(InputError, match="shots is a folder; a plain file is expected"):
-        read_run(pair[1])
+        read_run(folder)
     with pytest.raises(VideoError, match="is a folder"):
-        clip_info(pair[1] / "shots")
+        clip_info(folder / "shots")
 
 
 def test_init_offers_it(registered: None, pair: tuple[Path, Path], tmp_path: Path) -> None:

@@ -15,11 +15,12 @@ from scipy.stats import binom
 
 from towline.cli import main
 from towline.identify import RunData, fit_runs, fit_with_noise
-from towline.identify.colour.bootstrap import _drawn
+from towline.identify.colour.bootstrap import drawn_record
 from towline.identify.colour.bootstrap import pushed as pushed_by
 from towline.identify.colour.kalman import innovations
 from towline.identify.noise import Whitener, from_correlation
-from towline.identify.still import FEWEST, Slow, Still, _left, _regression, block_colour, colour_of, colours
+from towline.identify.static_records import colours
+from towline.identify.still import FEWEST, Slow, Still, block_colour, colour_of, correlation_left
 from towline.record import DerivativesFile, Priors, read_result
 from towline.record.tables import write_table
 
@@ -211,8 +212,11 @@ def test_what_the_means_of_short_records_took_is_put_back(memory: float, count: 
     rng, found = np.random.default_rng(31), []
     for _ in range(200):
         drawn = rng.normal(size=(records, count + SPENT))
-        series = list(np.asarray(lfilter([1], [1, -memory], drawn, axis=1))[:, SPENT:])
-        found.append(_regression([one - one.mean() for one in series], 8)[0].sum())
+        series = np.asarray(lfilter([1], [1, -memory], drawn, axis=1))[:, SPENT:]
+        eye = np.tile(np.eye(2), (count, 1, 1))
+        colour = colour_of([Still(np.arange(count) * 1.0, np.column_stack([one, one]), eye) for one in series], 1.0)
+        assert colour is not None
+        found.append(colour.regression[0].sum())
     assert abs(np.mean(found) - memory) < 2 * (1 + 3 * memory) / count / 3
 
 
@@ -226,7 +230,7 @@ def test_records_drawn_from_a_fit_scatter_as_the_static_record_and_the_force_do(
     colour = colours(runs)[0]
     gone, forced = [], []
     for _ in range(40):
-        drawn = _drawn(fit, runs[0], 0, colour, rng)
+        drawn = drawn_record(fit, runs[0], 0, colour, rng)
         gone.append(np.column_stack([drawn.y_m, drawn.beta_rad]) - fit.response[0])
         forced.append(pushed_by(fit, runs[0], rng))
     still = runs[0].still
@@ -244,7 +248,7 @@ def test_what_a_filter_leaves_of_the_colour(memory: float, taken: float, left: f
     """Two records of x = m x + e filtered by a: the autocorrelation of (1 - a q) / (1 - m q) e, to the tenth of the shorter."""
     rng = np.random.default_rng(4)
     series = [lfilter([1.0], [1.0, -memory], rng.normal(size=n + 200))[200:] for n in (6000, 4000)]
-    found = _left(series, np.array([taken]))
+    found = correlation_left(series, np.array([taken]))
     assert len(found) == 401
     assert found[0] == 1.0
     # (m - a)(1 - m a) / (1 - 2 m a + a^2) at lag 1, m of that at each further one

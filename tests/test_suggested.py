@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 
 import numpy as np
 import pytest
 
-from towline.diagnose.hypothesis import Hypothesis
-from towline.diagnose.shifts import shift_effects
-from towline.diagnose.springs import _ring, springing_effects
-from towline.diagnose.tow_model import TowModel
+from towline.diagnose.effects import Seen
+from towline.diagnose.inference.hypothesis import Hypothesis
+from towline.diagnose.tow.model import TowModel
+from towline.diagnose.tow.shifts import shift_effects
+from towline.diagnose.tow.springs import ring_fit, springing_effects
 
 RATE_HZ, DECAY_S, SIZE_M = 0.46, 0.09, 0.002
 
@@ -24,7 +25,7 @@ def runs(tow_runs: Callable[[int, int], list]) -> list:
 
 def left(
     runs: list, rng: np.random.Generator, line: list | None = None, distance: list | None = None
-) -> SimpleNamespace:
+) -> list[np.ndarray]:
     """What a base fit might leave: the channels' own noise, and what is added to line and marker distance."""
     rows = []
     for k, run in enumerate(runs):
@@ -33,8 +34,15 @@ def left(
         )
         rest[:, 2] += 0.0 if line is None else line[k]
         rest[:, 3] += 0.0 if distance is None else distance[k]
-        rows.append((rest, np.zeros((*rest.shape, 0))))
-    return SimpleNamespace(linear=SimpleNamespace(rows=rows))
+        rows.append(rest)
+    return rows
+
+
+def straight(t_s: np.ndarray) -> Seen:
+    """Three straight tows with a pull of 1 N."""
+    none = np.zeros((len(t_s), 3, 1))
+    still = (none, none, none)
+    return Seen(t_s[:, None, None], still, still, none, np.zeros((1, 1, 1)), np.ones((3, 1)), np.zeros((1, 1, 4, 3)))
 
 
 def ring(run, phase: float) -> np.ndarray:
@@ -57,9 +65,7 @@ def test_noise_suggests_no_bounce_and_a_bounce_is_found_with_each_runs_own_phase
         sum(2 * np.log1p(m / 4) for m in moved), abs=sum(4 / np.sqrt(m) for m in moved) + 0.2
     )
     t_s = np.arange(0.0, 20.0, 0.05)
-    seen = SimpleNamespace(
-        t_s=t_s[:, None, None], alpha_rad=np.zeros((1, 1, 1)), tension_n=np.ones((3, 1)), beyond_n=0.0
-    )
+    seen = straight(t_s)
     bounce = found[0].stretch(seen, 0.0, 0.0, 1.0, 0.0)[:, :, 0]  # pyright: ignore[reportOptionalCall]
     for k, phase in enumerate(phases):
         true = SIZE_M * np.exp(-DECAY_S * t_s) * np.cos(2 * np.pi * RATE_HZ * t_s + phase)
@@ -82,9 +88,7 @@ def test_a_bounce_that_is_no_ring_is_taken_as_it_goes(runs: list) -> None:
     ring, whole = springing_effects(runs, base)
     assert whole.variant == "bounces as its radius shows"
     t_s = np.arange(3.0, 40.0, 0.05)
-    seen = SimpleNamespace(
-        t_s=t_s[:, None, None], alpha_rad=np.zeros((1, 1, 1)), tension_n=np.ones((3, 1)), beyond_n=0.0
-    )
+    seen = straight(t_s)
     for k, run in enumerate(runs):
         noise = np.sqrt(np.median(np.diag(run.covariance[2])))
         off = [
@@ -139,7 +143,7 @@ def test_a_ring_is_explained_beside_a_constant_and_a_trend(level: tuple[float, f
     t = 0.5 * np.arange(90) + 0.25
     true, decay, rate = 3.0 * np.exp(0.7j), 0.08, 2.6
     wave = np.real(true * np.exp((-decay + 1j * rate) * t))
-    explained, size = _ring(t, level[0] + level[1] * t + wave, decay, rate)
+    explained, size = ring_fit(t, level[0] + level[1] * t + wave, decay, rate)
     assert size == pytest.approx(true, rel=1e-9)
     plain = np.column_stack([np.ones_like(t), t])
     left_ = wave - plain @ np.linalg.lstsq(plain, wave, rcond=None)[0]

@@ -315,6 +315,21 @@ def test_noise_that_is_larger_than_stated_is_no_step(memory: float) -> None:
     assert wrong == 0
 
 
+def test_lost_frames_are_no_step() -> None:
+    """A swinging hull with 0.02 mm of noise: it moves by 30 sd a frame, twice that where a frame is lost, 20 times in a hole."""
+    one = tows(19.0, seed=6, t_s=np.arange(0, 39.99, 0.04))[0]
+    rng = np.random.default_rng(7)
+    for share in (0.01, 0.05, 0.2):
+        for _ in range(10):
+            kept = rng.random(len(one.t_s)) > share
+            kept[300:320] = False
+            seen = replace(
+                one, t_s=one.t_s[kept], y_m=one.y_m[kept], beta_rad=one.beta_rad[kept], covariance=one.covariance[kept] / 2500,
+                common=np.zeros((0, kept.sum(), 2)), lag=np.zeros((0, kept.sum(), 2)),
+            )  # fmt: skip
+            assert step_of(seen) is None
+
+
 def test_records_joined_to_one_are_named() -> None:
     """Three releases in one record: where it steps, how often, and what to do."""
     one = tows(9.5, seed=6, t_s=np.arange(0, 39.99, 0.08))[0]

@@ -222,6 +222,31 @@ def test_a_covered_patch_is_lost_and_found_again() -> None:
     assert np.abs(found.error_px[found.measured]).max() < 0.1
 
 
+@pytest.mark.parametrize("seed", [55, 56])
+def test_a_patch_turns_with_its_model_by_most_of_a_circle(seed: int) -> None:
+    """To 150 degrees either way, at up to 15 degrees a frame: as well known as one that does not turn."""
+    found = follow(Clip(seed, count=120, turn_rad=np.radians(150)))
+    assert found.measured.all()
+    angle = np.array([p.angle_rad for p in found.places])
+    assert np.ptp(angle) > np.radians(240)
+    assert 0.8 < found.score.std() < 1.25
+    turned_far = np.abs(angle) > np.radians(60)
+    assert np.abs(found.error_px[turned_far].mean(axis=0)).max() < 4 * rms(found.error_px) / np.sqrt(turned_far.sum())
+
+
+@pytest.mark.parametrize("seed", [57, 59])
+def test_a_patch_that_has_turned_while_it_was_covered_is_found_again(seed: int) -> None:
+    clip = Clip(seed, count=150, swing_px=6, turn_rad=np.radians(100), cover=painted(40, 75, 22))
+    before, after = (np.arctan2(clip.shape[k][1, 0], clip.shape[k][0, 0]) for k in (39, 75))
+    assert abs(after - before) > np.radians(20)
+    found = follow(clip)
+    assert found.measured[:40].all()
+    assert not found.measured[40:75].any()
+    # once round at a rotation a frame
+    assert found.measured[75 + 31 :].all()
+    assert np.abs(found.score[found.measured]).max() < 5
+
+
 def test_a_patch_covered_in_part_keeps_its_place_or_is_lost() -> None:
     def shutter(k: int, picture: NDArray, centre: NDArray) -> NDArray:
         edge = centre[0] - 16 + 0.8 * (k - 35)

@@ -197,9 +197,9 @@ def test_the_tracker_is_told_what_the_codec_does(
 
     told: list[tuple[bool, bool]] = []
 
-    def spy(run, frames, mapping, progress, backend, lossy, linked):
+    def spy(run, frames, mapping, progress, backend, lossy, linked, *more):
         told.append((lossy, linked))
-        return track(run, frames, mapping, progress, backend, lossy, linked)
+        return track(run, frames, mapping, progress, backend, lossy, linked, *more)
 
     monkeypatch.setattr("towline.vision.track", spy)
     monkeypatch.setattr("towline.vision.clip_info", lambda path: replace(clip_info(path), codec=codec))

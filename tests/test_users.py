@@ -103,6 +103,80 @@ def test_what_is_in_no_list_is_unknown() -> None:
     assert judged(changed).file.verdict == "unknown"
 
 
+def parabola(run: UsersRun, n: dict, effects: dict) -> np.ndarray:
+    """y = p x + q x^2 with a wave, k of them side by side."""
+    x, (size,) = run.centre_s[:, None], effects.get("wave", (0.0,))
+    return (n["p"] * x + n["q"] * x**2 + size * np.sin(9 * x))[:, None]
+
+
+def bent(rng: np.random.Generator, wave: float = 0.0, count: int = 2) -> list[UsersRun]:
+    """y = 2 x + 3 x^2, noise 0.01."""
+    x = np.arange(120) * 0.02
+    noise = 0.01**2 * np.eye(len(x))[None]
+    y = 2 * x + 3 * x**2 + wave * np.sin(9 * x)
+    return [UsersRun(f"r{k}", x, (y + 0.01 * rng.normal(size=len(x)))[:, None], noise) for k in range(count)]
+
+
+WAVE = Effect("wave", "sensor", (Parameter("a", "", 0.1),), "It waves.", "Add a sin 9x.")
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0), (1.0, 0.0), (-5.0, 0.0), (2.0, 0.035), (-10.0, 30.0)])
+def test_a_number_may_begin_anywhere_at_zero_and_on_the_wrong_side_too(start: tuple[float, float]) -> None:
+    """The optimum of a problem that is linear in its numbers, by least squares in closed form, from any start."""
+    made = bent(np.random.default_rng(1))
+    x = np.concatenate([r.centre_s for r in made])
+    known, *_ = np.linalg.lstsq(np.column_stack([x, x**2]), np.concatenate([r.values[:, 0] for r in made]), rcond=None)
+    found = diagnosed(
+        UsersSimulator(made, parabola, [UsersNumber("p", start[0]), UsersNumber("q", start[1])], []),
+        (WAVE,), "test", {}, rng=np.random.default_rng(0),
+    )  # fmt: skip
+    assert found.file.verdict == "no_gap"
+    for name, value in zip("pq", known, strict=True):
+        fitted = found.file.derivatives["before"][name]
+        # random forces, hardly any, weigh the samples a little otherwise; a number that is stuck is a thousand sd off
+        assert abs(fitted.value - value) < 0.3 * fitted.std
+
+
+@pytest.mark.parametrize("shares", [(0.34, 2.9), (2.9, 0.34), (2.0, 2.0), (0.5, 0.5)])
+def test_a_swing_begins_within_a_factor_of_three_of_its_numbers(shares: tuple[float, float]) -> None:
+    """Seven swings, w2 or c three times off: out of phase from the first swing on, and the same optimum all the same."""
+    made = runs(np.random.default_rng(1))
+    own = [UsersNumber("a0", [float(r.values[0, 0]) for r in made], size=0.1)]
+    ends = []
+    for share in (shares, (1.0, 1.0)):
+        shared = [UsersNumber("w2", share[0] * W2, size=W2), UsersNumber("c", share[1] * C, size=C)]
+        simulator = UsersSimulator(made, roll, shared, own, answer, usual_force=1e-3, most_force=0.05)
+        ends.append(diagnosed(simulator, EFFECTS[:1], "test", {}, rng=np.random.default_rng(0)).file)
+    assert [file.verdict for file in ends] == ["no_gap", "no_gap"]
+    for name in ("w2", "c"):
+        here, there = (file.derivatives["before"][name] for file in ends)
+        assert abs(here.value - there.value) < 0.1 * there.std
+
+
+@pytest.mark.parametrize(
+    ("wave", "library", "verdict"), [(0.0, (), "no_gap"), (0.2, (), "unknown"), (0.2, (WAVE,), "effect")]
+)
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("free", [True, False])
+def test_one_run_no_free_number_and_an_empty_library_are_answered(
+    wave: float, library: tuple[Effect, ...], verdict: str, count: int, free: bool
+) -> None:
+    shared = [UsersNumber("p", 1.0), UsersNumber("q", 0.0)] if free else []
+
+    def simulate(run: UsersRun, n: dict, effects: dict) -> np.ndarray:
+        k = 1 + sum(len(v) for v in effects.values())
+        return parabola(run, n if free else {"p": np.full(k, 2.0), "q": np.full(k, 3.0)}, effects)
+
+    made = bent(np.random.default_rng(2), wave, count)
+    found = diagnosed(
+        UsersSimulator(made, simulate, shared, []), library, "test", {}, rng=np.random.default_rng(0)
+    ).file
+    assert found.verdict == verdict
+    assert found.kept_aside == (count > 1)
+    if verdict == "effect":
+        assert found.ranking[0].effects == ["wave"]
+
+
 def test_wrong_shapes_are_said() -> None:
     made = runs(np.random.default_rng(4))
     shared, own = [UsersNumber("w2", 4.0), UsersNumber("c", 0.1)], [UsersNumber("a0", 0.1)]

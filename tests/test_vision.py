@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -127,8 +128,9 @@ def test_a_recording_with_its_index_in_front_but_cut_short_is_truncated(samples:
     assert len(list(read_frames(whole))) == 1200
     cut = tmp_path / "cut.mp4"
     cut.write_bytes(whole.read_bytes()[: int(0.6 * whole.stat().st_size)])
-    with pytest.raises(VideoError, match=r"truncated or damaged.*span_s = \[0\.0, "):
-        list(read_frames(cut))
+    left = list(read_frames(cut))
+    assert 600 < len(left) < 1200
+    assert re.search(r"ends after frame \d+ at .* s of 40\.00 s: truncated or damaged", left[-1].notes[-1])
     assert len(list(read_frames(cut, (0.0, 5.0)))) == 151
 
 

@@ -1,0 +1,455 @@
+"""What is concluded from fitted hypotheses: verdict, twins, where a gap lies, how far it shrinks, what is left over.
+
+The campaign is linear, y = a0 + rate t + what is planted, in white noise: every answer is that of a plain regression.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from towline.diagnose.effects import LIBRARY, Effect, Parameter
+from towline.diagnose.effects.hull import CURRENT
+from towline.diagnose.gap import Diagnosis, best_measurement, called, diagnosed, rival_of, twins_of
+from towline.diagnose.inference.apart import Apart
+from towline.diagnose.inference.engine import Candidate, Ranking
+from towline.diagnose.inference.evidence import Fitted, Inference
+from towline.diagnose.inference.grams import Grams
+from towline.diagnose.inference.held_out import removed_share, shrink
+from towline.diagnose.inference.hypothesis import with_effects
+from towline.diagnose.inference.noise import TIMES_S, Forces
+from towline.diagnose.inference.scan import BANDS, COST, LENGTHS, Leftover, leftover
+from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
+from towline.diagnose.where import shortest_stretch, where
+
+NOISE_M, STEP_S, COUNT = 1e-3, 0.2, 96
+T_S = STEP_S * np.arange(COUNT)
+STARTS_M, RATE_M_S = (0.1, 0.2, 0.4), 0.02
+HERTZ, BEGIN_S, END_S, SIZE_M = 0.9, 6.0, 11.0, 6e-3
+WAVE = np.sin(2 * np.pi * HERTZ * T_S) * ((T_S >= BEGIN_S) & (T_S < END_S))
+"""What ``PUSH`` does to the second run; a line in the spectrum as wide as five seconds make it."""
+PUSH = Effect(
+    "push", "yaw", (Parameter("moment", "m", 0.01),), "It is pushed.", "Do not push it.", lag_s=2.0, sizes=(1.0,)
+)
+OTHER = Effect("bend", "sway", (Parameter("y_b", "m", 0.01),), "It bends.", "Straighten it.", sizes=(1.0,))
+NONE = Forces(1e-9, 1e-9, 1)
+"""No random forces: what is left is white."""
+
+
+def shape(effect: str, run: str) -> np.ndarray:
+    if effect == "push":
+        return WAVE if run == "run-1" else np.zeros(COUNT)
+    return np.sin(0.6 * T_S + 0.5)
+
+
+def line(run: UsersRun, n: dict, effects: dict) -> np.ndarray:
+    total = n["a0"] + n["rate"] * T_S[:, None]
+    for name, (size,) in effects.items():
+        total = total + size * shape(name, run.name)[:, None]
+    return total[:, None]
+
+
+def campaign(planted: list[np.ndarray]) -> UsersSimulator:
+    """What is planted stands on the straight lines, noise included."""
+    rows = zip(STARTS_M, planted, strict=False)
+    runs = [
+        UsersRun(f"run-{k}", T_S, (a + RATE_M_S * T_S + more)[:, None], NOISE_M**2 * np.eye(COUNT)[None])
+        for k, (a, more) in enumerate(rows)
+    ]
+    own = [UsersNumber("a0", [*STARTS_M[: len(runs)]])]
+    return UsersSimulator(runs, line, [UsersNumber("rate", RATE_M_S, size=RATE_M_S)], own, usual_force=1e-3)
+
+
+def white(seed: int, runs: int = 3) -> list[np.ndarray]:
+    return list(NOISE_M * np.random.default_rng(seed).normal(size=(runs, COUNT)))
+
+
+def fitted(simulator: UsersSimulator, *effects: Effect) -> tuple[Inference, Fitted]:
+    """At the optimum, without random forces."""
+    h = with_effects(simulator.starts()[0], list(effects))
+    inference = Inference(simulator, simulator.noise(h))
+    for _ in range(8):
+        linear = inference.linear([h])[0]
+        grams = Grams(linear.columns, inference.noise)
+        found = Fitted(h, NONE, 0.0, inference.solve(grams, h, NONE), linear, grams)
+        h = inference.stepped(found, 1.0)
+    return inference, found
+
+
+def left(simulator: UsersSimulator, columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    """Coefficients, covariance and whitened residuals of the plain regression on ``columns`` of all runs, behind the starts."""
+    runs = len(simulator.runs)
+    design = np.zeros((runs, COUNT, runs + len(columns)))
+    for k in range(runs):
+        design[k, :, k] = 1.0
+        design[k, :, runs:] = np.column_stack([column[k] for column in columns])
+    values = np.array([run.values[:, 0] for run in simulator.runs])
+    flat = design.reshape(-1, design.shape[2])
+    covariance = np.linalg.inv(flat.T @ flat)
+    found = covariance @ flat.T @ values.ravel()
+    return found, covariance * NOISE_M**2, list((values - design @ found) / NOISE_M)
+
+
+RATE = [T_S] * 3
+
+
+# where a gap lies -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def pushed() -> Diagnosis:
+    """The second of three runs is pushed for five seconds, by six times the noise."""
+    planted = white(1)
+    planted[1] = planted[1] + SIZE_M * WAVE
+    return diagnosed(campaign(planted), [PUSH, OTHER], "test", {}, rng=np.random.default_rng(0))
+
+
+def test_a_planted_push_is_named_with_the_regressions_size_and_deviation(pushed: Diagnosis) -> None:
+    """Slow random forces are estimated beside it, which widens it a little."""
+    file = pushed.file
+    assert (file.verdict, file.ranking[0].effects) == ("effect", ["push"])
+    columns = [RATE, [shape("push", f"run-{k}") for k in range(3)]]
+    found, covariance, _ = left(pushed.inference.simulator, columns)  # pyright: ignore[reportArgumentType]
+    size, sd = file.ranking[0].parameters["push.moment"].value, file.ranking[0].parameters["push.moment"].std
+    assert size == pytest.approx(found[-1], abs=0.3 * np.sqrt(covariance[-1, -1]))
+    assert sd == pytest.approx(np.sqrt(covariance[-1, -1]), rel=0.15)
+    # a time constant is told by its variant, good to 40 %
+    lag = file.ranking[0].parameters["push.time_s"]
+    assert (lag.value, lag.std) == pytest.approx((2.0, 0.8))
+    rate = file.derivatives["after"]["rate"]
+    assert rate.value == pytest.approx(found[3], abs=0.5 * rate.std)
+    assert 0.9 * np.sqrt(covariance[3, 3]) < rate.std < 2 * np.sqrt(covariance[3, 3])
+
+
+def test_where_it_lies_is_where_it_was_planted(pushed: Diagnosis) -> None:
+    place = pushed.file.where
+    assert place.stage == "yaw"
+    assert place.share["yaw"] == pytest.approx(1 - pushed.file.p_no_gap - pushed.file.p_unknown, abs=0.01)
+    assert place.runs["run-1"] > 0.95
+    assert BEGIN_S <= place.span_s[0] < place.span_s[1] <= END_S + STEP_S
+    assert place.band_hz[0] <= HERTZ <= place.band_hz[1]
+    assert place.band_hz[1] - place.band_hz[0] < 2 / (END_S - BEGIN_S)
+    assert pushed.file.sentences[0].startswith("Your simulator misses push in the yaw equation")
+
+
+def test_the_drop_of_a_run_is_what_its_squares_lose(pushed: Diagnosis) -> None:
+    """Against the regressions without the push and with it; all of it is in the five seconds of the push."""
+    simulator: Any = pushed.inference.simulator
+    before = left(simulator, [RATE])[2]
+    after = left(simulator, [RATE, [shape("push", f"run-{k}") for k in range(3)]])[2]
+    drop = pushed.place.drop["run-1"]
+    assert drop.shape == (COUNT,)
+    assert drop.sum() == pytest.approx(before[1] @ before[1] - after[1] @ after[1], rel=0.1)
+    assert drop[WAVE != 0].sum() > 0.95 * drop.sum()
+
+
+def test_the_random_forces_are_stated_in_the_simulators_unit(pushed: Diagnosis) -> None:
+    assert pushed.best is not None
+    forces, scale = pushed.best.fitted.forces, pushed.inference.simulator.force_scale
+    assert pushed.file.noise == pytest.approx(
+        {"side_n": scale * forces.side_n, "moment_n_m": scale * forces.moment_n_m, "time_s": TIMES_S[forces.time]}
+    )
+    assert scale != 1.0
+
+
+@pytest.mark.parametrize(
+    ("course", "share", "stretch"),
+    [
+        ((0.0, 1.0, 0.0, 3.0, 4.0, 2.0, 0.0, 0.0), 0.4, (4, 5)),
+        ((0.0, 1.0, 0.0, 3.0, 4.0, 2.0, 0.0, 0.0), 0.6, (3, 5)),
+        ((0.0, 1.0, 0.0, 3.0, 4.0, 2.0, 0.0, 0.0), 1.0, (1, 6)),
+        ((0.0, 0.0, 0.0, 0.0, 0.0), 0.6, (0, 5)),
+        ((2.0, 0.0, 0.0), 0.6, (0, 1)),
+    ],
+)
+def test_the_shortest_stretch_that_holds_a_share(
+    course: tuple[float, ...], share: float, stretch: tuple[int, int]
+) -> None:
+    assert shortest_stretch(np.array(course), share) == stretch
+
+
+# from a ranking to a verdict --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def base() -> tuple[Inference, Fitted]:
+    return fitted(campaign(white(2)))
+
+
+def named(name: str, stage: str = "line", *parameters: Parameter) -> Effect:
+    return Effect(name, stage, parameters or (Parameter("k", "", 1.0),), "", f"cure {name}")
+
+
+def candidate(base: Fitted, evidence: float, *effects: Effect, numbers: tuple[Any, ...] = ()) -> Candidate:
+    given = tuple(np.asarray(n, dtype=float) for n in numbers) or tuple(np.ones(len(e.parameters)) for e in effects)
+    h = replace(base.hypothesis, effects=effects, numbers=given)
+    return Candidate(effects, replace(base, hypothesis=h), evidence, 0.0)
+
+
+def ranking_of(base: Fitted, *candidates: Candidate, probabilities: tuple[float, ...] = (), **more: Any) -> Ranking:
+    shares = np.array(probabilities or [1 / max(len(candidates), 1)] * len(candidates))
+    given = {"p_no_gap": 0.0, "p_unknown": 0.0, "free": None, "rest": Leftover(0.0), "excluded": {}, **more}
+    return Ranking(base, candidates, shares, **given)
+
+
+@pytest.mark.parametrize(
+    ("p_no_gap", "p_unknown", "p_effects", "verdict"),
+    [
+        (0.9, 0.05, 0.05, "no_gap"),
+        (0.21, 0.0, 0.79, "no_gap"),  # something is likely missing, but not surely
+        (0.2, 0.4, 0.4, "effect"),
+        (0.2, 0.41, 0.39, "unknown"),
+        (0.19, 0.01, 0.8, "effect"),
+        (0.0, 1.0, 0.0, "unknown"),
+    ],
+)
+def test_a_gap_is_called_where_one_is_almost_sure(
+    p_no_gap: float, p_unknown: float, p_effects: float, verdict: str
+) -> None:
+    assert called(p_no_gap, p_unknown, p_effects) == verdict
+
+
+def test_twins_are_single_effects_within_three_and_the_symmetries_that_concern_them(
+    base: tuple[Inference, Fitted],
+) -> None:
+    a, b, c, d, e = (named(n) for n in "abcde")
+    best, near, far, pair = (
+        candidate(base[1], evidence, *effects)
+        for evidence, *effects in ((9.0, a), (6.01, b), (5.9, c), (8.9, d, e))
+    )  # fmt: skip
+    ranking = ranking_of(base[1], best, pair, near, far)
+    symmetries = [("", ("m", "Y_r")), ("a", ("a", "x")), ("b", ("b", "y"))]
+    assert twins_of(ranking, best, symmetries) == [["a", "b"], ["m", "Y_r"], ["a", "x"]]
+    assert twins_of(ranking, pair, symmetries) == [["m", "Y_r"]]
+    assert twins_of(ranking, None, symmetries) == [["m", "Y_r"]]
+    assert twins_of(ranking_of(base[1], best, far), best, []) == []
+
+
+def test_the_rival_is_the_nearest_single_effect_beside_the_headline(base: tuple[Inference, Fitted]) -> None:
+    a, b, c = (named(n) for n in "abc")
+    pair, near, far = (
+        candidate(base[1], evidence, *effects) for evidence, *effects in ((9.0, a, b), (7.0, c), (2.0, b))
+    )
+    ranking = ranking_of(base[1], pair, far, near)
+    assert rival_of(ranking, pair) is near
+    assert rival_of(ranking, near) is far
+    assert rival_of(ranking, None) is near
+    assert rival_of(ranking_of(base[1], pair), pair) is None
+
+
+CLOCK = next(e for e in LIBRARY if e.name == "frame_rate")
+SLACKER = named("sag", "line", Parameter("stretch", "m", 1.0, apart=0.01), Parameter("sag", "m", 1.0, apart=0.002))
+
+
+@pytest.mark.parametrize(
+    ("sag", "clock", "known", "chosen"),
+    [
+        # 0.03 m is 3, 0.004 m is 2 of what a rule tells: D = 13; a clock off by 2e-3 is 20 of its 1e-4: D = 400
+        (
+            (0.03, 0.004),
+            2e-3,
+            (),
+            ("frame_rate", 400.0, "tells whether it is frame_rate (expected D 400; 20 is enough)"),
+        ),
+        ((0.03, 0.004), 2e-4, (), ("sag", 13.0, "tells best, though not surely, whether it is sag (expected D 13; ")),
+        ((0.03, 0.004), 2e-3, ("frame_rate.rate",), ("sag", 13.0, "sag.stretch to 0.01, sag.sag to 0.002: ")),
+        ((0.0, 0.0), 5e-3, (), ("frame_rate", 2500.0, "(expected D over 1000; 20 is enough)")),
+        ((0.0, 0.0), 0.0, ("frame_rate.rate", "sag.stretch", "sag.sag"), None),
+    ],
+)
+def test_measured_is_what_tells_best_of_the_headline_and_its_rival(
+    base: tuple[Inference, Fitted],
+    sag: tuple[float, float],
+    clock: float,
+    known: tuple[str, ...],
+    chosen: tuple[str, float, str] | None,
+) -> None:
+    """Both can be measured without a tow; what is farther behind could, too, and is not asked for."""
+    first = candidate(base[1], 9.0, SLACKER, numbers=(sag,))
+    second = candidate(base[1], 8.0, CLOCK, numbers=((clock,),))
+    third = candidate(base[1], 1.0, replace(SLACKER, name="far"), numbers=((9.0, 9.0),))
+    ranking = ranking_of(base[1], first, second, third)
+    found = best_measurement(ranking, first, {name: Apart(0.0, 1.0) for name in known})
+    if chosen is None:
+        assert found is None
+        return
+    assert found is not None
+    assert (found.effect, found.distance) == (chosen[0], pytest.approx(chosen[1]))
+    assert chosen[2] in found.why
+    assert found.why.endswith(SLACKER.cure if chosen[0] == "sag" else CLOCK.cure)
+
+
+HULL = named(
+    "both", "sway", Parameter("y_a", "", 2.0, none=1.0), Parameter("n_b", "", 0.5), Parameter("moment_c", "", 1.0)
+)
+SEEN = named("seen", "camera", Parameter("n_d", "", 1.0), Parameter("e", "", 1.0))
+
+
+@pytest.mark.parametrize(
+    ("effects", "numbers", "share"),
+    [
+        # in units of their usual size 2, 2 and -2: squares 4 in sway, 8 in yaw
+        ((HULL,), ((5.0, 1.0, -2.0),), {"sway": 4 / 12, "yaw": 8 / 12}),
+        ((HULL,), ((1.0, 0.0, 0.0),), {"sway": 1.0}),
+        ((SEEN,), ((1.0, 2.0),), {"camera": 1.0}),
+        ((named("single", "yaw", Parameter("y_f", "", 1.0)),), ((3.0,),), {"yaw": 1.0}),
+        ((HULL, SEEN), ((5.0, 1.0, -2.0), (1.0, 2.0)), {"sway": 2 / 12, "yaw": 4 / 12, "camera": 0.5}),
+        ((CURRENT,), ((0.01, 0.0),), {"sway": 1.0}),
+    ],
+)
+def test_a_hull_effect_is_in_sway_and_yaw_by_its_numbers(
+    base: tuple[Inference, Fitted], effects: tuple[Effect, ...], numbers: tuple[Any, ...], share: dict[str, float]
+) -> None:
+    """By the squares of what each is in units of its usual size; an effect of another stage is wholly there."""
+    ranking = ranking_of(base[1], candidate(base[1], 9.0, *effects, numbers=numbers))
+    found = where(base[0], ranking, None).share
+    assert {stage: part for stage, part in found.items() if part} == pytest.approx(share)
+
+
+@pytest.mark.parametrize(
+    ("p_unknown", "probabilities", "stage", "share"),
+    [
+        (0.6, (0.1, 0.2), "line", {"camera": 0.2, "line": 0.7}),
+        (0.1, (0.4, 0.2), "camera", {"camera": 0.5, "line": 0.2}),
+        (0.1, (0.2, 0.1), "", {"camera": 0.25, "line": 0.15}),  # more likely nowhere at all
+    ],
+)
+def test_what_is_in_no_library_counts_by_the_free_forms_stage(
+    base: tuple[Inference, Fitted],
+    p_unknown: float,
+    probabilities: tuple[float, float],
+    stage: str,
+    share: dict[str, float],
+) -> None:
+    """One effect in the camera, and one pair of it and another in the line: a pair counts half in each."""
+    seen, free = named("seen", "camera"), named("free", "line")
+    inference, fit = base
+    alone, pair = candidate(fit, 9.0, seen), candidate(fit, 9.0, seen, free)
+    form = candidate(fit, 9.0, free)
+    ranking = ranking_of(fit, alone, pair, probabilities=probabilities, p_unknown=p_unknown, free=form)
+    found = where(inference, ranking, replace(alone, fitted=fit))
+    assert {k: v for k, v in found.share.items() if v} == pytest.approx(share)
+    assert found.stage == stage
+
+
+def test_without_anything_to_compare_there_is_no_place(base: tuple[Inference, Fitted]) -> None:
+    found = where(base[0], ranking_of(base[1]), None)
+    assert (found.stage, found.runs, found.span_s, found.band_hz) == ("", {}, (0.0, 0.0), (0.0, 0.0))
+
+
+# how far it shrinks -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "share"),
+    [(2.0, 1.0, 1.0), (2.0, np.sqrt(2.5), 0.5), (2.0, 0.7, 1.0), (2.0, 3.0, 0.0), (1.0, 1.0, 0.0), (0.6, 0.5, 0.0)],
+)
+def test_a_gap_shrinks_by_the_share_of_its_excess_that_goes(before: float, after: float, share: float) -> None:
+    assert removed_share(before, after) == pytest.approx(share)
+
+
+def test_a_gap_is_that_of_runs_the_fit_has_not_seen() -> None:
+    """Each run kept aside in turn: the rate by a regression of the other two, its own start alone fitted to it."""
+    simulator = campaign([more + 2e-3 * shape("bend", "") for more in white(3)])
+    inference, fit = fitted(simulator)
+    with_effect = fitted(simulator, OTHER)[1]
+    found = shrink(inference, fit, with_effect, None, np.random.default_rng(0))
+    values = np.array([run.values[:, 0] for run in simulator.runs])
+    for columns, told in (([T_S], found.before), ([T_S, shape("bend", "")], found.after)):
+        squares = 0.0
+        for run in range(3):
+            others = [k for k in range(3) if k != run]
+            free = np.column_stack(columns)
+            centred = np.concatenate([free - free.mean(axis=0)] * 2)
+            target = np.concatenate([values[k] - values[k].mean() for k in others])
+            slope = np.linalg.lstsq(centred, target, rcond=None)[0]
+            rest = values[run] - free @ slope
+            squares += float((((rest - rest.mean()) / NOISE_M) ** 2).sum())
+        assert told == pytest.approx(np.sqrt(squares / (3 * (COUNT - 1))), rel=2e-3)
+    assert found.before > 1.2 > 1.1 > found.after
+    assert found.shrink == pytest.approx(removed_share(found.before, found.after))
+
+
+@pytest.mark.parametrize(("sizes", "narrow"), [((1.0, 1.0, 1.0), True), ((1.0, 1.0, 1.8), False)])
+def test_the_interval_of_a_shrink_is_what_runs_and_stretches_differ_by(sizes: tuple[float, ...], narrow: bool) -> None:
+    """Residuals that are alike at all times and in all runs leave nothing to chance. Where one run keeps nearly all of its gap,
+    the draws of three runs hold it twice or more in 7 of 27, never in 8 of 27: these are the ends."""
+    fast, slow = np.tile([1.0, -1.0], COUNT // 2), np.tile([1.0, 1.0, -1.0, -1.0], COUNT // 4)
+    before = [NOISE_M * (3 * fast + 2 * slow) for _ in sizes]
+    inference, fit = fitted(campaign(before))
+    after = fitted(campaign([NOISE_M * size * 2 * slow for size in sizes]))[1]
+    found = shrink(inference, fit, after, None, np.random.default_rng(0))
+    low, high = found.interval
+    assert found.residuals[0][0].shape == (COUNT,)
+    if narrow:
+        assert (low, high) == pytest.approx((found.shrink, found.shrink), abs=0.01)
+        return
+    good, bad = (np.mean(np.square(found.residuals[run]), axis=1) for run in (0, 2))
+    ends = [removed_share(*np.sqrt(both)) for both in ((good + 2 * bad) / 3, good)]
+    assert (low, high) == pytest.approx(ends, abs=0.01)
+
+
+# what is left over ------------------------------------------------------------------------------------------------
+
+
+def test_a_burst_in_one_run_stands_out_by_its_likelihood_ratio() -> None:
+    """Six blocks of four times the noise: log likelihood ratio of their squares, less the choice of a place and the price of
+    looking at all."""
+    planted = white(4)
+    planted[1][40:46] *= 4
+    inference, fit = fitted(campaign(planted))
+    found = leftover(inference, fit)
+    assert found.run == "run-1"
+    first, last = (round(s / STEP_S) for s in found.span_s)
+    assert 40 <= first < last <= 46
+    rest = left(campaign(planted), [RATE])[2][1][first:last]
+    ratio, tiles = rest @ rest / len(rest), 3 * sum(COUNT - length + 1 for length in LENGTHS)
+    likelihood = 0.5 * len(rest) * (ratio - 1 - np.log(ratio))
+    assert found.log_evidence == pytest.approx(likelihood - np.log(tiles) - COST, rel=1e-3)
+
+
+def test_a_line_in_the_spectrum_of_all_runs_stands_out_at_its_frequency() -> None:
+    """Five times the noise's power in a band of one or three frequencies, at another phase in each run."""
+    hertz = 24 / (COUNT * STEP_S)
+    phases = (0.1, 2.0, 4.0)
+    planted = [e + 1.2 * NOISE_M * np.sin(2 * np.pi * hertz * T_S + p) for e, p in zip(white(5), phases, strict=True)]
+    found = leftover(*fitted(campaign(planted)))
+    assert (found.run, found.span_s) == ("", ())
+    assert found.band_hz == pytest.approx((hertz, hertz))
+    assert found.log_evidence > 5
+
+
+@pytest.mark.parametrize("seed", range(6, 11))
+def test_noise_leaves_nothing_over(seed: int) -> None:
+    found = leftover(*fitted(campaign(white(seed))))
+    assert found.log_evidence < 0
+    assert len(BANDS) > 1
+
+
+# a step of the fit ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("rate", "number", "share", "taken"),
+    [
+        (0.1, 1.0, 1.0, 1.0),
+        (0.1, 1.0, 0.5, 0.5),
+        (-1.2, 1.0, 1.0, 1 / 3),  # a shared number goes no farther than 40 % of itself or of its usual size,
+        (0.1, -12.0, 1.0, 1 / 4),  # an effect's no farther than three of its prior's deviations
+    ],
+)
+def test_a_step_is_shortened_as_a_whole_to_what_the_numbers_may_change(
+    base: tuple[Inference, Fitted], rate: float, number: float, share: float, taken: float
+) -> None:
+    inference, fit = base
+    h = with_effects(fit.hypothesis, [PUSH])
+    sd = PUSH.parameters[0].sd
+    step = np.array([rate * max(h.shared[0], RATE_M_S), number * sd])
+    solved = replace(fit.solved, shared=step, own=np.ones((3, 1)))
+    found = inference.stepped(replace(fit, hypothesis=h, solved=solved), share)
+    np.testing.assert_allclose(found.shared, h.shared + taken * step[:1])
+    np.testing.assert_allclose(found.numbers[0], taken * step[1:])
+    np.testing.assert_allclose(found.own, h.own + taken)

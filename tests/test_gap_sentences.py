@@ -1,0 +1,196 @@
+"""What gap.json says, sentence by sentence, for every verdict."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from towline.diagnose.effects.page import whole_library
+from towline.diagnose.inference.held_out import Shrink
+from towline.diagnose.inference.scan import Leftover
+from towline.diagnose.words import sentences
+from towline.record.gap_file import GapFile, NextMeasurement, NextRun, RankedEffects, Where
+from towline.record.results import Measured
+from towline.report.gap_page import headline
+
+TITLES = {effect.name: effect.title for effect in whole_library()}
+
+NEXT_RUN = NextRun(
+    tow_point_m=1.6, line_length_m=0.9, speed_m_s=1.2, y_release_m=0.2, beta_release_rad=0.0, distance=30.0,
+    why="1.20 m/s: tells a from b (expected D 30; 20 is enough)",
+)  # fmt: skip
+MEASURED = NextMeasurement(
+    effect="elastic_line", numbers={"stiffness": 10.0}, distance=25.0, why="pull the line. Weigh it"
+)
+SURER = "To be surer: 1.20 m/s: tells a from b (expected D 30; 20 is enough)."
+MEASURE = "Without a tow: measure pull the line. Weigh it"
+QUIET = Leftover(0.0)
+
+
+def row(*effects: str, probability: float = 0.93, cure: str = "Cure it.") -> RankedEffects:
+    return RankedEffects(
+        effects=list(effects),
+        probability=probability,
+        parameters={f"{effects[0]}.size": Measured(value=0.01234, std=0.00056)},
+        gap_before=2.5,
+        gap_after=1.02,
+        shrink=0.987,
+        shrink_interval=(0.912, 0.994),
+        cure=cure,
+    )
+
+
+def file(verdict: Any, ranking: list[RankedEffects], stage: str = "yaw", **more: Any) -> GapFile:
+    place = Where(
+        stage=stage,
+        share={"sway": 0.1, "yaw": 0.7, "line": 0.2},
+        runs={"a": 1.0},
+        span_s=[3.2, 17.8],
+        band_hz=[0.051, 0.148],
+    )
+    given: dict[str, Any] = {
+        "p_no_gap": 0.85,
+        "p_unknown": 0.05,
+        "next_run": None,
+        "indistinguishable": [],
+        "set95": [],
+    }
+    return GapFile(
+        schema="towline/gap", tool="t", inputs={}, verdict=verdict, where=place, ranking=ranking, **{**given, **more}
+    )  # fmt: skip
+
+
+def kept_aside(before: float) -> Shrink:
+    return Shrink(before, 1.0, 0.9, (0.8, 0.95), {})
+
+
+CURRENT = [row("cross_current", probability=0.07)]
+ASKED = {"next_run": NEXT_RUN, "next_measurement": MEASURED}
+OPEN = "No gap is shown, nor excluded: that nothing is missing has a probability of {} only."
+
+
+@pytest.mark.parametrize(
+    ("p_no_gap", "ranking", "asked", "said"),
+    [
+        (0.85, [], {}, ["The simulator explains these runs to within their noise (probability 0.85)."]),
+        (0.6, [], {}, ["The simulator explains these runs to within their noise (probability 0.60)."]),
+        (0.59, [], {}, [OPEN.format("0.59")]),
+        (
+            0.85, CURRENT, ASKED,  # what is sure asks for no further run
+            [
+                "The simulator explains these runs to within their noise (probability 0.85).",
+                "The nearest thing to a gap would be a current across the tank (probability 0.07).",
+            ],
+        ),
+        (
+            0.45, CURRENT, ASKED,
+            [OPEN.format("0.45"), "It may miss a current across the tank (probability 0.07).", MEASURE, SURER],
+        ),
+    ],
+)  # fmt: skip
+def test_no_gap(p_no_gap: float, ranking: list[RankedEffects], asked: dict[str, Any], said: list[str]) -> None:
+    assert sentences(file("no_gap", ranking, p_no_gap=p_no_gap, **asked), None, QUIET, TITLES) == said
+
+
+@pytest.mark.parametrize(
+    ("verdict", "p_no_gap", "said"),
+    [
+        ("no_gap", 0.9, "No gap"),
+        ("no_gap", 0.3, "Open"),
+        ("effect", 0.1, "An effect is missing"),
+        ("unknown", 0.1, "Something unknown is missing"),
+    ],
+)
+def test_the_pages_headline_says_no_gap_only_where_it_is_shown(verdict: str, p_no_gap: float, said: str) -> None:
+    assert headline(file(verdict, [], p_no_gap=p_no_gap)) == said
+
+
+@pytest.mark.parametrize(
+    ("rest", "said"),
+    [
+        (Leftover(5.0, "a", (1.0, 2.0)), "It shows most in yaw, from 3 to 18 s, at 0.05 to 0.15 Hz."),
+        (
+            Leftover(5.1, "run a", span_s=(1.6, 7.4)),
+            "What is left over stands out in run a, from 2 to 7 s; look for what happens there.",
+        ),
+        (
+            Leftover(5.1, band_hz=(0.317,)),
+            "What is left over stands out at 0.32 Hz in all runs; look for what happens there.",
+        ),
+    ],
+)
+def test_unknown(rest: Leftover, said: str) -> None:
+    assert sentences(file("unknown", [row("cross_current")], p_unknown=0.88), None, rest) == [
+        "There is a gap that no effect or pair of effects in the library explains (probability 0.88).",
+        said,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("stage", "where"),
+    [
+        ("sway", " in the sway equation"),
+        ("yaw", " in the yaw equation"),
+        ("line", " in the line"),
+        ("camera", " in the camera"),
+        ("clock", ""),
+    ],
+)
+def test_an_effect(stage: str, where: str) -> None:
+    found = file("effect", [row("cubic_damping", "own_effect"), row("slack_line")], stage)
+    assert sentences(found, kept_aside(1.2), QUIET, TITLES) == [
+        f"Your simulator misses cubic damping and own_effect{where} (probability 0.93).",
+        "Its size: size 0.0123 +- 0.00056.",
+        "With it, the gap on the runs kept aside falls from 2.50 to 1.02 sigma (99 %, interval 91-99).",
+        "Cure it.",
+    ]
+
+
+@pytest.mark.parametrize(("held", "told"), [(None, False), (kept_aside(1.0), False), (kept_aside(1.01), True)])
+def test_a_gap_that_is_no_larger_than_noise_is_not_said_to_shrink(held: Shrink | None, told: bool) -> None:
+    said = sentences(file("effect", [row("elastic_line")]), held, QUIET, TITLES)
+    assert any("falls from" in s for s in said) == told
+
+
+TWINS = [["a", "b"], ["elastic_line", "slack_line", "own"], ["elastic_line", "lens_distortion"]]
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({}, ["Weigh it"]),
+        ({"set95": [["elastic_line"]], **ASKED}, [SURER, "Weigh it"]),
+        # a measurement is asked for where it decides between two, and says the cure itself
+        ({"set95": [["elastic_line"], ["slack_line"]], **ASKED}, [SURER, MEASURE]),
+        (
+            {"indistinguishable": TWINS, **ASKED},
+            ["It cannot be told from a line that goes slack or own with these runs; 1.20 m/s would.", "Weigh it"],
+        ),
+        (
+            {"indistinguishable": TWINS},
+            ["It cannot be told from a line that goes slack or own with these runs.", "Weigh it"],
+        ),
+    ],
+)
+def test_what_would_make_an_effect_surer(more: dict[str, Any], said: list[str]) -> None:
+    found = file("effect", [row("elastic_line", cure="Weigh it")], **more)
+    assert sentences(found, None, QUIET, TITLES)[2:] == said
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        ({"y_v": -55.0, "n_r": -57.0}, {"y_v": -50.0, "n_r": -60.0}, ["10 % (y_v)"]),
+        ({"y_v": -50.2}, {"y_v": -50.0}, []),  # less than a per cent is not worth a sentence
+        ({}, {}, []),
+    ],
+)
+def test_the_bias_that_an_effect_had_made(before: dict[str, float], after: dict[str, float], said: list[str]) -> None:
+    """Y_v is 10 % too large without the effect, N_r 5 % too small."""
+    hulls = {
+        when: {name: Measured(value=value, std=0.1) for name, value in hull.items()}
+        for when, hull in (("before", before), ("after", after))
+    }
+    found = sentences(file("effect", [row("elastic_line")], derivatives=hulls), None, QUIET, TITLES)
+    assert found[3:] == [f"Left out, it biases the derivatives by up to {one}." for one in said]

@@ -1,0 +1,120 @@
+"""What stands beside a mark pulls it as model and line turn: the modes in closed form, in the motion, in the fit over seeds."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from towline.geometry import motion_from_tracks, run_datum
+from towline.geometry.pull import PULL_PX_RAD, pull_modes
+from towline.identify import RunData, fit_runs
+from towline.pipeline.analysis import compute_motions, identify_batch
+from towline.record import read_run, read_tracks
+from towline.simulate.model import DERIVATIVE_UNITS
+
+MARKS_M = (1.3, -1.1)
+"""Along the hull, of a mark at the bow and one at the stern."""
+SCALE_PX_M = 120.0
+"""A small picture: the pulls show beside 1 mm of noise, and the derivatives are known well enough for a covariance to tell all."""
+
+
+def test_each_mark_is_off_along_each_axis_by_each_angle_alone() -> None:
+    """0.4 px a radian of heading, then of the line against the hull (alpha + beta); even changes are their own means."""
+    t_s = np.arange(0, 6, 0.04)
+    beta, alpha = 0.1 * t_s - 0.2, 0.3 - 0.02 * t_s
+    modes = pull_modes(t_s, beta, alpha, 2)
+    assert modes.shape == (8, len(t_s), 2, 2)
+    inside = slice(30, -30)
+    for k, mode in enumerate(modes):
+        angle = beta if k < 4 else alpha + beta
+        expected = np.zeros((len(t_s), 2, 2))
+        expected[:, (k % 4) // 2, k % 2] = PULL_PX_RAD * angle
+        np.testing.assert_allclose(mode[inside], expected[inside], atol=1e-12)
+
+
+def test_without_a_line_only_the_heading_turns_anything() -> None:
+    t_s = np.arange(0, 6, 0.04)
+    beta = np.where(t_s > 3, np.nan, 0.1)
+    modes = pull_modes(t_s, beta, np.full(len(t_s), np.nan), 1)
+    assert modes.shape == (2, len(t_s), 1, 2)
+    assert np.isfinite(modes).all()
+    np.testing.assert_allclose(modes[0, t_s < 3.5, 0, 0], 0.1 * PULL_PX_RAD)
+
+
+def test_the_motion_s_modes_are_what_such_a_pull_does_to_it(samples: Path) -> None:
+    """Pixels moved by 0.4 px a radian of the true heading and line angle: y_CG, beta and alpha change as the modes say."""
+    run = read_run(samples / "mariner" / "x1446")
+    tracks = read_tracks(run.folder / "truth" / "tracks.csv")
+    tracks = tracks[tracks["frame"] < 200].reset_index(drop=True).assign(sigma_u_px=0.05, sigma_v_px=0.05)
+    fit = run_datum(run, (960, 720))
+    made = motion_from_tracks(run, tracks, fit)
+    names = [m.name for m in run.file.marker]
+    motion, t_s = made.motion[["y_cg_m", "beta_rad", "alpha_rad"]].to_numpy(), made.motion["t_s"].to_numpy()
+    assert made.lag.shape == (4 * len(names), len(motion), 3)
+    for mode, told in zip(pull_modes(t_s, motion[:, 1], motion[:, 2], len(names)), made.lag, strict=True):
+        moved = tracks.copy()
+        for k, name in enumerate(names):
+            moved.loc[moved["marker"] == name, ["u_px", "v_px"]] += mode[:, k]
+        change = motion_from_tracks(run, moved, fit).motion[["y_cg_m", "beta_rad", "alpha_rad"]].to_numpy() - motion
+        # the projection's curvature over 0.1 px of 1000, and weights that turn with the rays
+        np.testing.assert_allclose(change, told, atol=5e-3 * np.abs(told).max() + 1e-12)
+
+
+def with_pulls(run: RunData) -> RunData:
+    """The run with the modes by which its two marks may be pulled, of the motion as it is measured, noise and all."""
+    alpha = np.arcsin((run.y_m + run.tow.tow_point_m * np.sin(run.beta_rad)) / run.tow.line_length_m)
+    bow, stern = pull_modes(run.t_s, run.beta_rad, alpha, 2)[:, :, :, 0].transpose(2, 0, 1) / SCALE_PX_M
+    beta = (bow - stern) / (MARKS_M[0] - MARKS_M[1])
+    lag = np.stack([bow - MARKS_M[0] * beta, beta], axis=2)
+    return replace(run, lag=lag[np.abs(lag).max(axis=(1, 2)) > 0], lag_key="camera")
+
+
+@pytest.mark.parametrize("pulled", [True, False])
+def test_the_fit_takes_pulls_out_and_says_how_well(campaigns: ModuleType, pulled: bool) -> None:
+    """Twenty campaigns of two tows whose marks are pulled by what is drawn, or not at all: chi-square of six each, 120 +- 15.5."""
+    t_s = campaigns.times(16.0, 40.0)
+    still = [campaigns.still_run(x, t_s, "modal") for x in campaigns.POINTS_M[::3]]
+    with_modes = without = 0.0
+    for seed in range(20):
+        rng = np.random.default_rng([67, seed])
+        drawn = rng.normal(size=4) * pulled
+        truly = [with_pulls(run).lag for run in still]
+        moved = [
+            replace(r, y_m=r.y_m + drawn @ lag[:, :, 0], beta_rad=r.beta_rad + drawn @ lag[:, :, 1])
+            for r, lag in zip(still, truly, strict=True)
+        ]
+        runs = [with_pulls(run) for run in campaigns.campaign(moved, rng)]
+        fit = fit_runs(runs, "linear")
+        gap = fit.six - campaigns.SIX
+        with_modes += float(gap @ np.linalg.solve(fit.covariance, gap))
+        if pulled:
+            naive = fit_runs([replace(r, lag=r.lag[:0]) for r in runs], "linear")
+            gap = naive.six - campaigns.SIX
+            without += float(gap @ np.linalg.solve(naive.covariance, gap))
+        else:  # its own noise is not explained by a pull: of 640 frames it would be, by a few standard deviations
+            assert np.abs(fit.modes["camera"]).max() < 2.5
+    # where nothing is pulled the modes' prior is wider than the truth, and the six are nearer than they say
+    assert (120 - 4 * np.sqrt(240) if pulled else 20) < with_modes < 120 + 4 * np.sqrt(240)
+    assert not pulled or without > 2 * with_modes
+
+
+@pytest.mark.slow
+def test_path_traced_tows_with_a_mirroring_bar(shared: Path, tmp_path: Path) -> None:
+    """film_campaign, drawn by others: each derivative within 3.3 standard deviations (of six, once in 170) and 3 % of its truth."""
+    folder = shared / "film_campaign"
+    truth = json.loads((folder / "truth.json").read_text())
+    runs = []
+    for run in sorted(folder.glob("run-*")):
+        runs.append(tmp_path / run.name)
+        shutil.copytree(run, runs[-1])
+    found = identify_batch(compute_motions(runs)).result.derivatives
+    for name in DERIVATIVE_UNITS:
+        value = found[name]
+        assert abs(value.value - truth[name]) < 3.3 * value.std, name
+        assert value.value == pytest.approx(truth[name], rel=0.03), name

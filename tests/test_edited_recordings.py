@@ -82,6 +82,18 @@ def test_an_edit_list_holds_where_frames_are_counted(clip: Path, tmp_path: Path)
     assert shown == list(range(KEPT_FROM, KEPT_FROM + 41))
 
 
+def test_what_an_editor_took_from_the_last_group_is_said_where_frames_are_counted(clip: Path, tmp_path: Path) -> None:
+    """Cut by copying, the last group may lose pictures that are shown between those it keeps; of plain pictures it loses none."""
+    path = trimmed(clip, tmp_path / "trimmed.mp4", KEPT_FROM, 60)
+    own = [number_of(frame.luma) for frame in read_frames(path)]
+    said = notes_of(list(read_frames(path, frame_rate_hz=float(RATE_HZ))))
+    if (np.diff(own) > 1).any():
+        assert f"in {(np.diff(own) > 1).sum()} places its own times leave one out" in said
+    else:
+        assert own == list(range(KEPT_FROM, 60))
+        assert not said
+
+
 def test_transport_streams_put_one_behind_the_other(clip: Path, tmp_path: Path) -> None:
     """The second one's clock begins anew; its frames follow the first one's, and that is said."""
     part = remux(clip, tmp_path / "part.ts", lambda *_: None)

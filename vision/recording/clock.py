@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ...record.errors import VideoError
+from .ledger import LONGEST_STEPS as GAP_STEPS
 from .ledger import Picture
 from .pictures import USUAL_RATE_HZ, Stream, is_avi, may_begin_again, mean_rate
 
@@ -61,6 +62,7 @@ class Clock:
         self._t_s: float | None = None
         self._strikes = self._even_frames = 0
         self._late_ticks, self._early_ticks = -_HALF, _HALF
+        self._gaps: int | None = 0  # None: times fall, the decoder's order tells
         self._notes: dict[str, str] = {}
         self._said: set[str] = set()
 
@@ -79,7 +81,7 @@ class Clock:
         """
         held: list[tuple[Picture, float]] = []
         anchored = False  # the first one held lies on the beat
-        for picture in pictures if self._given_hz is not None else self._rising(pictures):
+        for picture in self._counted(pictures) if self._given_hz is not None else self._rising(pictures):
             t_s, even = self._time_s(picture)
             if self._given_hz is None:
                 self._check(picture, t_s)
@@ -108,10 +110,11 @@ class Clock:
         said = f" ({reason})" if reason else ""
         if self._t_s is None:
             raise VideoError(f"{self._path}: holds no frame that can be decoded{said}")
-        if self._given_hz is not None and self._stream.gaps:
+        gaps = self._stream.gaps if self._gaps is None else self._gaps
+        if self._given_hz is not None and gaps:
             self._say(
                 "gaps",
-                f"source.frame_rate_hz counts its frames evenly, but in {self._stream.gaps} places its own times leave one out: "
+                f"source.frame_rate_hz counts its frames evenly, but in {gaps} places its own times leave one out: "
                 "times after a frame that is really missing are too early",
             )
         last_s = self._last_read_s()
@@ -141,6 +144,21 @@ class Clock:
     def _way_out(self) -> str:
         """What the user can do about timestamps that are wrong."""
         return f"source.frame_rate_hz (stated: {float(self._rate):.6g}) would count frames instead"
+
+    def _counted(self, pictures: Iterable[Picture]) -> Iterator[Picture]:
+        """Pictures as they are; where their own times leave one out is counted, as long as these rise."""
+        last: Picture | None = None
+        for picture in pictures:
+            if last is not None and picture.stamp is not None and last.stamp is not None and self._gaps is not None:
+                apart = picture.stamp - last.stamp
+                self._gaps = None if apart <= 0 else self._gaps + self._leaves_out(apart, picture.index - last.index)
+            last = picture
+            yield picture
+
+    def _leaves_out(self, apart: int, count: int) -> bool:
+        """Whether there is room for another picture between two that are ``count`` steps apart."""
+        usual = self._stream.step_ticks
+        return usual > 0 and apart > (count - 1 + GAP_STEPS) * usual
 
     def _rising(self, pictures: Iterable[Picture]) -> Iterator[Picture]:
         """Pictures whose timestamps rise: one that falls, or leapt before it, is left out; a clock that was set back goes on."""

@@ -19,7 +19,7 @@ from ..backend import Backend
 from ..recording import Frame
 from .candidates import Array, Candidates
 from .identity import CLEAR_COST, SEEN_SD_PX, Assignment
-from .judge import JUMP_PX, Rigid, judge
+from .judge import JUMP_PX, Rigid, judge, seen_sigma_px
 from .live import LiveMark
 from .refine import BEGIN_WIDTHS, WIDEST_PX, Refiner, Stack
 from .search import Search
@@ -338,6 +338,7 @@ class SpotFollower:
             self.losses -= 1
             if known is not None:
                 mark.refiner, mark.brightness_dn = known.refiner, known.brightness_dn
+                mark.sigma_px = known.sigma_px
             self.marks[index] = mark
 
     def _dark(self, index: int) -> bool:
@@ -440,6 +441,7 @@ class SpotFollower:
                 mark.brightness_dn = float(np.median(np.abs(found.brightness[index, seen[-REFERENCE_FRAMES:]])))
                 mark.live.rise_dn = mark.brightness_dn
                 mark.live.width_px = mark.refiner.width_px
+                mark.sigma_px = seen_sigma_px(found, index)
             mark.live.filter = mark.replay.copy()
             mark.live.unseen = mark.lost
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 
 from .candidates import Array
 from .fit import pull_of
@@ -44,18 +45,18 @@ def ground_pull(values: Array, ground: NDArray[np.bool_], cover: Array, pull: Ar
         return np.zeros(2)
     seen = np.where(ground, values, 0.0)
     rest = np.where(ground, seen - (seen.sum(axis=(1, 2)) / np.maximum(count, 1))[:, None, None], 0.0)
-    side = 2 * values.shape[1]  # so that no pixel meets another around the edge
+    side = fft.next_fast_len(2 * values.shape[1], real=True)  # so that no pixel meets another around the edge
     pairs, product = (
-        np.fft.irfft2((np.abs(np.fft.rfft2(part, (side, side))) ** 2).sum(axis=0), (side, side))
-        for part in (ground, rest)
+        fft.irfft2((np.abs(fft.rfft2(part, (side, side))) ** 2).sum(axis=0), (side, side))
+        for part in (ground.astype(float), rest)
     )
     covariance = np.where(pairs > LEAST_PAIRS - 0.5, product / np.maximum(pairs, 1.0), 0.0)
     # noise is what not even a neighbour shares: the rest of a pixel's variance follows from its neighbours, by a parabola
     near, next_but_one = ((covariance[[k, -k], 0].sum() + covariance[0, [k, -k]].sum()) / 4 for k in (1, 2))
     shared = float(np.clip((4 * near - next_but_one) / 3, 0.0, covariance[0, 0]))
     noise, covariance[0, 0] = covariance[0, 0] - shared, shared
-    open_to_it = np.abs(np.fft.fft2(pull * (1 - cover)[:, None], (side, side))) ** 2
-    uneven = (open_to_it * np.fft.fft2(covariance).real).sum(axis=(2, 3)) / side**2
+    open_to_it = np.abs(fft.fft2(pull * (1 - cover)[:, None], (side, side))) ** 2
+    uneven = (open_to_it * fft.fft2(covariance).real).sum(axis=(2, 3)) / side**2
     return np.maximum(uneven + noise * (pull**2).sum(axis=(2, 3)), 0.0).mean(axis=0)
 
 

@@ -68,7 +68,8 @@ def judge(marks: Sequence[Mark | None], found: Found, width: Array, excess: Arra
             with np.errstate(invalid="ignore", divide="ignore"):
                 ratio[index] = np.log(np.maximum(sign * brightness[index] / _reference(mark, brightness[index]), 1e-9))
     usual = np.array([np.nan if m is None else m.refiner.width_px for m in marks])
-    share = np.nan_to_num(found.sigma.max(axis=2)) / usual[:, None]
+    # a frame that is less sure of its mark than the mark's others shows it half hidden: that excuses nothing
+    share = np.fmin(np.nan_to_num(found.sigma.max(axis=2)), _usual_sigma(marks, found)[:, None]) / usual[:, None]
     unsure = np.minimum(LOOK_SD * share, MOST_UNSURE)
     low, high = np.log(BRIGHTNESS_RANGE)
     fine = ratio - _common(ratio, COMMON_SPREAD)[None, :]
@@ -97,6 +98,26 @@ def _reference(mark: Mark, brightness: Array) -> float:
         return mark.brightness_dn
     middle = np.nanmedian(np.abs(brightness)) if np.isfinite(brightness).any() else np.nan
     return float(middle) if np.isfinite(middle) else mark.brightness_dn
+
+
+def _usual_sigma(marks: Sequence[Mark | None], found: Found) -> Array:
+    """What each mark's place is usually known to, px: by what has been seen of it before, or in this stretch."""
+    return np.array([
+        np.nan if m is None else m.sigma_px if np.isfinite(m.sigma_px) else seen_sigma_px(found, i)
+        for i, m in enumerate(marks)
+    ])  # fmt: skip
+
+
+def seen_sigma_px(found: Found, index: int) -> float:
+    """Median over a stretch of what a mark's place is known to, px; NaN where it is never seen.
+
+    Parameters
+    ----------
+    found : places and sigmas of the stretch
+    index : the mark's
+    """
+    sigma = found.sigma[index].max(axis=1)[found.reason[index] == ""]
+    return float(np.median(sigma)) if len(sigma) else float("nan")
 
 
 def _replay(index: int, mark: Mark, found: Found, surprise: Array) -> None:

@@ -7,7 +7,7 @@ neighbours' noise tries the steps above. Noise (variance against grey value) is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,6 +186,15 @@ class Refined:
     ground_px2: Array
 
 
+@dataclass
+class _Ground:
+    """What the ground was seen to do to a model's fits: in so many stretches that the model fitted, by so many looks."""
+
+    stretches: int = 0
+    looks: int = 0
+    mean_px2: Array = field(default_factory=lambda: np.zeros(2))
+
+
 class Refiner:
     """What is known of one mark's looks; learns from every stretch."""
 
@@ -200,7 +209,7 @@ class Refiner:
         self.level = np.nan
         self.stretches = 0
         self.ground_px2 = np.zeros(2)
-        self.grounds: list[Model] = []
+        self.grounds: dict[str, _Ground] = {}
 
     @property
     def half_px(self) -> int:
@@ -519,10 +528,11 @@ class Refiner:
 
     def _look_at_ground(self, stack: Stack, fit: SpotFit, odd: NDArray[np.bool_]) -> None:
         """How far the ground about the mark may pull it: seldom, since it goes with the deck."""
-        count = self.stretches + 1
-        same = bool(self.grounds) and self.grounds[-1] is self.model
+        seen = self.grounds.setdefault(self.model.name, _Ground())
+        seen.stretches += 1
+        self.ground_px2 = seen.mean_px2 if seen.looks else self.ground_px2
         usable = np.flatnonzero(fit.good & ~odd)
-        if len(usable) < 3 or (same and count & (count - 1)):  # every stretch twice as late as the one before
+        if len(usable) < 3 or (seen.looks and seen.stretches & (seen.stretches - 1)):  # every time twice as late
             return
         index = usable[_spread(len(usable), GROUND_FRAMES)]
         few, found = stack.rows(index), fit.rows(index)
@@ -533,8 +543,8 @@ class Refiner:
         by_noise = np.median(found.sigma_px**2 / np.maximum(found.chi_square, LEAST_LEVEL)[:, None], axis=0)
         more = by_noise * pull_about(windows[0], windows[1], found.theta, self.model, self.noise) - own
         now = np.where(more > GROUND_EXCESS * own, more, 0.0)
-        self.grounds = [*self.grounds, self.model] if same else [self.model]
-        self.ground_px2 = self.ground_px2 + (now - self.ground_px2) / len(self.grounds)
+        seen.looks += 1
+        self.ground_px2 = seen.mean_px2 = seen.mean_px2 + (now - seen.mean_px2) / seen.looks
 
     @property
     def _learn_frames(self) -> int:

@@ -25,6 +25,8 @@ DIRECTIONS = 8
 """On the ring."""
 SMALL_PIXELS = 12000
 """A picture with fewer is compared in all directions at once: a choice, for its cost."""
+BAND_ROWS = 48
+"""A larger one by so many rows at a time, which a processor's cache holds: a choice, for time."""
 LEAST_SMOOTH_PX = 0.55
 """Below it a picture's own sampling does as much."""
 
@@ -63,12 +65,23 @@ def rise_of(smooth: Array, width_px: float) -> tuple[Array, int]:
         ring = np.stack([smooth[rim + dv : rim + dv + h, rim + du : rim + du + w] for du, dv in (*places, *places[:2])])
         pairs_of = np.minimum(ring[:-1], ring[1:])
         return smooth[rim : rim + h, rim : rim + w] - np.minimum(pairs_of[:-1], pairs_of[1:]).max(axis=0), rim
+    rise = np.empty((h, w), smooth.dtype)
+    for top in range(0, h, BAND_ROWS):
+        band = slice(top, min(top + BAND_ROWS, h))
+        _rise_in(smooth[band.start : band.stop + 2 * rim], places, rim, rise[band])
+    return rise, rim
+
+
+def _rise_in(smooth: Array, places: tuple[tuple[int, int], ...], rim: int, rise: Array) -> None:
+    """Fill some rows of the answer; ``smooth`` has ``rim`` rows more on either side."""
+    h, w = rise.shape
     around = [smooth[rim + dv : rim + dv + h, rim + du : rim + du + w] for du, dv in places]
-    pairs = [np.minimum(around[k], around[k - 1]) for k in range(DIRECTIONS)]
-    highest = np.minimum(pairs[0], around[1])
-    for k in range(1, DIRECTIONS):
-        np.maximum(highest, np.minimum(pairs[k], around[(k + 1) % DIRECTIONS]), out=highest)
-    return smooth[rim : rim + h, rim : rim + w] - highest, rim
+    three, highest = np.empty_like(rise), np.full_like(rise, -np.inf)
+    for k in range(DIRECTIONS):
+        np.minimum(around[k - 1], around[k], out=three)
+        np.minimum(three, around[(k + 1) % DIRECTIONS], out=three)
+        np.maximum(highest, three, out=highest)
+    np.subtract(smooth[rim : rim + h, rim : rim + w], highest, out=rise)
 
 
 @lru_cache(maxsize=64)

@@ -154,48 +154,49 @@ def _measured(picture: Array, place: Array, width: float) -> tuple[tuple[float, 
     """Centroid, contrast, width and stretch of the spot at a place; None where it has no outline of its own."""
     found = None
     for _ in range(GROWTHS):
-        now, complete = _outlined(picture, place, width)
+        now = _outlined(picture, place, width)
         if now is None:
             break
         found = now
-        if complete:
+        if found[-1]:
             break
         width *= GROWTH
-    return found
+    if found is None:
+        return None
+    rows, columns, weight, contrast, _ = found
+    total = weight.sum()
+    spread = max(0.6, float(np.sqrt(len(rows) / np.pi)) / 1.18)
+    return (columns @ weight / total, rows @ weight / total), contrast, spread, stretch_of(rows, columns)
 
 
-def _outlined(
-    picture: Array, place: Array, width: float
-) -> tuple[tuple[tuple[float, float], float, float, float] | None, bool]:
-    """The same with a ring for a spot of ``width``; and whether its outline ends within that ring."""
+def _outlined(picture: Array, place: Array, width: float) -> tuple[Array, Array, Array, float, bool] | None:
+    """Rows, columns and levels within the outline, contrast with a ring for a spot of ``width``; whether it ends within that ring."""
     import cv2
 
     reach = int(np.ceil(RING_WIDTHS * width)) + 2
     u0, v0 = max(int(place[0]) - reach, 0), max(int(place[1]) - reach, 0)
     part = picture[v0 : int(place[1]) + reach + 1, u0 : int(place[0]) + reach + 1]
-    v, u = np.indices(part.shape, dtype=np.float32)
-    away = np.hypot(u + u0 - place[0], v + v0 - place[1])
-    ring = part[(away > 1.7 * width + 0.5) & (away < RING_WIDTHS * width + 1.5)]
+    du, dv = np.arange(part.shape[1]) + (u0 - place[0]), np.arange(part.shape[0]) + (v0 - place[1])
+    away = np.sqrt(du * du + (dv * dv)[:, None])
+    ring = np.sort(part[(away > 1.7 * width + 0.5) & (away < RING_WIDTHS * width + 1.5)])
     if len(ring) < 8:
-        return None, True
-    ground = float(np.median(ring))
+        return None
+    ground = 0.5 * float(ring[(len(ring) - 1) // 2] + ring[len(ring) // 2])
     near = cv2.blur(part, (3, 3)) if width > 1.2 else part
     core = away <= max(1.0, 0.8 * width)
     contrast = float(near[core].max()) - ground
     if contrast < LEAST_RISE_DN:
-        return None, True
-    level = cv2.GaussianBlur(part, (0, 0), max(0.5, 0.3 * width), borderType=cv2.BORDER_REPLICATE) - ground
-    top = float(level[core].max())
-    count, labels = cv2.connectedComponents((level > HALF * top).astype(np.uint8))
-    label = labels[np.unravel_index(np.argmax(np.where(core, level, -np.inf)), level.shape)]
+        return None
+    level = cv2.GaussianBlur(part, (0, 0), max(0.5, 0.3 * width), borderType=cv2.BORDER_REPLICATE) - np.float32(ground)
+    highest = np.where(core, level, -np.inf).argmax()
+    count, labels = cv2.connectedComponents((level > HALF * level.flat[highest]).astype(np.uint8))
+    label = labels.flat[highest]
     if count < 2 or not label:
-        return None, True
+        return None
     rows, columns = np.nonzero(labels == label)
-    weight = np.maximum(level[rows, columns], 1e-3)
-    centre = (columns @ weight / weight.sum() + u0, rows @ weight / weight.sum() + v0)
-    spread = max(0.6, float(np.sqrt(len(rows) / np.pi)) / 1.18)
     complete = bool(away[rows, columns].max() < 1.9 * width + 1.0)
-    return (centre, contrast, spread, stretch_of(rows, columns)), complete
+    weight = np.maximum(level[rows, columns], 1e-3).astype(float)
+    return rows + v0, columns + u0, weight, contrast, complete
 
 
 def _distinct(centre: Array, width: Array) -> list[int]:

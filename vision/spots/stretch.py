@@ -21,12 +21,13 @@ Window = tuple[NDArray[np.uint8], tuple[int, int]]
 
 
 class Mark:
-    """One marker while it is followed."""
+    """One marker while it is followed; ``sigma_px`` is what its place was known to where it was seen last, NaN before."""
 
     def __init__(self, live: LiveMark, refiner: Refiner) -> None:
         self.live, self.refiner = live, refiner
         self.replay = live.filter.copy()
         self.brightness_dn = live.rise_dn
+        self.sigma_px = float("nan")
         self.lost = 0
 
     def began(self, places_px: list[Array], t_s: list[float]) -> None:

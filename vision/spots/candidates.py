@@ -154,7 +154,8 @@ def with_tint(candidates: Candidates, bgr: NDArray[np.uint8]) -> Candidates:
             continue
         lit = above[total > 0.3 * total.max()]
         chroma = lit.max(axis=1) - lit.min(axis=1)
-        strong = lit[chroma >= np.quantile(chroma, 0.6)].sum(axis=0)
+        strongest = np.sort(chroma)[int(np.ceil(0.6 * (len(chroma) - 1)))]
+        strong = lit[chroma >= strongest].sum(axis=0)
         tint[index] = strong / np.linalg.norm(strong)
     return replace(candidates, tint=tint)
 

@@ -232,8 +232,8 @@ def without_rims(values: Array, width_px: float) -> Array:
     usable = np.isfinite(about).all(axis=1)
     if not usable.any():
         return values
-    level = np.median(about[usable], axis=1)
-    spread = MAD_TO_SD * np.median(np.abs(about[usable] - level[:, None]), axis=1)
+    level = _middle(about[usable])
+    spread = MAD_TO_SD * _middle(np.abs(about[usable] - level[:, None]))
     far = np.abs(values[usable] - level[:, None, None]) > (RIM_SD * np.hypot(spread, 1.0))[:, None, None]
     far &= beyond
     if not far.any():
@@ -241,6 +241,13 @@ def without_rims(values: Array, width_px: float) -> Array:
     answer = values.copy()
     answer[usable] = np.where(far, np.nan, values[usable])
     return answer
+
+
+def _middle(values: Array) -> Array:
+    """(b,) medians of rows without NaN; of a few dozen values a sort costs less than ``np.median``."""
+    rows = np.sort(values, axis=1)
+    count = rows.shape[1]
+    return 0.5 * (rows[:, (count - 1) // 2] + rows[:, count // 2])
 
 
 def has_plateau(values: Array, dark: bool = False) -> NDArray[np.bool_]:

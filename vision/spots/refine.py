@@ -292,14 +292,16 @@ class Refiner:
             sound = np.flatnonzero(_sure(bare) if blurred else fit.good & ~self._odd(fit))
         if len(sound) < max(3, LEAST_GOOD * len(stack)):
             return SHARED if blurred else self.model
-        few = stack.rows(sound[_spread(len(sound), CHECK_FRAMES)])
+        index = sound[_spread(len(sound), CHECK_FRAMES)]
+        few, fitted = stack.rows(index), {self.model.name: fit.rows(index)}
         flat = has_plateau(few.cut(few.start_px, self.radius(ELLIPSE))[0], self.dark).mean() > 0.5
         tried = [SHARED, TAPERED] if blurred else [SHARED, TAPERED, ELLIPSE, PLATEAU if flat else SLOPED]
-        cost = {model.name: self._cost(self._fit(few, model), model) for model in tried}
+        cost = {m.name: self._cost(fitted.get(m.name) or self._fit(few, m), m) for m in tried}
         if flat and np.isfinite(cost.get(PLATEAU.name, np.inf)):
             self.flat = _middle(self._fit(few, PLATEAU))
             tried.append(PLATEAU_SHARED)
-            cost[PLATEAU_SHARED.name] = self._cost(self._fit(few, PLATEAU_SHARED), PLATEAU_SHARED)
+            shared = fitted.get(PLATEAU_SHARED.name) or self._fit(few, PLATEAU_SHARED)
+            cost[PLATEAU_SHARED.name] = self._cost(shared, PLATEAU_SHARED)
         looked_for = self.stretches % REFLECTION_EVERY == 0 or self.model.reflects
         if looked_for and not blurred and self._find_reflection(few):
             free = self._plausible(self._fit(few, REFLECTION_FREE), steady=True)

@@ -23,7 +23,7 @@ SMOOTH_WIDTHS = 0.6
 """Smoothing before the comparison, in widths: a choice; twice it would fill the ring from the mark itself."""
 DIRECTIONS = 8
 """On the ring."""
-SMALL_PIXELS = 12000
+SMALL_PIXELS = 1600
 """A picture with fewer is compared in all directions at once: a choice, for its cost."""
 BAND_ROWS = 48
 """A larger one by so many rows at a time, which a processor's cache holds: a choice, for time."""
@@ -62,9 +62,10 @@ def rise_of(smooth: Array, width_px: float) -> tuple[Array, int]:
     if h <= 0 or w <= 0:
         return np.zeros((max(h, 0), max(w, 0)), np.float32), rim
     if h * w < SMALL_PIXELS:  # all directions at once: the calls cost more than their work
-        ring = np.stack([smooth[rim + dv : rim + dv + h, rim + du : rim + du + w] for du, dv in (*places, *places[:2])])
-        pairs_of = np.minimum(ring[:-1], ring[1:])
-        return smooth[rim : rim + h, rim : rim + w] - np.minimum(pairs_of[:-1], pairs_of[1:]).max(axis=0), rim
+        ring = smooth.ravel()[_directions(places, rim, smooth.shape)]
+        pairs = np.minimum(ring[:-1], ring[1:])
+        highest = np.minimum(pairs[:-1], pairs[1:]).max(axis=0).reshape(h, w)
+        return smooth[rim : rim + h, rim : rim + w] - highest, rim
     rise = np.empty((h, w), smooth.dtype)
     for top in range(0, h, BAND_ROWS):
         band = slice(top, min(top + BAND_ROWS, h))
@@ -82,6 +83,14 @@ def _rise_in(smooth: Array, places: tuple[tuple[int, int], ...], rim: int, rise:
         np.minimum(three, around[(k + 1) % DIRECTIONS], out=three)
         np.maximum(highest, three, out=highest)
     np.subtract(smooth[rim : rim + h, rim : rim + w], highest, out=rise)
+
+
+@lru_cache(maxsize=64)
+def _directions(places: tuple[tuple[int, int], ...], rim: int, shape: tuple[int, int]) -> NDArray[np.intp]:
+    """(directions + 2, pixels) which pixels of a flat picture lie in each direction of each of its inner ones; two again at the end."""
+    rows, columns = np.arange(rim, shape[0] - rim), np.arange(rim, shape[1] - rim)
+    inner = rows[:, None] * shape[1] + columns
+    return np.stack([(inner + dv * shape[1] + du).ravel() for du, dv in (*places, *places[:2])])
 
 
 @lru_cache(maxsize=64)

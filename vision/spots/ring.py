@@ -87,7 +87,7 @@ def _rise_in(smooth: Array, places: tuple[tuple[int, int], ...], rim: int, rise:
 
 @lru_cache(maxsize=64)
 def _directions(places: tuple[tuple[int, int], ...], rim: int, shape: tuple[int, int]) -> NDArray[np.intp]:
-    """(directions + 2, pixels) which pixels of a flat picture lie in each direction of each of its inner ones; two again at the end."""
+    """(directions + 2, pixels) which pixels of a flat picture lie in each direction of its inner ones; two again at the end."""
     rows, columns = np.arange(rim, shape[0] - rim), np.arange(rim, shape[1] - rim)
     inner = rows[:, None] * shape[1] + columns
     return np.stack([(inner + dv * shape[1] + du).ravel() for du, dv in (*places, *places[:2])])

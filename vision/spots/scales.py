@@ -170,7 +170,7 @@ def _measured(picture: Array, place: Array, width: float) -> tuple[tuple[float, 
 
 
 def _outlined(picture: Array, place: Array, width: float) -> tuple[Array, Array, Array, float, bool] | None:
-    """Rows, columns and levels within the outline, contrast with a ring for a spot of ``width``; whether it ends within that ring."""
+    """Rows, columns, levels within the outline; contrast with a ring for a spot of ``width``; whether it ends within that ring."""
     import cv2
 
     reach = int(np.ceil(RING_WIDTHS * width)) + 2

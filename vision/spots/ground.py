@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
+from scipy.fft import next_fast_len
 
 from .candidates import Array
 from .fit import pull_of
@@ -45,9 +45,10 @@ def ground_pull(values: Array, ground: NDArray[np.bool_], cover: Array, pull: Ar
         return np.zeros(2)
     seen = np.where(ground, values, 0.0)
     rest = np.where(ground, seen - (seen.sum(axis=(1, 2)) / np.maximum(count, 1))[:, None, None], 0.0)
-    side = fft.next_fast_len(2 * values.shape[1], real=True)  # so that no pixel meets another around the edge
+    # so that no pixel meets another around the edge
+    side: int = next_fast_len(2 * values.shape[1], real=True)  # pyright: ignore[reportAssignmentType]
     pairs, product = (
-        fft.irfft2((np.abs(fft.rfft2(part, (side, side))) ** 2).sum(axis=0), (side, side))
+        np.fft.irfft2((np.abs(np.fft.rfft2(part, (side, side))) ** 2).sum(axis=0), (side, side))
         for part in (ground.astype(float), rest)
     )
     covariance = np.where(pairs > LEAST_PAIRS - 0.5, product / np.maximum(pairs, 1.0), 0.0)
@@ -55,8 +56,8 @@ def ground_pull(values: Array, ground: NDArray[np.bool_], cover: Array, pull: Ar
     near, next_but_one = ((covariance[[k, -k], 0].sum() + covariance[0, [k, -k]].sum()) / 4 for k in (1, 2))
     shared = float(np.clip((4 * near - next_but_one) / 3, 0.0, covariance[0, 0]))
     noise, covariance[0, 0] = covariance[0, 0] - shared, shared
-    open_to_it = np.abs(fft.fft2(pull * (1 - cover)[:, None], (side, side))) ** 2
-    uneven = (open_to_it * fft.fft2(covariance).real).sum(axis=(2, 3)) / side**2
+    open_to_it = np.abs(np.fft.fft2(pull * (1 - cover)[:, None], (side, side))) ** 2
+    uneven = (open_to_it * np.fft.fft2(covariance).real).sum(axis=(2, 3)) / side**2
     return np.maximum(uneven + noise * (pull**2).sum(axis=(2, 3)), 0.0).mean(axis=0)
 
 

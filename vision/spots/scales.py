@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .candidates import MAD_TO_SD, Candidates, stretch_of
-from .ring import RING_WIDTHS, rise_of, smoothing_px
+from .ring import RING_WIDTHS, rise_of, smoothing_px, stands_out
 
 Array = NDArray[Any]
 
@@ -37,6 +37,9 @@ SAME_OUTLINE = 1.6
 """Outlines of one centre whose widths differ by less than this factor are one."""
 GROWTHS, GROWTH = 3, 1.5
 """A spot whose outline reaches its ring is measured again with a wider one, by this factor, so many times in all."""
+RISE_SHARE = 0.3
+"""A spot stands out of the highest part of its ring by this share of its contrast with the ring's middle, or is a bump on the rim
+of something larger. A Gaussian alone keeps 0.65 of its own after the smoothing, less in noise and beside a plate's rim: a choice."""
 HALF = 0.5
 """A spot's outline: where it has fallen to this share of its rise."""
 
@@ -60,7 +63,7 @@ def find_spots(
     """
     picture = -luma.astype(np.float32) if dark else luma.astype(np.float32)
     peaks = _peaks(picture, near_px, near_reach_px, most)
-    rows = [row for place, width in peaks if (row := _measured(picture, place, width)) is not None]
+    rows = [row for place, width, rise in peaks if (row := _measured(picture, place, width, rise)) is not None]
     if not rows:
         nothing = np.zeros(0)
         return Candidates(np.zeros((0, 2)), nothing, nothing, nothing, np.zeros(0, dtype=bool), np.zeros((0, 3)))
@@ -72,12 +75,34 @@ def find_spots(
     )
 
 
-def _peaks(picture: Array, near_px: Array | None, near_reach_px: float, most: int) -> list[tuple[Array, float]]:
-    """(u, v) and width of what stands out, the most significant first."""
+def free_of_rims(luma: NDArray[np.uint8], spots: Candidates) -> Candidates:
+    """Those of a picture's spots that stand out of all of the ring about them, and not of most of it as a rim does.
+
+    Parameters
+    ----------
+    luma : (h, w) uint8
+    spots : found in it in another way
+    """
+    kept = [_rise_at(luma, *spot) for spot in zip(spots.centre_px, spots.width_px, spots.dark, strict=True)]
+    return spots.rows(np.array(kept, dtype=float) >= RISE_SHARE * spots.contrast_dn)
+
+
+def _rise_at(luma: NDArray[np.uint8], place: Array, width: float, dark: bool) -> float:
+    """Largest rise over the ring at the pixels about a place; endless where the picture ends before the ring does."""
+    reach = round(max(2.0, RING_WIDTHS * width)) + 2
+    u, v = (round(float(c)) for c in place)
+    part = luma[max(v - reach, 0) : v + reach + 1, max(u - reach, 0) : u + reach + 1].astype(np.float32)
+    if part.shape != (2 * reach + 1, 2 * reach + 1):
+        return float("inf")
+    return float(stands_out(-part if dark else part, width)[0].max())
+
+
+def _peaks(picture: Array, near_px: Array | None, near_reach_px: float, most: int) -> list[tuple[Array, float, float]]:
+    """(u, v), width and rise of what stands out, the most significant first."""
     import cv2
 
     noise = noise_of(picture)
-    places, widths, marks = [], [], []
+    places, widths, rises, marks = [], [], [], []
     part, factor = picture, 1
     for width in WIDTHS_PX:
         while width / factor >= COARSE_PX:
@@ -110,10 +135,11 @@ def _peaks(picture: Array, near_px: Array | None, near_reach_px: float, most: in
             worth = np.where(away < near_reach_px, worth + 1e3, worth)
         places.append(found[kept])
         widths.append(np.full(len(kept), width))
+        rises.append(rise[v[kept], u[kept]])
         marks.append(worth[kept])
     if not places:
         return []
-    place, width, worth = np.concatenate(places), np.concatenate(widths), np.concatenate(marks)
+    place, width, height, worth = (np.concatenate(part) for part in (places, widths, rises, marks))
     chosen: list[int] = []
     for index in np.argsort(-worth):
         apart = np.hypot(*(place[chosen] - place[index]).T) if chosen else np.zeros(0)
@@ -122,7 +148,7 @@ def _peaks(picture: Array, near_px: Array | None, near_reach_px: float, most: in
             chosen.append(int(index))
             if len(chosen) >= most:
                 break
-    return [(place[i], float(width[i])) for i in chosen]
+    return [(place[i], float(width[i]), float(height[i])) for i in chosen]
 
 
 def noise_of(picture: Array) -> float:
@@ -150,8 +176,10 @@ def _scatter(smooth: Array, u: NDArray[Any], v: NDArray[Any], width: float) -> A
     return smooth[b, a].std(axis=1)
 
 
-def _measured(picture: Array, place: Array, width: float) -> tuple[tuple[float, float], float, float, float] | None:
-    """Centroid, contrast, width and stretch of the spot at a place; None where it has no outline of its own."""
+def _measured(
+    picture: Array, place: Array, width: float, rise: float
+) -> tuple[tuple[float, float], float, float, float] | None:
+    """Centroid, contrast, width and stretch of the spot at a place; None where it has no outline of its own, or is a rim."""
     found = None
     for _ in range(GROWTHS):
         now = _outlined(picture, place, width)
@@ -164,6 +192,8 @@ def _measured(picture: Array, place: Array, width: float) -> tuple[tuple[float, 
     if found is None:
         return None
     rows, columns, weight, contrast, _ = found
+    if rise < RISE_SHARE * contrast:
+        return None
     total = weight.sum()
     spread = max(0.6, float(np.sqrt(len(rows) / np.pi)) / 1.18)
     return (columns @ weight / total, rows @ weight / total), contrast, spread, stretch_of(rows, columns)

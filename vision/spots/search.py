@@ -13,7 +13,7 @@ from ...record.schema import Marker
 from ..recording import Frame
 from .candidates import Array, Candidates, find_candidates, with_tint
 from .identity import SEEN_SD_PX, TINTS, Assignment, assign
-from .scales import find_spots
+from .scales import find_spots, free_of_rims
 from .stretch import Found
 
 STATIC_PX = 1.0
@@ -59,7 +59,8 @@ class Search:
         found = self._coloured(frame, [
             one.and_also(find_spots(frame.luma, dark, np.array(known) if known else None, reach).apart_from(one))
             for dark in self._shades()
-            for one in [find_candidates(frame.luma, dark, USUAL_WIDTH_PX).narrower(WIDEST_SHARE * USUAL_WIDTH_PX)]
+            for far in [find_candidates(frame.luma, dark, USUAL_WIDTH_PX).narrower(WIDEST_SHARE * USUAL_WIDTH_PX)]
+            for one in [free_of_rims(frame.luma, far)]
         ])  # fmt: skip
         return self._assigned(found, near, near_sd_px, looks)
 

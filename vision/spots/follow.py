@@ -161,6 +161,28 @@ class SpotFollower:
         short = self.on_probation or any(m is not None and m.lost for m in self.marks)
         return PROBATION_FRAMES if short else STRETCH_FRAMES
 
+    @staticmethod
+    def _not_turned(
+        chosen: tuple[int, ...], held: list[Array | None], candidates: Candidates
+    ) -> tuple[int, ...] | None:
+        """The spots of marks that were ``held`` a frame before, two of them in the other order where the body would have turned.
+
+        Noise makes small marks brighter in turn, and two that move by half of their distance lie as near to each other's places as
+        to their own. None: they are other spots.
+        """
+        known = [index for index, place in enumerate(held) if place is not None]
+        first, last = known[0], known[-1]
+        if first == last:
+            return chosen
+        exchanged = list(chosen)
+        exchanged[first], exchanged[last] = chosen[last], chosen[first]
+        was = held[last] - held[first]  # pyright: ignore[reportOperatorIssue]
+        for spots in (chosen, *([tuple(exchanged)] if len(known) == 2 else [])):
+            now = candidates.centre_px[spots[last]] - candidates.centre_px[spots[first]]
+            if was @ now >= np.cos(SECOND_TURN_RAD) * np.hypot(*was) * np.hypot(*now):
+                return spots
+        return None
+
     def _search_due(self, frame: Frame) -> bool:
         """Time to look for a lost mark on the whole frame."""
         unseen = [0 if m is None else max(m.live.unseen, m.lost) for m in self.marks]
@@ -289,16 +311,14 @@ class SpotFollower:
             return found.accepted and not any(c < 0 for c, place in every if place is not None)
 
         chosen, candidates = self.search.about(frame, held, reach, self.looks)
-        if not whole(chosen) or chosen.ambiguous:
+        if not whole(chosen) or (chosen.ambiguous and not chosen.turned):
             chosen, candidates = self.search.anywhere(frame, held, [reach] * len(held), self.looks)
         if not whole(chosen):
             return
-        pairs = [(p, candidates.centre_px[c]) for c, p in zip(chosen.chosen, held, strict=True) if p is not None]
-        (was_1, now_1), (was_2, now_2) = pairs[0], pairs[-1]
-        was, now = was_2 - was_1, now_2 - now_1
-        if was @ now < np.cos(SECOND_TURN_RAD) * np.hypot(*was) * np.hypot(*now):
-            return  # turned round within a frame: other spots, or each for the other
-        for spot, mark in zip(chosen.chosen, self.marks, strict=True):
+        spots = self._not_turned(chosen.chosen, held, candidates)
+        if spots is None:
+            return
+        for spot, mark in zip(spots, self.marks, strict=True):
             if mark is not None:
                 mark.live.expect(candidates.centre_px[spot], frame.t_s)
                 mark.replay = mark.live.filter.copy()

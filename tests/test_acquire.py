@@ -81,16 +81,27 @@ def test_spots_of_all_sizes_are_found_with_their_width(
     assert 0.6 < found.width_px[best] / width < 1.5
 
 
-@pytest.mark.parametrize("seed", [*range(2000, 2012), 2013, 2048, 2049])
+@pytest.mark.parametrize("seed", [*range(2000, 2012), 2013, 2048, 2049, 7028, 7127, 7200, 9165, 9263, 9284])
 def test_marks_on_photographs_are_acquired_and_held(footage: ModuleType, footage_scenes: ModuleType, seed: int) -> None:
     """No mark in the wrong place, and at least 95 of 100 of all places found.
 
-    The last three: marks of 1.3 and 1.5 px whose shape cannot be told, and dots on a moon whose craters fit nearly as well.
+    Of the last ones 2013, 2048 have marks of 1.3 and 1.5 px whose shape cannot be told, 2049 dots on a moon whose craters fit
+    nearly as well; small marks of 7028 move by half of their distance in a frame; 7127, 7200 are wide, with bumps of noise on their
+    rims; in 9263 the puck is darker than the mark on it, in 9165, 9284 a free shape holds a part of the plate.
     """
     one = footage_scenes.scene(seed)
     found = footage.ours(one, list(one.frames()))
     assert found["wrong"] == 0
     assert found["held"] > 0.95
+
+
+@pytest.mark.parametrize("seed", [4013, 9038, 9141])
+def test_a_ground_that_may_move_a_mark_too_far_loses_it(footage: ModuleType, footage_scenes: ModuleType, seed: int) -> None:
+    """Marks of 1 to 2 px on a plate's corner, whose places were more than a pixel off."""
+    one = footage_scenes.scene(seed)
+    found = footage.ours(one, list(one.frames()))
+    assert found["wrong"] == 0
+    assert set(found["reasons"]) & {"uneven ground", "covered"}
 
 
 def turning(count: int, seeded: bool) -> tuple[str, list[Frame]]:

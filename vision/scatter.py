@@ -25,7 +25,7 @@ from ..geometry.poses import LAG_COLUMN
 from ..record.corrections import Placed
 from ..record.schema import Marker
 from .spots.candidates import MAD_TO_SD, Array
-from .spots.stretch import GROUND_COLUMNS
+from .spots.stretch import GROUND_COLUMNS, LIMIT_COLUMN
 
 SPANS_S = (0.2, 0.3, 0.45, 0.65, 1.0, 1.4, 2.0)
 """Spans of the spline's knots: longer ones leave more of a slow error over, until the motion itself comes up."""
@@ -73,6 +73,9 @@ RIGID_GATE = 4.0
 """A ratio of variances counts when it stands this many of its own standard deviations above 1."""
 MOST_RIGID = 9.0
 """Most by which the rigid body's distances widen a variance: a factor of three in sigma. A choice."""
+
+UNEVEN = "uneven ground"
+"""Why a mark is lost whose surroundings may have moved it further than its place may be wrong."""
 
 
 def with_scatter(
@@ -125,11 +128,26 @@ def with_scatter(
     if ratio > 1:
         widened = ["sigma_u_px", "sigma_v_px", *([LAG_COLUMN] if linked else [])]
         table[widened] *= np.sqrt(min(ratio, MOST_RIGID))
+    return _on_uneven_ground(table, lossy)
+
+
+def _on_uneven_ground(table: pd.DataFrame, lossy: bool) -> pd.DataFrame:
+    """Sigmas with what the ground beside a mark may do to its place; a place that is then known too badly is lost.
+
+    What a codec does to that ground looks alike, and the path has told it.
+    """
+    limit = table.pop(LIMIT_COLUMN) if LIMIT_COLUMN in table else None
     for sigma, ground in zip(("sigma_u_px", "sigma_v_px"), GROUND_COLUMNS, strict=True):
         if ground in table:
             more = table.pop(ground).fillna(0.0)
-            if not lossy:  # what a codec does to the ground beside a mark looks alike, and the path has told it
+            if not lossy:
                 table[sigma] = np.sqrt(table[sigma] ** 2 + more)
+    if limit is not None and not lossy:
+        lost = (table["status"] == "measured") & (table[["sigma_u_px", "sigma_v_px"]].max(axis=1) > limit)
+        table.loc[lost, ["u_px", "v_px", "sigma_u_px", "sigma_v_px"]] = np.nan
+        table.loc[lost, ["status", "reason"]] = "lost", UNEVEN
+        if "repeated" in table:
+            table.loc[lost, "repeated"] = 0
     return table
 
 

@@ -19,9 +19,9 @@ from ..backend import Backend
 from ..recording import Frame
 from .candidates import Array, Candidates
 from .identity import CLEAR_COST, SEEN_SD_PX, Assignment
-from .judge import JUMP_PX, Rigid, judge, seen_sigma_px
+from .judge import JUMP_PX, Rigid, judge, largest_sigma_px, seen_sigma_px
 from .live import LiveMark
-from .refine import BEGIN_WIDTHS, WIDEST_PX, Refiner, Stack
+from .refine import WIDEST_PX, Refiner, Stack, seems_wide
 from .search import Search
 from .stretch import Found, Mark, Stretch, table_of
 
@@ -176,7 +176,7 @@ class SpotFollower:
             return chosen
         exchanged = list(chosen)
         exchanged[first], exchanged[last] = chosen[last], chosen[first]
-        was = held[last] - held[first]  # pyright: ignore[reportOperatorIssue]
+        was = np.asarray(held[last]) - np.asarray(held[first])
         for spots in (chosen, *([tuple(exchanged)] if len(known) == 2 else [])):
             now = candidates.centre_px[spots[last]] - candidates.centre_px[spots[first]]
             if was @ now >= np.cos(SECOND_TURN_RAD) * np.hypot(*was) * np.hypot(*now):
@@ -271,9 +271,8 @@ class SpotFollower:
         refiner = Refiner(width, self._dark(index), float(frame.white_dn), self.backend)
         alone = self._one(frame, place, refiner)
         for fit in (refiner.once(alone), refiner.simplest(alone)):
-            wider = abs(np.log(fit.width_px[0] / width))
             rises = fit.amplitude_dn[0] < 0 if self._dark(index) else fit.amplitude_dn[0] > 0
-            if fit.good[0] and rises and wider < np.log(BEGIN_WIDTHS):
+            if fit.good[0] and rises and seems_wide(fit.width_px / width)[0]:
                 break
         else:
             return None  # the fit went to something else
@@ -311,7 +310,7 @@ class SpotFollower:
             return found.accepted and not any(c < 0 for c, place in every if place is not None)
 
         chosen, candidates = self.search.about(frame, held, reach, self.looks)
-        if not whole(chosen) or (chosen.ambiguous and not chosen.turned):
+        if not whole(chosen) or chosen.ambiguous:
             chosen, candidates = self.search.anywhere(frame, held, [reach] * len(held), self.looks)
         if not whole(chosen):
             return
@@ -421,6 +420,7 @@ class SpotFollower:
             np.zeros(shape, dtype=bool),
             frames,
             np.zeros((len(self.markers), 2)),
+            np.array([largest_sigma_px(mark) for mark in self.marks]),
         )
 
     def _write_unseen(self, frames: list[tuple[int, float, bool]]) -> None:

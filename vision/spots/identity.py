@@ -38,7 +38,7 @@ ACCEPT_COST = 25.0
 """Largest cost per pair of markers of an assignment that is believed: 5 standard deviations."""
 SAME_CONTRAST, SAME_WIDTH = 0.5, 0.35
 """Logarithms by which the contrast and the width of one mark differ from frame to frame, standard deviations: choices."""
-PLATE_WIDTHS, PLATE_CONTRAST, PLATE_COST = 1.6, 0.6, 5.0
+PLATE_WIDTHS, PLATE_CONTRAST, PLATE_COST = 1.6, 0.4, 5.0
 """A spot that holds another, this many times narrower and of at least this share of the contrast that it has without the other, is
 the plate of a mark rather than a mark: what that costs."""
 CLEAR_COST = 6.0

@@ -37,6 +37,8 @@ FLUX_SD = 6.0
 """Three standard deviations of a spot's light, which is known to twice what its place is known to in widths."""
 LARGEST_SIGMA_PX = 0.5
 """A place known less well than this is none: a choice."""
+LARGEST_SIGMA_WIDTHS = 0.15
+"""... or than this share of a wide mark's width, a twentieth of its diameter: the same."""
 DISTANCE_MEMORY = 0.3
 """Share of a new stretch in what is known of the distance of two marks: a choice."""
 DISTANCE_GATE = 6.0
@@ -106,6 +108,16 @@ def _usual_sigma(marks: Sequence[Mark | None], found: Found) -> Array:
         np.nan if m is None else m.sigma_px if np.isfinite(m.sigma_px) else seen_sigma_px(found, i)
         for i, m in enumerate(marks)
     ])  # fmt: skip
+
+
+def largest_sigma_px(mark: Mark | None) -> float:
+    """What a mark's place must be known to, px.
+
+    Parameters
+    ----------
+    mark : while it is followed
+    """
+    return max(LARGEST_SIGMA_PX, LARGEST_SIGMA_WIDTHS * (0.0 if mark is None else mark.refiner.width_px))
 
 
 def seen_sigma_px(found: Found, index: int) -> float:

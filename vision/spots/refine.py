@@ -104,7 +104,10 @@ MOSTLY_GOOD = 0.8
 AWAY_PX = 1.0
 """A fit stands within this and a width of where the spot was seen."""
 BEGIN_WIDTHS = 2.2
-"""At first sight its width is within this factor of what it seemed."""
+"""At first sight its width is within this factor of what it seemed, ..."""
+BEGIN_WIDER = 1.5
+"""... and not wider than this of it, which is found by half of its height and holds more of a disc than a Gaussian's width does:
+what is wider is the mark and the plate on which it stands. Choices."""
 LEAST_SURE_PX = 0.5
 """A model that leaves a place less sure than this in half of the frames is none for it."""
 SMALL_PX = 2.0
@@ -270,7 +273,7 @@ class Refiner:
         few = stack.rows(_spread(len(stack), CHECK_FRAMES))
         fit = self._fit(few, ELLIPSE)
         good = fit.good & np.isfinite(fit.theta).all(axis=1)
-        good &= np.abs(np.log(fit.width_px / self.width_px)) < np.log(BEGIN_WIDTHS)
+        good &= seems_wide(fit.width_px / self.width_px)
         if good.mean() < LEAST_GOOD:  # a free shape finds something else: a round spot of the width that is known
             fit = self._fit(few, SHARED)
             good = fit.good & np.isfinite(fit.theta).all(axis=1)
@@ -580,6 +583,16 @@ class Refiner:
         floor = max(float(var_low - slope * max(at_low, 0.0)), LEAST_NOISE_DN2)
         before = self.noise
         self.noise = before[0] + share * (floor - before[0]), before[1] + share * (slope - before[1])
+
+
+def seems_wide(ratio: Array) -> NDArray[np.bool_]:
+    """Whether fits are as wide as the spots seemed at first sight.
+
+    Parameters
+    ----------
+    ratio : of the widths
+    """
+    return (ratio > 1 / BEGIN_WIDTHS) & (ratio < BEGIN_WIDER)
 
 
 def _sure(fit: SpotFit) -> NDArray[np.bool_]:

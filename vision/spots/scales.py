@@ -39,7 +39,7 @@ GROWTHS, GROWTH = 3, 1.5
 """A spot whose outline reaches its ring is measured again with a wider one, by this factor, so many times in all."""
 RISE_SHARE = 0.3
 """A spot stands out of the highest part of its ring by this share of its contrast with the ring's middle, or is a bump on the rim
-of something larger. A Gaussian alone keeps 0.65 of its own after the smoothing, less in noise and beside a plate's rim: a choice."""
+of something larger. A Gaussian keeps 0.65 of its own after the smoothing, less in noise and beside a rim: a choice."""
 HALF = 0.5
 """A spot's outline: where it has fallen to this share of its rise."""
 

@@ -15,6 +15,7 @@ from .refine import Refiner, Stack
 CORE = 3
 """The inner part of a window, by which a picture is known again: its half size over this."""
 GROUND_COLUMNS = "ground_u_px2", "ground_v_px2"
+LIMIT_COLUMN = "largest_sigma_px"
 """Of the table: variance that an uneven ground adds to u and v; ``scatter`` puts it into the sigmas."""
 Window = tuple[NDArray[np.uint8], tuple[int, int]]
 """Pixels, and the corner (u, v) where they were cut."""
@@ -104,6 +105,7 @@ class Found:
     reason : why a place is missing ("" = measured)
     repeated : the picture about the mark is the frame's before, to the pixel
     ground_px2 : (markers, 2), variance that an uneven ground adds to each
+    largest_sigma_px : (markers,), a place known less well than this, the ground's part included, is none
     """
 
     place: Array
@@ -113,6 +115,7 @@ class Found:
     repeated: NDArray[np.bool_]
     frames: list[tuple[int, float, bool]]
     ground_px2: Array
+    largest_sigma_px: Array
 
     def both(self, i: int, j: int) -> NDArray[np.int64]:
         """Frames in which two markers were measured."""
@@ -133,6 +136,7 @@ def table_of(done: list[Found], names: list[str]) -> pd.DataFrame:
     reason = np.concatenate([f.reason for f in done], axis=1).T.ravel()
     repeated = np.concatenate([f.repeated for f in done], axis=1).T.ravel()
     ground = np.concatenate([np.repeat(f.ground_px2[None], len(f.frames), axis=0) for f in done]).reshape(-1, 2)
+    limit = np.concatenate([np.repeat(f.largest_sigma_px[None], len(f.frames), axis=0) for f in done]).ravel()
     index = np.concatenate([[i for i, _, _ in f.frames] for f in done])
     t_s = np.concatenate([[t for _, t, _ in f.frames] for f in done])
     return pd.DataFrame(
@@ -149,5 +153,6 @@ def table_of(done: list[Found], names: list[str]) -> pd.DataFrame:
             "repeated": (repeated & (reason == "")).astype(int),
             GROUND_COLUMNS[0]: ground[:, 0],
             GROUND_COLUMNS[1]: ground[:, 1],
+            LIMIT_COLUMN: limit,
         }
     )

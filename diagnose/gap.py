@@ -14,7 +14,7 @@ from ..record.run import Run
 from .effects import Effect
 from .inference.apart import Apart, measurement
 from .inference.diagnosable import Diagnosable
-from .inference.engine import TWINS, Candidate, Progress, Ranking, ranked
+from .inference.engine import CONVERGED_GAIN, TWINS, Candidate, Progress, Ranking, ranked
 from .inference.evidence import Fitted, Inference
 from .inference.held_out import Shrink, none_left, shrink
 from .inference.noise import TIMES_S
@@ -23,7 +23,7 @@ from .tow.next_run import next_run
 from .where import Place, where
 from .words import sentences
 
-Verdict = Literal["no_gap", "effect", "unknown"]
+Verdict = Literal["no_gap", "effect", "unknown", "not_converged"]
 SHOWN = 8
 """Rows of the ranking that are worked out in full."""
 LARGEST_D = 1000.0
@@ -100,6 +100,9 @@ def diagnosed(
     rng = rng or np.random.default_rng()
     inference, ranking = ranked(simulator, library, progress, spread)
     verdict = called(ranking.p_no_gap, ranking.p_unknown, float(ranking.probabilities.sum()))
+    promised = max(f.promised for f in rests_on(ranking, verdict))
+    if promised > CONVERGED_GAIN:
+        verdict = "not_converged"
     best = ranking.candidates[0] if verdict == "effect" else None
     say("where it lies, and how far it shrinks")
     place = where(inference, ranking, best)
@@ -122,6 +125,7 @@ def diagnosed(
         ),
         ranking=rows,
         indistinguishable=twins,
+        promised=promised,
         p_no_gap=ranking.p_no_gap,
         p_unknown=ranking.p_unknown,
         set95=[list(names) for names in ranking.set95],
@@ -162,6 +166,18 @@ def called(p_no_gap: float, p_unknown: float, p_effects: float) -> Verdict:
     if p_no_gap > DOUBT:
         return "no_gap"
     return "effect" if p_effects > 0 and p_effects >= p_unknown else "unknown"
+
+
+def rests_on(ranking: Ranking, verdict: Verdict) -> list[Fitted]:
+    """Fits that a verdict rests on: of no gap, of the headline, or of both where neither is enough.
+
+    Parameters
+    ----------
+    ranking : of the hypotheses
+    verdict : called
+    """
+    first = [c.fitted for c in ranking.candidates[:1]]
+    return {"no_gap": [ranking.base], "effect": first}.get(verdict, [ranking.base, *first])
 
 
 def _rows(

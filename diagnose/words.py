@@ -58,6 +58,13 @@ def _summary(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping
         if doubted and file.next_run is not None:
             said.append(f"To be surer: {file.next_run.why}.")
         return said
+    if file.verdict == "not_converged":
+        return [
+            "There is no answer: the fit of the simulator to these runs did not come to its end. One more step still promises a "
+            f"log evidence of {file.promised:.0f} more, so that what is left over may be the fit's and no gap.",
+            "Let its numbers begin nearer to what they may be, state their sizes, or cut the records where the motion leaves what "
+            "the simulator can follow; a simulator that jumps where its numbers change by little is never fitted.",
+        ]
     if file.verdict == "unknown":
         place = file.where
         said = [

@@ -62,13 +62,17 @@ class GapFile(ResultFile):
 
     schema_name: Literal["towline/gap"] = Field(default="towline/gap", alias="schema", description="this file")
     version: int = Field(default=1, description="of the schema")
-    verdict: Literal["no_gap", "effect", "unknown"] = Field(description="formats.md")
+    verdict: Literal["no_gap", "effect", "unknown", "not_converged"] = Field(description="formats.md")
     where: Where = Field(description="stage, runs, time, band")
     ranking: list[RankedEffects] = Field(
         description="effects and pairs, best first; probabilities with the rest sum to 1"
     )
     indistinguishable: list[list[str]] = Field(
         description="effects that these runs do not tell apart; exact symmetries"
+    )
+    promised: float = Field(
+        default=0.0,
+        description="log evidence that one more step of the fits behind the verdict promises: 0 at an optimum",
     )
     p_no_gap: float = Field(description="probability that nothing is missing")
     p_unknown: float = Field(description="probability that something in no library is missing")

@@ -16,7 +16,12 @@ if TYPE_CHECKING:
     from ..record.gap_file import GapFile
     from ..record.results import Measured
 
-HEADLINES = {"no_gap": "No gap", "effect": "An effect is missing", "unknown": "Something unknown is missing"}
+HEADLINES = {
+    "no_gap": "No gap",
+    "effect": "An effect is missing",
+    "unknown": "Something unknown is missing",
+    "not_converged": "No answer: the fit did not converge",
+}
 
 
 def headline(file: GapFile) -> str:

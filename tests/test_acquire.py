@@ -96,7 +96,9 @@ def test_marks_on_photographs_are_acquired_and_held(footage: ModuleType, footage
 
 
 @pytest.mark.parametrize("seed", [4013, 9038, 9141])
-def test_a_ground_that_may_move_a_mark_too_far_loses_it(footage: ModuleType, footage_scenes: ModuleType, seed: int) -> None:
+def test_a_ground_that_may_move_a_mark_too_far_loses_it(
+    footage: ModuleType, footage_scenes: ModuleType, seed: int
+) -> None:
     """Marks of 1 to 2 px on a plate's corner, whose places were more than a pixel off."""
     one = footage_scenes.scene(seed)
     found = footage.ours(one, list(one.frames()))

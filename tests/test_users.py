@@ -177,6 +177,22 @@ def test_one_run_no_free_number_and_an_empty_library_are_answered(
         assert found.ranking[0].effects == ["wave"]
 
 
+def test_a_fit_that_does_not_come_to_its_end_is_no_answer() -> None:
+    """A number in the wrong units: begun, and of a size, twelve orders below what it is, too far for the steps that are taken."""
+    made = bent(np.random.default_rng(1))
+
+    def simulate(run: UsersRun, n: dict, effects: dict) -> np.ndarray:
+        return parabola(run, {"p": 1e-6 * n["p"], "q": 1e-6 * n["q"]}, effects)
+
+    shared = [UsersNumber("p", 1e-6, size=1e-6), UsersNumber("q", 1e-6, size=1e-6)]
+    found = diagnosed(
+        UsersSimulator(made, simulate, shared, []), (WAVE,), "test", {}, rng=np.random.default_rng(0)
+    ).file
+    assert found.verdict == "not_converged"
+    assert found.promised > 3
+    assert "did not come to its end" in found.sentences[0]
+
+
 def test_wrong_shapes_are_said() -> None:
     made = runs(np.random.default_rng(4))
     shared, own = [UsersNumber("w2", 4.0), UsersNumber("c", 0.1)], [UsersNumber("a0", 0.1)]

@@ -43,7 +43,8 @@ WORTH_PAIRS = 3.0
 WORTH_PAIRS_BELOW = 30.0
 """Pairs are tried on the second best effect only if it comes this near to the best."""
 MOST_REFINEMENTS, CONVERGED_GAIN = 5, 3.0
-"""A fit is refined at most so often; it counts as converged when a refinement raises its log evidence by less than this."""
+"""A fit is refined at most so often; it counts as converged when a refinement raises its log evidence, or a step promises to raise
+it, by less than this."""
 WORTH_REFINING = 0.3
 """A free form is refined only if its log evidence is at least this share of the best effect's."""
 TWINS = 3.0
@@ -140,7 +141,7 @@ def ranked(
     say("the simulator as it is")
     first, forces = _first_fit(simulator, spread)
     inference = Inference(simulator, simulator.noise(first), spread)
-    base = _refined(inference, inference.fit([first], [forces], 2, (0,)))[0]
+    base = _settled(inference, _refined(inference, inference.fit([first], [forces], 2, (0,)))[0])
     usable, excluded = simulator.usable(library)
     usable = [*usable, *simulator.suggested(base)]
     say(f"{len(usable)} effects by their scores")
@@ -184,8 +185,7 @@ def _first_fit(simulator: Simulator, spread: Spread) -> tuple[Hypothesis, Forces
         except (EstimationError, np.linalg.LinAlgError):
             return None
         # of where it stands, not of where its next step points to: an end that is still on its way is none
-        reached = found.log_evidence - found.solved.log_evidence + found.solved.here
-        return reached, found.hypothesis, found.forces
+        return found.log_evidence - found.promised, found.hypothesis, found.forces
 
     found = [end for end in spread(ended, simulator.starts()) if end is not None]
     if not found:
@@ -195,6 +195,20 @@ def _first_fit(simulator: Simulator, spread: Spread) -> tuple[Hypothesis, Forces
         )
     _, best, forces = max(found, key=lambda end: end[0])
     return best, forces
+
+
+def _settled(inference: Inference, base: Fitted) -> Fitted:
+    """The same, refined until its next step promises nothing, or no longer."""
+    for _ in range(MOST_REFINEMENTS):
+        if base.promised < CONVERGED_GAIN:
+            break
+        base = _refined(inference, [base])[0]
+    return base
+
+
+def _worth(fitted: Fitted) -> float:
+    """Its log evidence, without what a step promises that is not taken yet."""
+    return fitted.log_evidence - max(fitted.promised - CONVERGED_GAIN, 0.0)
 
 
 def _siblings(
@@ -246,7 +260,7 @@ def _refined(inference: Inference, fitted: Sequence[Fitted]) -> list[Fitted]:
     answers = []
     for k, old in enumerate(fitted):
         both = [old, *ends[k * len(shares) : (k + 1) * len(shares)]]
-        answers.append(max(both, key=lambda f: f.log_evidence))
+        answers.append(max(both, key=_worth))
     return answers
 
 

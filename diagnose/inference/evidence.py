@@ -107,6 +107,11 @@ class Fitted:
     linear: Linear
     grams: Grams
 
+    @property
+    def promised(self) -> float:
+        """Log evidence that one more step promises: next to nothing at an optimum."""
+        return self.solved.log_evidence - self.solved.here
+
 
 @dataclass(frozen=True)
 class Priors:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from ..record.errors import TowlineError
@@ -263,6 +262,8 @@ class _Towed:
     def _solve(
         self, slope, state: Array, begin: float, end: float, t_s: Array, events, longest_s: float = np.inf
     ) -> Any:
+        from scipy.integrate import solve_ivp
+
         for event in events:
             event.terminal = True
         found = solve_ivp(
@@ -303,6 +304,8 @@ class _Towed:
 def _simulate_free(
     hull: Hull, tow: Tow, start: Start, t_s: Array, histories: Histories, extra: ExtraForce | None
 ) -> pd.DataFrame:
+    from scipy.integrate import solve_ivp
+
     def slope(t, state):
         here = (hull, tow) if histories.empty else histories.at(t, hull, tow)
         return free_rates(t, state, *here, extra)

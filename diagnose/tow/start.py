@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import UnivariateSpline
-from scipy.signal import savgol_filter
 
 from ...identify import fit_runs
 from ...identify.reference import reference_set
@@ -107,6 +106,8 @@ def excess_scatter(run: TowRun) -> Array:
     ratio : (2,) root mean square distance from a running cubic over its stated standard deviation; white noise as stated has the
         square root of what the cubic leaves; 1 where there are too few blocks
     """
+    from scipy.signal import savgol_filter
+
     good = np.isfinite(run.values[:, :2]).all(axis=1)
     length = max(2 * round(SMOOTH_S / run.step_s / 2) + 1, SMOOTH_ORDER + 2)
     if good.sum() < length:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ...record.errors import EstimationError
 from ...simulate.model import Array
@@ -117,6 +116,8 @@ def drawn_record(fit: Fit, data: RunData, index: int, colour: Colour | None, rng
 
 def _coloured(regression: Array, count: int, rng: np.random.Generator) -> Array:
     """An autoregression of unit innovations, its beginning forgotten."""
+    from scipy.signal import lfilter
+
     drawn = rng.normal(size=count + SETTLES)
     return np.asarray(lfilter([1.0], np.concatenate([[1.0], -regression]), drawn))[SETTLES:]
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ...record.errors import EstimationError
 from ...simulate.model import Array
@@ -66,6 +65,8 @@ def four_stage_iv(y: Array, u: Array, na: int, nb: int, delay: int = 1) -> FourS
     ------
     EstimationError : too few samples
     """
+    from scipy.signal import lfilter
+
     y, u = np.asarray(y, dtype=float), np.asarray(u, dtype=float)
     if len(y) < 5 * (na + nb) + na + nb + delay:
         raise EstimationError(f"{len(y)} samples are too few for {na + nb} coefficients")
@@ -106,6 +107,8 @@ def _polynomials(theta: Array, covariance: Array, na: int) -> Polynomials:
 
 def _simulated(model: Polynomials, u: Array, delay: int, notes: list[str], stage: str) -> Array:
     """(B/A) u; an unstable A is mirrored into the unit circle: instruments need only be correlated with the truth."""
+    from scipy.signal import lfilter
+
     roots = np.roots(model.a)
     outside = np.abs(roots) >= 1
     a = model.a

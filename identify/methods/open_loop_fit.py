@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import expm, solve_triangular, toeplitz
-from scipy.signal import fftconvolve
 
 from ...record.errors import EstimationError
 from ...record.priors import Priors
@@ -152,6 +151,8 @@ def _run(record: Record, force: Array, six: Array, own: Array, speed: float) -> 
     First-order hold; slopes by the complex step through the state matrix. The powers of the transition are doubled, the force is
     convolved with the pulse responses (real and imaginary part apart: one is 1e-30 of the other).
     """
+    from scipy.signal import fftconvolve
+
     step, n = record.step_s, len(force)
     columns = np.repeat(six[:, None], 7, axis=1).astype(complex)
     columns[np.arange(6), np.arange(1, 7)] += 1j * COMPLEX_STEP

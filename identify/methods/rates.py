@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import savgol_coeffs, savgol_filter
 
 from ...record.errors import EstimationError
 from ...simulate.model import Array, alpha_from_y, line_force
@@ -65,6 +64,8 @@ def smooth_rates(record: Record, window_s: float) -> Rates:
     ------
     EstimationError : uneven samples, or a window shorter than six samples or longer than half the record
     """
+    from scipy.signal import savgol_coeffs, savgol_filter
+
     step = record.step_s
     width = 2 * round(window_s / step / 2) + 1
     if width < POLYNOMIAL + 3 or width > len(record.t_s) // 2:

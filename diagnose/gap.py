@@ -11,6 +11,7 @@ import numpy as np
 from ..record.gap_file import GapFile, NextMeasurement, NextRun, RankedEffects, Where
 from ..record.results import Measured
 from ..record.run import Run
+from ..record.threads import one_thread
 from .effects import Effect
 from .inference.apart import Apart, measurement
 from .inference.diagnosable import Diagnosable
@@ -70,6 +71,7 @@ class Diagnosed:
     failed: dict[str, str]
 
 
+@one_thread()
 def diagnosed(
     simulator: Diagnosable,
     library: Sequence[Effect],

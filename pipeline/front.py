@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from ..record.errors import TowlineError
 from ..record.run import Run, read_run
+from ..record.threads import one_thread
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -58,6 +59,7 @@ def track(run: Folder | Run, *, device: Literal["cpu", "cuda"] = "cpu", fresh: b
     return track_run(_run(run), fresh=fresh, device=device).table
 
 
+@one_thread()
 def compute_motion(
     run: Folder | Run,
     *,
@@ -99,6 +101,7 @@ def compute_motion(
     return compute_run_motion(_run(run, line), method, fresh=fresh).motion
 
 
+@one_thread()
 def check_camera(*runs: Folder, refine: Sequence[str] = (), effects: bool = True) -> list[CheckFile]:
     """Is the camera right? One fit of datum, marks and the taut line to runs of one set-up.
 
@@ -132,6 +135,7 @@ def check_camera(*runs: Folder, refine: Sequence[str] = (), effects: bool = True
     return [checked(own, tracks, refine, effects).file for _, own, tracks in set_ups(found, tables)]
 
 
+@one_thread()
 def identify(
     *runs: Folder,
     form: Form = "full",
@@ -179,6 +183,7 @@ def identify(
     return identify_batch(compute_motions(runs, line=line), form, speed_m_s, priors, noise=noise).result
 
 
+@one_thread()
 def steady(*runs: Folder, line: Line | None = None) -> SteadyFile:
     """The neutral point X_v from steady tows at two or more tow points.
 

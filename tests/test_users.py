@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from towline.diagnose.effects import Effect, Parameter
 from towline.diagnose.gap import Diagnosis, diagnosed
@@ -191,6 +192,28 @@ def test_a_fit_that_does_not_come_to_its_end_is_no_answer() -> None:
     assert found.verdict == "not_converged"
     assert found.promised > 3
     assert "did not come to its end" in found.sentences[0]
+
+
+def test_linear_algebra_runs_on_one_thread_meanwhile() -> None:
+    """A thread each for small matrices cost four times the time; what the caller had set holds again afterwards."""
+    seen = set()
+
+    def threads() -> set[int]:
+        return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
+
+    def simulate(run: UsersRun, n: dict, effects: dict) -> np.ndarray:
+        seen.update(threads())
+        return parabola(run, n, effects)
+
+    made = bent(np.random.default_rng(1))
+    with threadpool_limits(2, user_api="blas"):
+        before = threads()
+        diagnosed(
+            UsersSimulator(made, simulate, [UsersNumber("p", 1.0), UsersNumber("q", 1.0)], []),
+            (WAVE,), "test", {}, rng=np.random.default_rng(0),
+        )  # fmt: skip
+        assert threads() == before
+    assert seen == {1}
 
 
 def test_wrong_shapes_are_said() -> None:

@@ -190,8 +190,10 @@ def _rows(
     best: Candidate | None,
 ) -> tuple[list[RankedEffects], Shrink | None]:
     shown = ranking.candidates[:SHOWN]
+    # one measure for all rows: the random forces that the first of them leaves
+    forces = (best or shown[0]).fitted.forces if shown else None
     gaps = inference.spread(
-        lambda pair: shrink(inference, ranking.base, pair[0].fitted, held, pair[1]),
+        lambda pair: shrink(inference, ranking.base, pair[0].fitted, held, pair[1], forces),
         list(zip(shown, rng.spawn(len(shown)), strict=True)),
     )
     rows: list[RankedEffects] = []

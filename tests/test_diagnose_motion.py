@@ -174,6 +174,7 @@ def test_a_push_from_one_side_is_found_in_a_motion(push: tuple[float, float], ve
         size = row.parameters["hull_asymmetry.y_star_n_s2_m2"]
         assert abs(size.value - 0.25 / 1.28**2) < 4 * size.std
         assert row.gap_after < row.gap_before
+    assert len({row.gap_before for row in found.ranking}) == 1
 
 
 def test_the_command_takes_runs_that_came_as_motion(motion_run: Callable[..., Path], tmp_path: Path) -> None:

@@ -67,7 +67,12 @@ def aside(inference: Inference, fitted: Fitted, forces: Forces, run: int, others
 
 
 def shrink(
-    inference: Inference, base: Fitted, best: Fitted, held: Sequence[int] | None, rng: np.random.Generator
+    inference: Inference,
+    base: Fitted,
+    best: Fitted,
+    held: Sequence[int] | None,
+    rng: np.random.Generator,
+    forces: Forces | None = None,
 ) -> Shrink:
     """Gap before and after.
 
@@ -78,10 +83,11 @@ def shrink(
     best : the best hypothesis, fitted
     held : runs kept aside (all at once); None: each in turn. Where that leaves no run to fit, all are fitted themselves
     rng : that draws
+    forces : random forces that both are measured by; None: those of ``best``
     """
     count, free = len(inference.simulator.runs), inference.simulator.free
     lengths = [len(run.centre_s) for run in inference.simulator.runs]
-    forces = best.forces
+    forces = forces or best.forces
     turns = [(i, [j for j in range(count) if j != i]) for i in range(count)]
     if held:
         turns = [(i, [j for j in range(count) if j not in held]) for i in held]

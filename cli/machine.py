@@ -36,6 +36,7 @@ PURPOSES = {
     "scikit-image": "marks of any look",
     "scipy": "the fits",
     "shtab": "towline completion",
+    "threadpoolctl": "linear algebra on one thread",
     "tomlkit": "writes run.toml",
     "torch": "check of the camera chain; tracking on a GPU",
     "kornia": "check of the camera chain",

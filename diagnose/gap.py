@@ -103,7 +103,9 @@ def diagnosed(
     inference, ranking = ranked(simulator, library, progress, spread)
     verdict = called(ranking.p_no_gap, ranking.p_unknown, float(ranking.probabilities.sum()))
     promised = max(f.promised for f in rests_on(ranking, verdict))
-    if promised > CONVERGED_GAIN:
+    if (
+        promised > CONVERGED_GAIN and verdict != "effect"
+    ):  # that an effect is there is told all the same, its size is not
         verdict = "not_converged"
     best = ranking.candidates[0] if verdict == "effect" else None
     say("where it lies, and how far it shrinks")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ..record.gap_file import GapFile
+from .inference.engine import CONVERGED_GAIN
 from .inference.held_out import Shrink
 from .inference.scan import Leftover
 from .tow.numbers import BESIDE
@@ -18,6 +19,9 @@ NOTABLE = 5.0
 def is_open(file: GapFile) -> bool:
     """No gap is said for want of proof, not because nothing seems to be missing."""
     return file.verdict == "no_gap" and file.p_no_gap < OPEN
+
+
+STILL_MOVING = "; its fit has not come to its end, so that sizes and gap may be further off than this says"
 
 
 ALONE = (
@@ -91,7 +95,7 @@ def _summary(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping
         f"Your simulator misses {_titled(row.effects, titles)}{side.get(stage, '')} (probability {row.probability:.2f})."
     ]
     numbers = ", ".join(f"{k.split('.')[1]} {v.value:.3g} +- {v.std:.2g}" for k, v in row.parameters.items())
-    said.append(f"Its size: {numbers}.")
+    said.append(f"Its size: {numbers}{STILL_MOVING if file.promised > CONVERGED_GAIN else ''}.")
     if held is not None and held.before > 1:
         low, high = row.shrink_interval
         on = "runs kept aside" if file.kept_aside else "fitted run itself"

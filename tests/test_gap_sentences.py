@@ -194,3 +194,19 @@ def test_the_bias_that_an_effect_had_made(before: dict[str, float], after: dict[
     }
     found = sentences(file("effect", [row("elastic_line")], derivatives=hulls), None, QUIET, TITLES)
     assert found[3:] == [f"Left out, it biases the derivatives by up to {one}." for one in said]
+
+
+def test_an_effect_whose_fit_is_not_at_its_end_is_named_with_a_warning() -> None:
+    sure, moving = (file("effect", [row("cubic_damping")], promised=gain) for gain in (0.2, 12.0))
+    warning = "its fit has not come to its end"
+    assert warning not in " ".join(sentences(sure, kept_aside(2.5), QUIET))
+    said = sentences(moving, kept_aside(2.5), QUIET)
+    assert sum(warning in one for one in said) == 1
+    assert any(one.startswith("Its size: ") and warning in one for one in said)
+
+
+def test_a_fit_that_is_not_at_its_end_is_no_verdict() -> None:
+    said = sentences(file("not_converged", CURRENT, promised=45.2), None, QUIET)
+    assert said[0].startswith("There is no answer")
+    assert "a log evidence of 45 more" in said[0]
+    assert not any("misses" in one for one in said)

@@ -11,7 +11,6 @@ from .truth.cases import Case
 Call = frozenset[str]
 NO_GAP: Call = frozenset()
 UNKNOWN: Call = frozenset({"unknown"})
-NO_ANSWER: Call = frozenset({"not_converged"})
 NONE: Call = frozenset({"no answer"})
 TOLD_APART = 20.0
 """D at which two effects can be told apart in 98.7 % of draws: the bar's stratum."""
@@ -137,6 +136,6 @@ def call_of(gap: Mapping[str, Any]) -> tuple[Call, float]:
     if gap["verdict"] == "unknown":
         return UNKNOWN, float(gap["p_unknown"])
     if gap["verdict"] == "not_converged":
-        return NO_ANSWER, 0.0
+        return NONE, 0.0
     first = gap["ranking"][0]
     return frozenset(first["effects"]), float(first["probability"])

@@ -103,9 +103,8 @@ def diagnosed(
     inference, ranking = ranked(simulator, library, progress, spread)
     verdict = called(ranking.p_no_gap, ranking.p_unknown, float(ranking.probabilities.sum()))
     promised = max(f.promised for f in rests_on(ranking, verdict))
-    if (
-        promised > CONVERGED_GAIN and verdict != "effect"
-    ):  # that an effect is there is told all the same, its size is not
+    # that an effect is there is told all the same; only its size is not
+    if promised > CONVERGED_GAIN and verdict != "effect":
         verdict = "not_converged"
     best = ranking.candidates[0] if verdict == "effect" else None
     say("where it lies, and how far it shrinks")

@@ -22,8 +22,6 @@ def is_open(file: GapFile) -> bool:
 
 
 STILL_MOVING = "; its fit has not come to its end, so that sizes and gap may be further off than this says"
-
-
 ALONE = (
     "No other run was there to be kept aside: the gaps are those of what was fitted itself, and fall further than another run's "
     "would. Much of what one run has its derivatives alone can take up: an effect counts as found when a second tow, of another "

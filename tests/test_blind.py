@@ -37,7 +37,7 @@ from towline.blind.draw import (
     told,
     write_cases,
 )
-from towline.blind.judge import NO_GAP, UNKNOWN, Judged
+from towline.blind.judge import NO_GAP, NONE, UNKNOWN, Judged, call_of
 from towline.blind.measure import measured
 from towline.blind.next_runs import with_next_run
 from towline.blind.scores import Score, calibration, interval, scores
@@ -643,6 +643,13 @@ def test_scores_of_known_answers() -> None:
     assert hits("no answer", "all") == (1, 13)
     assert _find(table, "|shrink - oracle|, median", "D > 20").value == pytest.approx(0.05)
     assert hits("oracle in the 90 % interval", "D > 20") == (2, 2)
+
+
+def test_a_fit_that_did_not_come_to_its_end_names_nothing() -> None:
+    """Neither a false alarm nor an effect: it stands with the campaigns without an answer."""
+    ranking = [{"effects": ["crossflow_drag"], "probability": 0.9}]
+    assert call_of({"verdict": "not_converged", "ranking": ranking}) == (NONE, 0.0)
+    assert call_of({"verdict": "effect", "ranking": ranking}) == (frozenset({"crossflow_drag"}), 0.9)
 
 
 def test_the_shrinks_coverage_can_fail() -> None:

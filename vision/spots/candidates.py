@@ -160,6 +160,18 @@ def with_tint(candidates: Candidates, bgr: NDArray[np.uint8]) -> Candidates:
     return replace(candidates, tint=tint)
 
 
+def middle(values: Array) -> Array:
+    """Medians along the last axis; of a few dozen values a sort costs less than ``np.median``.
+
+    Parameters
+    ----------
+    values : (..., n), without NaN
+    """
+    inorder = np.sort(values, axis=-1)
+    count = inorder.shape[-1]
+    return 0.5 * (inorder[..., (count - 1) // 2] + inorder[..., count // 2])
+
+
 def stretch_of(rows: Array, columns: Array) -> float:
     """Ratio of the axes of the ellipse with a region's second moments, 4 sqrt(eigenvalue) each; the minor at least 1 px."""
     v, u = rows - rows.mean(), columns - columns.mean()

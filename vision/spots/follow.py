@@ -21,7 +21,7 @@ from .candidates import Array, Candidates
 from .identity import CLEAR_COST, SEEN_SD_PX, Assignment
 from .judge import JUMP_PX, Rigid, judge, largest_sigma_px, seen_sigma_px
 from .live import LiveMark
-from .refine import WIDEST_PX, Refiner, Stack, seems_wide
+from .refine import WIDEST_PX, Refiner, Stack, wide_as_seemed
 from .search import Search
 from .stretch import Found, Mark, Stretch, table_of
 
@@ -272,7 +272,7 @@ class SpotFollower:
         alone = self._one(frame, place, refiner)
         for fit in (refiner.once(alone), refiner.simplest(alone)):
             rises = fit.amplitude_dn[0] < 0 if self._dark(index) else fit.amplitude_dn[0] > 0
-            if fit.good[0] and rises and seems_wide(fit.width_px / width)[0]:
+            if fit.good[0] and rises and wide_as_seemed(fit.width_px / width)[0]:
                 break
         else:
             return None  # the fit went to something else

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .candidates import MAD_TO_SD
+from .candidates import MAD_TO_SD, middle
 
 Array = NDArray[Any]
 
@@ -232,8 +232,8 @@ def without_rims(values: Array, width_px: float) -> Array:
     usable = np.isfinite(about).all(axis=1)
     if not usable.any():
         return values
-    level = _middle(about[usable])
-    spread = MAD_TO_SD * _middle(np.abs(about[usable] - level[:, None]))
+    level = middle(about[usable])
+    spread = MAD_TO_SD * middle(np.abs(about[usable] - level[:, None]))
     far = np.abs(values[usable] - level[:, None, None]) > (RIM_SD * np.hypot(spread, 1.0))[:, None, None]
     far &= beyond
     if not far.any():
@@ -241,13 +241,6 @@ def without_rims(values: Array, width_px: float) -> Array:
     answer = values.copy()
     answer[usable] = np.where(far, np.nan, values[usable])
     return answer
-
-
-def _middle(values: Array) -> Array:
-    """(b,) medians of rows without NaN; of a few dozen values a sort costs less than ``np.median``."""
-    rows = np.sort(values, axis=1)
-    count = rows.shape[1]
-    return 0.5 * (rows[:, (count - 1) // 2] + rows[:, count // 2])
 
 
 def has_plateau(values: Array, dark: bool = False) -> NDArray[np.bool_]:

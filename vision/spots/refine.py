@@ -273,7 +273,7 @@ class Refiner:
         few = stack.rows(_spread(len(stack), CHECK_FRAMES))
         fit = self._fit(few, ELLIPSE)
         good = fit.good & np.isfinite(fit.theta).all(axis=1)
-        good &= seems_wide(fit.width_px / self.width_px)
+        good &= wide_as_seemed(fit.width_px / self.width_px)
         if good.mean() < LEAST_GOOD:  # a free shape finds something else: a round spot of the width that is known
             fit = self._fit(few, SHARED)
             good = fit.good & np.isfinite(fit.theta).all(axis=1)
@@ -585,7 +585,7 @@ class Refiner:
         self.noise = before[0] + share * (floor - before[0]), before[1] + share * (slope - before[1])
 
 
-def seems_wide(ratio: Array) -> NDArray[np.bool_]:
+def wide_as_seemed(ratio: Array) -> NDArray[np.bool_]:
     """Whether fits are as wide as the spots seemed at first sight.
 
     Parameters

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .candidates import MAD_TO_SD, Candidates, stretch_of
+from .candidates import MAD_TO_SD, Candidates, middle, stretch_of
 from .ring import RING_WIDTHS, rise_of, smoothing_px, stands_out
 
 Array = NDArray[Any]
@@ -208,10 +208,10 @@ def _outlined(picture: Array, place: Array, width: float) -> tuple[Array, Array,
     part = picture[v0 : int(place[1]) + reach + 1, u0 : int(place[0]) + reach + 1]
     du, dv = np.arange(part.shape[1]) + (u0 - place[0]), np.arange(part.shape[0]) + (v0 - place[1])
     away = np.sqrt(du * du + (dv * dv)[:, None])
-    ring = np.sort(part[(away > 1.7 * width + 0.5) & (away < RING_WIDTHS * width + 1.5)])
+    ring = part[(away > 1.7 * width + 0.5) & (away < RING_WIDTHS * width + 1.5)]
     if len(ring) < 8:
         return None
-    ground = 0.5 * float(ring[(len(ring) - 1) // 2] + ring[len(ring) // 2])
+    ground = float(middle(ring))
     near = cv2.blur(part, (3, 3)) if width > 1.2 else part
     core = away <= max(1.0, 0.8 * width)
     contrast = float(near[core].max()) - ground

@@ -56,13 +56,13 @@ class Search:
         """Assign spots of whatever size to the markers."""
         known = [place for place in near if place is not None]
         reach = NEAR_SD * max(near_sd_px or [SEEN_SD_PX])
-        found = self._coloured(frame, [
-            one.and_also(find_spots(frame.luma, dark, np.array(known) if known else None, reach).apart_from(one))
-            for dark in self._shades()
-            for far in [find_candidates(frame.luma, dark, USUAL_WIDTH_PX).narrower(WIDEST_SHARE * USUAL_WIDTH_PX)]
-            for one in [free_of_rims(frame.luma, far)]
-        ])  # fmt: skip
-        return self._assigned(found, near, near_sd_px, looks)
+        parts = []
+        for dark in self._shades():
+            narrow = find_candidates(frame.luma, dark, USUAL_WIDTH_PX).narrower(WIDEST_SHARE * USUAL_WIDTH_PX)
+            narrow = free_of_rims(frame.luma, narrow)
+            rest = find_spots(frame.luma, dark, np.array(known) if known else None, reach)
+            parts.append(narrow.and_also(rest.apart_from(narrow)))
+        return self._assigned(self._coloured(frame, parts), near, near_sd_px, looks)
 
     def about(
         self,

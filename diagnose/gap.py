@@ -24,7 +24,9 @@ from .tow.next_run import next_run
 from .where import Place, where
 from .words import sentences
 
-Verdict = Literal["no_gap", "effect", "unknown", "not_converged"]
+Verdict = Literal["no_gap", "effect", "form_not_exact", "unknown", "not_converged"]
+NAMED: tuple[Verdict, ...] = ("effect", "form_not_exact")
+"""Verdicts that say which effect is there."""
 SHOWN = 8
 """Rows of the ranking that are worked out in full."""
 LARGEST_D = 1000.0
@@ -101,12 +103,14 @@ def diagnosed(
     say = progress or (lambda _: None)
     rng = rng or np.random.default_rng()
     inference, ranking = ranked(simulator, library, progress, spread)
-    verdict = called(ranking.p_no_gap, ranking.p_unknown, float(ranking.probabilities.sum()))
+    verdict = called(ranking.p_no_gap, ranking.p_unknown, float(ranking.named.sum()))
+    if verdict == "effect" and 2 * ranking.probabilities[0] < ranking.named[0]:
+        verdict = "form_not_exact"
     promised = max(f.promised for f in rests_on(ranking, verdict))
     # that an effect is there is told all the same; only its size is not
-    if promised > CONVERGED_GAIN and verdict != "effect":
+    if promised > CONVERGED_GAIN and verdict not in NAMED:
         verdict = "not_converged"
-    best = ranking.candidates[0] if verdict == "effect" else None
+    best = ranking.candidates[0] if verdict in NAMED else None
     say("where it lies, and how far it shrinks")
     place = where(inference, ranking, best)
     rows, headline = _rows(inference, ranking, held, rng, best)
@@ -140,6 +144,7 @@ def diagnosed(
             **({"after": _derivatives(best.fitted, simulator.shared_names)} if best is not None else {}),
         },
         noise=_noise(best.fitted if best is not None else ranking.base, simulator.force_scale),
+        noise_without=_noise(ranking.base, simulator.force_scale),
         runs=names,
         excluded=ranking.excluded,
         sentences=[],
@@ -174,13 +179,20 @@ def called(p_no_gap: float, p_unknown: float, p_effects: float) -> Verdict:
 def rests_on(ranking: Ranking, verdict: Verdict) -> list[Fitted]:
     """Fits that a verdict rests on: of no gap, of the headline, or of both where neither is enough.
 
+    A candidate decides nothing that would explain less than no gap, or than a free form, even where its next step kept its
+    promise.
+
     Parameters
     ----------
     ranking : of the hypotheses
     verdict : called
     """
-    first = [c.fitted for c in ranking.candidates[:1]]
-    return {"no_gap": [ranking.base], "effect": first}.get(verdict, [ranking.base, *first])
+    first = ranking.candidates[:1]
+    if verdict in NAMED:
+        return [c.fitted for c in first]
+    free = ranking.free.log_evidence if ranking.free is not None else 0.0
+    others = [] if verdict == "no_gap" else [c.fitted for c in first if c.log_evidence > max(free, 0.0)]
+    return [ranking.base, *others]
 
 
 def _rows(
@@ -199,13 +211,17 @@ def _rows(
     )
     rows: list[RankedEffects] = []
     headline: Shrink | None = None
-    for candidate, probability, gap in zip(shown, ranking.probabilities, gaps, strict=False):
+    shares = zip(ranking.probabilities, ranking.named, strict=True)
+    for candidate, (probability, named), gap in zip(shown, shares, gaps, strict=False):
         if candidate is best:
             headline = gap
         rows.append(
             RankedEffects(
                 effects=list(candidate.names),
                 probability=float(probability),
+                probability_inexact=float(named - probability),
+                form=candidate.variant,
+                forms=_forms(ranking, candidate),
                 parameters=_numbers(inference, candidate),
                 gap_before=gap.before,
                 gap_after=gap.after,
@@ -216,6 +232,12 @@ def _rows(
             )
         )
     return rows, headline
+
+
+def _forms(ranking: Ranking, candidate: Candidate) -> dict[str, float]:
+    """Other forms of the same effects that were fitted -> log evidence below this one's."""
+    found = ranking.forms.get(candidate.names, {})
+    return {variant: log - candidate.log_evidence for variant, log in found.items() if variant != candidate.variant}
 
 
 def _numbers(inference: Inference, candidate: Candidate) -> dict[str, Measured]:

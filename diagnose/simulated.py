@@ -28,7 +28,7 @@ def effects_of(file: ScenarioFile, path: Path, library: Sequence[Effect] = LIBRA
 
     Raises
     ------
-    InputError : an unknown name or number, or an effect that the simulator of motions has no place for
+    InputError : an unknown name, form or number, or an effect that the simulator of motions has no place for
     """
     found = []
     for index, table in enumerate(file.effect):
@@ -41,8 +41,11 @@ def effects_of(file: ScenarioFile, path: Path, library: Sequence[Effect] = LIBRA
                 f"{where}.name",
                 f"{table.name!r}; expected one of {known}, or one of your own with --effects FILE.py",
             )
-        # variants of one name differ in their numbers
-        effect = next((e for e in named if set(table.numbers) <= {p.name for p in e.parameters}), named[0])
+        if table.form and table.form not in (forms := [e.variant for e in named]):
+            known = ", ".join(repr(form) for form in forms if form)
+            raise InputError(path, f"{where}.form", f"{table.form!r}; {table.name} has {known or 'one form only'}")
+        formed = [e for e in named if e.variant == table.form] if table.form else named
+        effect = next((e for e in formed if set(table.numbers) <= {p.name for p in e.parameters}), formed[0])
         works = effect.force, effect.tension, effect.keeps, effect.coupling, effect.length, effect.offset
         if not any(works) or effect.lag_s:
             raise InputError(

@@ -46,7 +46,7 @@ def where(inference: Inference, ranking: Ranking, best: Candidate | None) -> Pla
     best : the best one, or None
     """
     share: dict[str, float] = dict.fromkeys(STAGES, 0.0)
-    for candidate, probability in zip(ranking.candidates, ranking.probabilities, strict=True):
+    for candidate, probability in zip(ranking.candidates, ranking.named, strict=True):
         for effect in candidate.effects:
             for stage, part in _stages(candidate, effect).items():
                 share[stage] = share.get(stage, 0.0) + float(probability) * part / len(candidate.effects)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ..record.gap_file import GapFile
+from ..record.gap_file import GapFile, RankedEffects
 from .inference.engine import CONVERGED_GAIN
 from .inference.held_out import Shrink
 from .inference.scan import Leftover
@@ -12,6 +12,11 @@ from .tow.numbers import BESIDE
 
 OPEN = 0.6
 """Below this probability no gap is a verdict for want of a better one."""
+SWALLOWED, SEEN, SMALLEST = 2.0, 1e-3, 1e-4
+"""Random forces are spoken of where they are so many times larger without the headline, and at least so large there (N, N m); what
+they are with it counts as at least the last. Choices."""
+EXCLUDED = 3.0
+"""Log evidence by which a form must fall short of the best one to be excluded, odds of 20 to 1."""
 NOTABLE = 5.0
 """Log evidence from which what is left over is described by its place instead of the gap: a choice, odds of 150 to 1."""
 
@@ -73,15 +78,15 @@ def _summary(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping
             f"There is a gap that no effect or pair of effects in the library explains (probability {file.p_unknown:.2f})."
         ]
         if rest.log_evidence > NOTABLE:
-            at = f"at {rest.band_hz[0]:.2f} Hz in all runs" if rest.band_hz else ""
-            at = f"in {rest.run}, from {rest.span_s[0]:.0f} to {rest.span_s[1]:.0f} s" if rest.span_s else at
-            return [*said, f"What is left over stands out {at}; look for what happens there."]
+            return [*said, _left_over(rest)]
         return [
             *said,
             f"It shows most in {max(place.share, key=lambda k: place.share[k])}, from {place.span_s[0]:.0f} to "
             f"{place.span_s[1]:.0f} s, at {place.band_hz[0]:.2f} to {place.band_hz[1]:.2f} Hz.",
         ]
     row = file.ranking[0]
+    inexact = file.verdict == "form_not_exact"
+    sure = row.probability + row.probability_inexact
     stage = file.where.stage
     side = {
         "sway": " in the sway equation",
@@ -89,8 +94,9 @@ def _summary(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping
         "line": " in the line",
         "camera": " in the camera",
     }
+    form = ", in a form that is not exactly the library's" if inexact else ""
     said = [
-        f"Your simulator misses {_titled(row.effects, titles)}{side.get(stage, '')} (probability {row.probability:.2f})."
+        f"Your simulator misses {_titled(row.effects, titles)}{side.get(stage, '')}{form} (probability {sure:.2f})."
     ]
     numbers = ", ".join(f"{k.split('.')[1]} {v.value:.3g} +- {v.std:.2g}" for k, v in row.parameters.items())
     said.append(f"Its size: {numbers}{STILL_MOVING if file.promised > CONVERGED_GAIN else ''}.")
@@ -101,6 +107,12 @@ def _summary(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping
             f"With it, the gap on the {on} falls from {row.gap_before:.2f} to {row.gap_after:.2f} sigma "
             f"({100 * row.shrink:.0f} %, interval {100 * low:.0f}-{100 * high:.0f})."
         )
+    if (swallowed := _swallowed(file)) >= SWALLOWED:
+        said.append(f"Without it, random forces {swallowed:.0f} times as large would have to be believed.")
+    if inexact:
+        said.append(_left_over(rest))
+    if row.form:
+        said.append(_forms(row))
     apart = file.next_measurement
     twins = [t for t in file.indistinguishable if t[0] in row.effects]
     if twins:
@@ -117,6 +129,34 @@ def _summary(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping
     if changed:
         said.append(changed)
     return said
+
+
+def _swallowed(file: GapFile) -> float:
+    """How much larger random forces are without the headline, the larger of side force and moment; 0: not known."""
+    shares = [
+        file.noise_without[k] / max(file.noise[k], SMALLEST)
+        for k in ("side_n", "moment_n_m")
+        if k in file.noise_without
+    ]
+    return max(shares, default=0.0) if max(file.noise_without.values(), default=0.0) > SEEN else 0.0
+
+
+def _left_over(rest: Leftover) -> str:
+    if rest.log_evidence <= NOTABLE:
+        return "What is left over stands out nowhere: it follows the motion, as a force of another form would."
+    at = f"at {rest.band_hz[0]:.2f} Hz in all runs" if rest.band_hz else ""
+    at = f"in {rest.run}, from {rest.span_s[0]:.0f} to {rest.span_s[1]:.0f} s" if rest.span_s else at
+    return f"What is left over stands out {at}; look for what happens there."
+
+
+def _forms(row: RankedEffects) -> str:
+    """Which form fits best, and which are excluded."""
+    out = [name or "the plain one" for name, log in row.forms.items() if log < -EXCLUDED]
+    near = [name or "the plain one" for name, log in row.forms.items() if log >= -EXCLUDED]
+    said = f"Of its forms fits best: {row.form}"
+    if near:
+        said += f"; as well as that: {', '.join(near)}"
+    return f"{said}; excluded: {', '.join(out)}." if out else f"{said}."
 
 
 def _titled(names: Sequence[str], titles: Mapping[str, str]) -> str:

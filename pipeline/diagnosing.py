@@ -138,6 +138,8 @@ def write_model(path: Path, found: Diagnosed) -> None:
     for effect, numbers in zip(fitted.hypothesis.effects, fitted.hypothesis.numbers, strict=True):
         table = tomlkit.table()
         table["name"] = effect.name
+        if effect.variant and not effect.bound:
+            table["form"] = effect.variant
         if effect.lag_s:
             table.comment(f"lag {effect.lag_s:g} s")
         own = tomlkit.inline_table()

@@ -233,8 +233,8 @@ def diagnose(
     Returns
     -------
     GapFile
-        ``verdict`` ("no_gap", "effect", "unknown", "not_converged"), ``where`` it lies, the ``ranking`` of effects with their
-        probabilities, the next run that would tell most, and ``sentences`` that say it in words
+        ``verdict`` ("no_gap", "effect", "form_not_exact", "unknown", "not_converged"), ``where`` it lies, the ``ranking`` of
+        effects with their probabilities, the next run that would tell most, and ``sentences`` that say it in words
 
     Raises
     ------

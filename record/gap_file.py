@@ -26,7 +26,15 @@ class RankedEffects(_Part):
     """One effect or a pair."""
 
     effects: list[str] = Field(description="names")
-    probability: float = Field(description="posterior")
+    probability: float = Field(description="posterior, of the effects in the form that the library has")
+    probability_inexact: float = Field(
+        default=0.0, description="that they are there in another form, and leave something over"
+    )
+    form: str = Field(default="", description="which of their forms fits best; empty: they have one each")
+    forms: dict[str, float] = Field(
+        default_factory=dict,
+        description="other forms that were fitted -> log evidence against this one's; below -3: excluded",
+    )
     parameters: dict[str, Measured] = Field(description="numbers, as effect.number; SI")
     gap_before: float = Field(description="rms whitened residual of y and beta on runs kept aside, without")
     gap_after: float = Field(description="with; 1 = noise")
@@ -62,7 +70,7 @@ class GapFile(ResultFile):
 
     schema_name: Literal["towline/gap"] = Field(default="towline/gap", alias="schema", description="this file")
     version: int = Field(default=1, description="of the schema")
-    verdict: Literal["no_gap", "effect", "unknown", "not_converged"] = Field(description="formats.md")
+    verdict: Literal["no_gap", "effect", "form_not_exact", "unknown", "not_converged"] = Field(description="formats.md")
     where: Where = Field(description="stage, runs, time, band")
     ranking: list[RankedEffects] = Field(
         description="effects and pairs, best first; probabilities with the rest sum to 1"
@@ -88,7 +96,10 @@ class GapFile(ResultFile):
     derivatives: dict[str, dict[str, Measured]] = Field(
         default_factory=dict, description="the six, before (no effect) and after (the headline)"
     )
-    noise: dict[str, float] = Field(default_factory=dict, description="random forces: side_n, moment_n_m, time_s")
+    noise: dict[str, float] = Field(
+        default_factory=dict, description="random forces of the headline (else of no gap): side_n, moment_n_m, time_s"
+    )
+    noise_without: dict[str, float] = Field(default_factory=dict, description="the same where nothing is added")
     runs: list[str] = Field(default_factory=list, description="their names")
     excluded: dict[str, str] = Field(default_factory=dict, description="effects that could not be judged, and why")
     sentences: list[str] = Field(default_factory=list, description="in plain words")

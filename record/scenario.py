@@ -161,6 +161,10 @@ class EffectTable(Table):
     numbers: dict[str, Number] = Field(
         default_factory=dict, description="the effect's numbers, SI; absent: without effect"
     )
+    form: str = Field(
+        default="",
+        description="which of the effect's forms, as gap.json names it; empty: the first that has these numbers",
+    )
 
 
 class ScenarioFile(Table):

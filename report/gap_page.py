@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 HEADLINES = {
     "no_gap": "No gap",
     "effect": "An effect is missing",
+    "form_not_exact": "An effect is missing, its form not exact",
     "unknown": "Something unknown is missing",
     "not_converged": "No answer: the fit did not converge",
 }
@@ -74,7 +75,7 @@ def gap_page(found: Diagnosed) -> Html:
 
 
 def _ranking(file: GapFile) -> Html:
-    rows: list[list[object]] = [["nothing missing", number(f"{file.p_no_gap:.3f}"), "", "", "", ""]]
+    rows: list[list[object]] = [["nothing missing", number(f"{file.p_no_gap:.3f}"), "", "", "", "", ""]]
     for row in file.ranking:
         low, high = row.shrink_interval
         size = ", ".join(f"{k.split('.')[1]} {v.value:.3g} +- {v.std:.2g}" for k, v in row.parameters.items())
@@ -82,20 +83,25 @@ def _ranking(file: GapFile) -> Html:
             [
                 " + ".join(row.effects),
                 number(f"{row.probability:.3f}"),
+                number(f"{row.probability_inexact:.3f}" if row.probability_inexact else ""),
                 number(f"{row.gap_before:.2f}"),
                 number(f"{row.gap_after:.2f}"),
                 number(f"{row.shrink:.2f} ({low:.2f} to {high:.2f})"),
                 number(size),
             ]
         )
-    rows.append(["something in no library", number(f"{file.p_unknown:.3f}"), "", "", "", ""])
+    rows.append(["something in no library", number(f"{file.p_unknown:.3f}"), "", "", "", "", ""])
     where = "runs kept aside" if file.kept_aside else "the fitted run itself"
     words = (
         f"Gap: root mean square of what the simulator misses in y and heading on {where}, over the noise (1 = noise). "
-        "Shrink: share of the excess that goes away, with its 90 % interval."
+        "Shrink: share of the excess that goes away, with its 90 % interval. Form not exact: probability that the effect is there "
+        "in another form than the library's."
     )
     return table(
-        ["hypothesis", "probability", "gap before", "after", "shrink", "size"], rows, kind="wraps", caption=words
+        ["hypothesis", "probability", "form not exact", "gap before", "after", "shrink", "size"],
+        rows,
+        kind="wraps",
+        caption=words,
     )
 
 

@@ -73,6 +73,108 @@ def test_crossflow_drag_is_the_integral_over_the_hull(v: float, r: float) -> Non
     assert found[1] == pytest.approx(moment, rel=1e-9, abs=1e-12 if exact else 0.02 * size * 1.33)
 
 
+@pytest.mark.parametrize(("v", "r"), [(0.2, 0.03), (-0.11, 0.02)])
+def test_a_section_fuller_at_the_ends_drags_as_much_on_a_hull_that_moves_straight_sideways(v: float, r: float) -> None:
+    """c d = drag + ends (x^2 - 1/3), x from -1 to 1: its mean is that of ``drag`` alone."""
+    drag, ends = 0.12, 0.05
+    force, moment = form("crossflow_drag", "fuller at the ends")(situation(v_m_s=v, r_rad_s=0.0), drag, 0.0, ends)
+    assert float(force) == pytest.approx(pushed("crossflow_drag", drag, 0.0, v_m_s=v, r_rad_s=0.0)[0], rel=1e-12)
+    assert float(moment) == pytest.approx(0.0, abs=1e-12)
+
+    def section(x: float, arm: float) -> float:
+        across = v + x * r
+        return -0.5 * 998.0 * (drag + ends * ((x / 1.33) ** 2 - 1 / 3)) * abs(across) * across * arm
+
+    found = form("crossflow_drag", "fuller at the ends")(situation(v_m_s=v, r_rad_s=r), drag, 0.0, ends)
+    for k, one in enumerate(found):
+        assert float(one) == pytest.approx(quad(lambda x, k=k: section(x, x**k), -1.33, 1.33)[0], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("wall", "power", "pull"),
+    [
+        # at half of the half width: gaps of 1/2 and 3/2
+        ("both walls", 1, (2 - 2 / 3) / 2),
+        ("both walls", 2, (4 - 4 / 9) / 4),
+        ("both walls", 3, (8 - 8 / 27) / 6),
+        ("near wall", 1, 2 - 1),
+        ("near wall", 2, (4 - 1) / 2),
+        ("near wall", 3, (8 - 1) / 3),
+    ],
+)
+def test_bank_suction_by_a_power_of_the_gap(wall: str, power: int, pull: float) -> None:
+    force = form("bank_suction", f"{wall}, gap^-{power}")
+    size = 998.0 * 1.28**2
+    side, moment = force(situation(y_m=1.0, half_width_m=2.0), 0.01, -0.004)
+    assert (float(side), float(moment)) == pytest.approx((size * 0.01 * pull, -size * 2.66 * 0.004 * pull), rel=1e-12)
+    other = force(situation(y_m=-1.0, half_width_m=2.0), 0.01, -0.004)
+    assert (float(other[0]), float(other[1])) == pytest.approx((-float(side), -float(moment)), rel=1e-12)
+    near_middle = force(situation(y_m=1e-7, half_width_m=2.0), 0.01, 0.0)[0]
+    assert float(near_middle) == pytest.approx(size * 0.01 * 0.5e-7, rel=1e-6)
+    # a wall is as near to a section ahead as the heading brings it, and turns a hull that heads for it
+    there = form("bank_suction", f"{wall}, gap^-{power}, by sections")
+    ahead = there(situation(y_m=0.0, beta_rad=0.5, half_width_m=2.0), 0.01, 0.0, 1 / 1.33, 0.0)
+    assert float(ahead[0]) == pytest.approx(float(side), rel=1e-12)
+    turned = there(situation(y_m=0.0, beta_rad=0.1, half_width_m=2.0), 0.0, 0.0, 0.0, 0.003)
+    assert (float(turned[0]), float(turned[1])) == pytest.approx((0.0, size * 2.66 * 0.003 * 2.66 * 0.1 / 2), rel=1e-12)
+
+
+@pytest.mark.parametrize("turning", [-0.2, 0.05, 0.3])
+def test_a_swivel_rubs_dry_and_as_oil_and_sticks_only_near_rest(turning: float) -> None:
+    at = situation(alpha_rate=turning - 0.07)
+    side, dry = form("swivel_friction", "")(at, 0.04)
+    oiled = form("swivel_friction", "dry, and oil")(at, 0.04, 0.3)[1]
+    assert float(side) == 0.0
+    # beyond the smoothing of its turning over
+    assert float(dry) == pytest.approx(-0.04 * np.sign(turning), rel=1e-9)
+    assert float(oiled) == pytest.approx(float(dry) - 0.3 * turning, rel=1e-12)
+    sticks = form("swivel_friction", "sticking, and oil")(at, 0.04, 0.0, 0.02)[1]
+    assert float(sticks) == pytest.approx(float(dry), rel=5e-3)
+    slow = form("swivel_friction", "sticking, and oil")(situation(alpha_rate=0.01 - 0.07), 0.04, 0.0, 0.02)[1]
+    assert float(slow) == pytest.approx(-(0.04 + 0.02 * np.exp(-0.25)) * np.tanh(2.5), rel=1e-12)
+
+
+def test_cubics_by_hand() -> None:
+    v, r = -0.11, 0.07
+    numbers = (900.0, 300.0, 500.0)
+    plain = pushed("cubic_damping", *numbers)
+    angled = form("cubic_damping", "by the drift angle")(situation(), *numbers)
+    assert [float(one) * 1.28 for one in angled] == pytest.approx(list(plain), rel=1e-12)
+    mixed = form("cubic_damping", "with mixed terms")(situation(), *numbers, 40.0, 50.0, 60.0)
+    more = (40 * v * v * r, 50 * v * v * r + 60 * v * r * r)
+    assert [float(one) for one in mixed] == pytest.approx([a + b for a, b in zip(plain, more, strict=True)], rel=1e-12)
+
+
+@pytest.mark.parametrize("speed_m_s", [0.8, 1.28])
+def test_a_cable_pushes_alike_at_any_speed(speed_m_s: float) -> None:
+    found = form("hull_asymmetry", "a cable's, at any speed")(situation(speed_m_s=speed_m_s), 0.05, -0.02)
+    assert [float(one) for one in found] == [0.05, -0.02]
+
+
+def test_a_ramp_goes_from_one_speed_to_another() -> None:
+    ramp = next(e.speed for e in LIBRARY if e.label == "speed_drift/a ramp at 0.5 of the run")
+    assert ramp is not None
+    at = [float(ramp(situation(t_s=t), 0.04, 2.0, -1.0, 0.01)) for t in (0.0, 22.0, 39.0)]
+    assert at == pytest.approx([1.28 * 0.01, 1.28 * 0.03, 1.28 * 0.05], rel=1e-4)
+
+
+def form(name: str, variant: str) -> Any:
+    """The force of one form of an effect."""
+    return next(e.force for e in LIBRARY if e.name == name and e.variant == variant)
+
+
+def test_every_form_of_a_force_is_nothing_where_its_numbers_are() -> None:
+    for each in LIBRARY:
+        if each.force is not None:
+            none = each.force(situation(), *(p.none for p in each.parameters))
+            assert [float(one) for one in none] == [0.0, 0.0], each.label
+
+
+def test_no_two_effects_share_a_label() -> None:
+    labels = [each.label for each in LIBRARY]
+    assert len(labels) == len(set(labels))
+
+
 def test_forces_on_the_hull_by_hand() -> None:
     assert pushed("cubic_damping", 900.0, 300.0, 500.0) == pytest.approx(
         (900 * -(0.11**3), 300 * -(0.11**3) + 500 * 0.07**3), rel=1e-12
@@ -151,6 +253,27 @@ def test_a_roll_with_its_own_period_is_the_damped_oscillator() -> None:
     np.testing.assert_allclose(beta[:, 0, 0], turn * truth, atol=1e-8)
     assert not np.any(x)
     assert not np.any(apart)
+
+
+def test_a_roll_driven_by_sway_and_yaw_follows_a_slow_drive_and_is_the_plain_one_without() -> None:
+    t = np.linspace(0, 12, 241)
+    side = 0.2 * np.sin(0.3 * t)
+    plain = next(e for e in LIBRARY if e.remembers)
+    freely = next(e for e in LIBRARY if e.variant == f"{plain.variant}, by sway and yaw too")
+    assert plain.observe is not None
+    assert freely.observe is not None
+    alike = freely.observe(seen(t, side), 0.01, 1.2, 0.1, 0.3, 0.0, 0.0)
+    np.testing.assert_array_equal(alike[1], plain.observe(seen(t, side), 0.01, 1.2, 0.1, 0.3)[1])
+    # a sideways speed of a t^2: the drive, its acceleration 2 a t, is straight; a quick roll is behind it by 2 zeta / w
+    speed = replace(
+        seen(t, 0.0 * side, rate=0.0),
+        rate=(0.0 * t[:, None, None], 0.02 * t[:, None, None] ** 2, 0.0 * t[:, None, None]),
+    )
+    period, damping, per_s2 = 0.4, 0.3, 0.05
+    rolled = freely.observe(speed, 0.0, period, damping, 0.0, per_s2, 0.0)[1][:, 0, 0]
+    behind_s = 2 * damping * period / (2 * np.pi)
+    late = t[60:-1]
+    np.testing.assert_allclose(rolled[60:-1], per_s2 * 0.04 * (late - behind_s), rtol=0.01)
 
 
 def test_what_the_camera_sees_by_hand() -> None:

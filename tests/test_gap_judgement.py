@@ -20,6 +20,7 @@ from towline.diagnose.inference.evidence import Fitted, Inference
 from towline.diagnose.inference.grams import Grams
 from towline.diagnose.inference.held_out import removed_share, shrink
 from towline.diagnose.inference.hypothesis import with_effects
+from towline.diagnose.inference.inexact import taken
 from towline.diagnose.inference.noise import TIMES_S, Forces
 from towline.diagnose.inference.scan import BANDS, COST, LENGTHS, Leftover, leftover
 from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
@@ -210,6 +211,56 @@ def test_a_gap_is_called_where_one_is_almost_sure(
     p_no_gap: float, p_unknown: float, p_effects: float, verdict: str
 ) -> None:
     assert called(p_no_gap, p_unknown, p_effects) == verdict
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "noise", "share"),
+    [
+        (4.0, 1.0, 1.0, 1.0),
+        (4.0, 0.9, 1.0, 1.0),
+        (4.0, 1.3, 1.0, 0.9),
+        (1.4, 0.8, 0.7, 6 / 7),
+        (0.9, 0.8, 1.0, 0.0),
+        (2.0, 3.0, 1.0, 0.0),
+    ],
+)
+def test_the_share_of_a_gap_that_is_taken(before: float, after: float, noise: float, share: float) -> None:
+    assert taken(before, after, noise) == pytest.approx(share, rel=1e-12)
+
+
+def test_an_effect_in_another_form_is_named_and_something_else_is_not() -> None:
+    """The library's bend goes over the whole run; one with a ripple leaves something, a burst is no bend."""
+    other_form = [n + SIZE_M * (shape("bend", "") + 0.2 * np.sin(3.1 * T_S)) for n in white(3)]
+    found = diagnosed(campaign(other_form), [OTHER], "test", {}, rng=np.random.default_rng(0)).file
+    assert (found.verdict, found.ranking[0].effects) == ("form_not_exact", ["bend"])
+    first = found.ranking[0]
+    assert first.probability + first.probability_inexact > 0.9
+    assert found.p_unknown + found.p_no_gap + sum(
+        r.probability + r.probability_inexact for r in found.ranking
+    ) == pytest.approx(1)
+    assert found.sentences[0].startswith(
+        "Your simulator misses bend in the sway equation, in a form that is not exactly"
+    )
+    assert found.ranking[0].gap_after < found.ranking[0].gap_before
+    burst = white(3)
+    burst[1] = burst[1] + SIZE_M * WAVE
+    found = diagnosed(campaign(burst), [OTHER], "test", {}, rng=np.random.default_rng(0)).file
+    assert found.verdict == "unknown"
+
+
+def test_a_one_sided_number_stays_on_its_side() -> None:
+    """What pulls the other way is no reason for it: at its bound, the fit is at its end, and nothing is named."""
+    sided = replace(OTHER, parameters=(replace(OTHER.parameters[0], one_sided=True),))
+    against = [n - SIZE_M * shape("bend", "") for n in white(4)]
+    _, fit = fitted(campaign(against), sided)
+    assert fit.hypothesis.numbers[0][0] == 0.0
+    assert fit.promised == pytest.approx(0.0, abs=1e-6)
+    # the other numbers end where they would without it
+    _, plain = fitted(campaign(against))
+    assert fit.hypothesis.shared == pytest.approx(plain.hypothesis.shared, rel=1e-6)
+    along = [n + SIZE_M * shape("bend", "") for n in white(4)]
+    _, fit = fitted(campaign(along), sided)
+    assert fit.hypothesis.numbers[0][0] == pytest.approx(SIZE_M, rel=0.05)
 
 
 def test_twins_are_single_effects_within_three_and_the_symmetries_that_concern_them(

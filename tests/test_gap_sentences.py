@@ -99,6 +99,7 @@ def test_no_gap(p_no_gap: float, ranking: list[RankedEffects], asked: dict[str, 
         ("no_gap", 0.9, "No gap"),
         ("no_gap", 0.3, "Open"),
         ("effect", 0.1, "An effect is missing"),
+        ("form_not_exact", 0.1, "An effect is missing, its form not exact"),
         ("unknown", 0.1, "Something unknown is missing"),
     ],
 )
@@ -145,6 +146,53 @@ def test_an_effect(stage: str, where: str) -> None:
         "With it, the gap on the runs kept aside falls from 2.50 to 1.02 sigma (99 %, interval 91-99).",
         "Cure it.",
     ]
+
+
+@pytest.mark.parametrize(
+    ("rest", "left"),
+    [
+        (QUIET, "What is left over stands out nowhere: it follows the motion, as a force of another form would."),
+        (
+            Leftover(9.0, band_hz=(0.317,)),
+            "What is left over stands out at 0.32 Hz in all runs; look for what happens there.",
+        ),
+    ],
+)
+def test_an_effect_in_another_form(rest: Leftover, left: str) -> None:
+    """Sure of its name by both probabilities together; which form fits best, and which are excluded, is told."""
+    first = row("bank_suction", probability=0.03).model_copy(
+        update={
+            "probability_inexact": 0.92,
+            "form": "near wall, gap^-2",
+            "forms": {"both walls, gap^-2": -2.9, "near wall, gap^-1": -3.1, "both walls, gap^-3": -40.0},
+        }
+    )
+    assert sentences(file("form_not_exact", [first], "sway"), kept_aside(1.2), rest, TITLES) == [
+        "Your simulator misses suction of the near wall in the sway equation, in a form that is not exactly the library's "
+        "(probability 0.95).",
+        "Its size: size 0.0123 +- 0.00056.",
+        "With it, the gap on the runs kept aside falls from 2.50 to 1.02 sigma (99 %, interval 91-99).",
+        left,
+        "Of its forms fits best: near wall, gap^-2; as well as that: both walls, gap^-2; excluded: near wall, gap^-1, both walls, "
+        "gap^-3.",
+        "Cure it.",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("without", "beside", "said"),
+    [
+        ({"side_n": 0.03, "moment_n_m": 0.002}, {"side_n": 0.01, "moment_n_m": 0.002}, "3 times"),
+        ({"side_n": 0.019, "moment_n_m": 0.002}, {"side_n": 0.01, "moment_n_m": 0.002}, ""),
+        ({"side_n": 0.0005, "moment_n_m": 0.0009}, {"side_n": 1e-5, "moment_n_m": 1e-5}, ""),
+    ],
+)
+def test_random_forces_that_would_have_to_be_believed(
+    without: dict[str, float], beside: dict[str, float], said: str
+) -> None:
+    found = file("effect", [row("elastic_line")], noise=beside, noise_without=without)
+    forces = [one for one in sentences(found, None, QUIET, TITLES) if "random forces" in one]
+    assert forces == ([f"Without it, random forces {said} as large would have to be believed."] if said else [])
 
 
 @pytest.mark.parametrize(("held", "told"), [(None, False), (kept_aside(1.0), False), (kept_aside(1.01), True)])

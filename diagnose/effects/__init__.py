@@ -3,25 +3,44 @@
 from __future__ import annotations
 
 from .base import STAGES, Effect, Parameter, Seen, Situation, installed_effects, load_effects
-from .camera import DECK, DELAY, DRIFT, LENS, POST, RATE, ROLL, ROLLING, SCALE, SHIFT, SHUTTER
-from .hull import ASYMMETRY, BANK, COUPLING, CROSSFLOW, CUBIC, CURRENT, MEMORY
-from .line import ELASTIC, FRICTION, KEPT, LAW, OFFSET, TENSION, slack
+from .camera import (
+    DECK,
+    DELAY,
+    DRIFT,
+    DRIFT_RAMPS,
+    LENS,
+    POST,
+    RATE,
+    ROLL,
+    ROLLING,
+    ROLLING_FREELY,
+    SCALE,
+    SHIFT,
+    SHUTTER,
+)
+from .hull import ASYMMETRY, BANK, CABLE, COUPLING, CROSSFLOW, CROSSFLOW_ENDS, CUBIC, CUBIC_FORMS, CURRENT, MEMORY
+from .line import ELASTIC, FRICTION, FRICTION_FORMS, KEPT, LAW, OFFSET, TENSION, slack
 
 LIBRARY: tuple[Effect, ...] = (
     CROSSFLOW,
+    CROSSFLOW_ENDS,
     CUBIC,
+    *CUBIC_FORMS,
     ASYMMETRY,
+    CABLE,
     COUPLING,
     *MEMORY,
-    BANK,
+    *BANK,
     CURRENT,
     DRIFT,
+    *DRIFT_RAMPS,
     KEPT,
     TENSION,
     LAW,
     ELASTIC,
     OFFSET,
     FRICTION,
+    *FRICTION_FORMS,
     LENS,
     DECK,
     SHIFT,
@@ -29,6 +48,7 @@ LIBRARY: tuple[Effect, ...] = (
     POST,
     ROLL,
     *ROLLING,
+    *ROLLING_FREELY,
     RATE,
     DELAY,
     SHUTTER,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,6 +20,8 @@ ROLLS_S = (0.6, 0.8, 1.0, 1.25, 1.55, 1.9, 2.4)
 """Roll periods where a fit may begin; models of 1 to 4 m have these."""
 SHORTEST_ROLL_S = 0.3
 """A fit's period is held above this, half the shortest of these."""
+RAMPS, RAMP_S, SHORTEST_RAMP_S = (0.25, 0.5, 0.75), 3.0, 0.3
+"""Shares of a run about which a fit of a ramp may begin, half its length there, and the shortest a fit may make of it."""
 RULE_M = 1e-3
 """How well a height or a place is measured by rule."""
 PICKED_RAD = 2e-4
@@ -82,7 +86,22 @@ def _roll(seen: Seen, lean, swing):
 
 def _rolling(seen: Seen, lean, period, damping, turn):
     """A roll with its own period: it swings into its lean, from upright when the model is let go; marks of unlike height turn."""
-    drive = lean * seen.side
+    nothing = 0.0 * seen.side
+    rolled = _swung(lean * seen.side, seen, period, damping)
+    return nothing, rolled, turn * rolled, nothing
+
+
+def _rolling_freely(seen: Seen, lean, period, damping, turn, sway, swing):
+    """The same, driven by the model's sideways acceleration and its turning besides the line's pull."""
+    nothing = 0.0 * seen.side
+    step = float(seen.t_s[1, 0, 0] - seen.t_s[0, 0, 0])
+    drive = lean * seen.side + sway * np.gradient(seen.rate[1], step, axis=0) + swing * seen.rate[2]
+    rolled = _swung(drive, seen, period, damping)
+    return nothing, rolled, turn * rolled, nothing
+
+
+def _swung(drive, seen: Seen, period, damping):
+    """How an oscillator follows its drive (samples, runs, columns), from rest."""
     step = float(seen.t_s[1, 0, 0] - seen.t_s[0, 0, 0])
     w, zeta = 2 * np.pi / np.maximum(period, SHORTEST_ROLL_S), np.clip(damping, 0.01, 0.9)
     decay, own = zeta * w, w * np.sqrt(1 - zeta**2)
@@ -96,8 +115,7 @@ def _rolling(seen: Seen, lean, period, damping, turn):
         off, off_rate = rolled[k] - drive[k] + behind, rate - slope
         rolled[k + 1] = left * (off * (cosine + decay * sine) + off_rate * sine) + drive[k + 1] - behind
         rate = left * (off_rate * (cosine - decay * sine) - off * w**2 * sine) + slope
-    nothing = 0.0 * seen.side
-    return nothing, rolled, turn * rolled, nothing
+    return rolled
 
 
 def _shutter(seen: Seen, readout):
@@ -117,6 +135,16 @@ def _drift(s: Situation, share, settling, sooner, level):
     at = 2 * s.t_s / s.duration_s - 1
     bent, twice = 1.5 * at**2 - 0.5, 2.5 * at**3 - 1.5 * at
     return s.speed_m_s * (level + 0.5 * share * at + settling * bent + sooner * twice)
+
+
+def _ramp(at: float) -> Callable[..., Any]:
+    """From one speed to another, about a share of the run; ``level`` is how far the first is from the stated one."""
+
+    def speed(s: Situation, share, later, longer, level):
+        lasts = np.maximum(RAMP_S + longer, SHORTEST_RAMP_S)
+        return s.speed_m_s * (level + 0.5 * share * (1 + np.tanh((s.t_s - at * s.duration_s - later) / lasts)))
+
+    return speed
 
 
 def _no_lens(run) -> str:
@@ -221,6 +249,16 @@ ROLLING = tuple(
 )
 """One variant for each period at which a fit may begin; the numbers are prior standard deviations, `none` where they
 begin."""
+ROLLING_FREELY = tuple(
+    replace(
+        each,
+        parameters=(*each.parameters, Parameter("sway_s2", "s2", 0.05), Parameter("swing_m_s", "m s", 0.02)),
+        observe=_rolling_freely,
+        variant=f"{each.variant}, by sway and yaw too",
+    )
+    for each in ROLLING
+)
+"""The same periods, driven by the model's own acceleration and turning as well."""
 SHUTTER = Effect(
     "rolling_shutter",
     "clock",
@@ -257,6 +295,22 @@ DRIFT = Effect(
     speed=_drift,
     title="a drifting carriage speed",
 )
+DRIFT_RAMPS = tuple(
+    replace(
+        DRIFT,
+        parameters=(
+            Parameter("share", "", 0.02),
+            Parameter("later_s", "s", 2.0),
+            Parameter("longer_s", "s", 1.5),
+            Parameter("level", "", 0.005),
+        ),
+        physics="The carriage goes over from one speed to another in mid-run.",
+        speed=_ramp(at),
+        variant=f"a ramp at {at:g} of the run",
+    )
+    for at in RAMPS
+)
+"""Beside a drift all along."""
 DELAY = Effect(
     "sync_delay",
     "clock",

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from .base import Effect, Parameter, Situation
@@ -10,15 +14,23 @@ STRIPS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 """Stations along the hull from -1 (stern) to 1 (bow), and their shares."""
 
 
-def _crossflow(s: Situation, drag, trim):
-    """-1/2 rho c d Int |v + x r| (v + x r) (1, x) dx over the length; c d grows towards the bow by ``trim``."""
+NEAREST_WALL = 0.9
+"""Of the way to the wall: no hull's middle comes nearer, and no force grows beyond that of this place."""
+
+
+def _crossflow(s: Situation, drag, trim, ends=0.0):
+    """-1/2 rho c d Int |v + x r| (v + x r) (1, x) dx over the length.
+
+    c d grows towards the bow by ``trim``, and towards both ends by ``ends``.
+    """
     place = STRIPS.reshape(-1, *[1] * np.ndim(s.v_m_s))
     half = 0.5 * s.length_pp_m
     across = s.v_m_s + half * place * s.r_rad_s
     local = _WEIGHTS.reshape(place.shape) * across * np.abs(across)
-    even, odd, square = local.sum(axis=0), (place * local).sum(axis=0), (place**2 * local).sum(axis=0)
-    size = -0.5 * s.density_kg_m3 * half
-    return size * (drag * even + trim * odd), size * half * (drag * odd + trim * square)
+    even, odd, square, third = ((place**k * local).sum(axis=0) for k in range(4))
+    size, middle = -0.5 * s.density_kg_m3 * half, drag - ends / 3
+    side = middle * even + trim * odd + ends * square
+    return size * side, size * half * (middle * odd + trim * square + ends * third)
 
 
 def _cubic(s: Situation, y_vvv, n_vvv, n_rrr):
@@ -26,8 +38,25 @@ def _cubic(s: Situation, y_vvv, n_vvv, n_rrr):
     return y_vvv * v3, n_vvv * v3 + n_rrr * r3
 
 
+def _cubic_mixed(s: Situation, y_vvv, n_vvv, n_rrr, y_vvr, n_vvr, n_vrr):
+    """Abkowitz's cubic with its mixed terms; Y_vrr is N_vvr's like, and no tow tells the two."""
+    side, moment = _cubic(s, y_vvv, n_vvv, n_rrr)
+    v, r = s.v_m_s, s.r_rad_s
+    return side + y_vvr * v * v * r, moment + n_vvr * v * v * r + n_vrr * v * r * r
+
+
+def _cubic_by_angle(s: Situation, y_vvv, n_vvv, n_rrr):
+    """A polynomial in the drift angle whose forces grow with U^2: with v^3/U."""
+    side, moment = _cubic(s, y_vvv, n_vvv, n_rrr)
+    return side / s.speed_m_s, moment / s.speed_m_s
+
+
 def _asymmetry(s: Situation, side, moment):
     return side * s.speed_m_s**2, moment * s.speed_m_s**2
+
+
+def _cable(s: Situation, side, moment):
+    return side + 0.0 * s.v_m_s, moment + 0.0 * s.v_m_s
 
 
 def _current(s: Situation, speed, shear):
@@ -41,12 +70,25 @@ def _memory(s: Situation, sway, yaw, moment):
     return sway * s.y_v * late, yaw * s.n_r * (s.r_lag - s.r_rad_s) + moment * s.n_v * late
 
 
-def _bank(s: Situation, force, arm):
-    """Suction grows with the inverse square of the gap to each wall; the net force is that of the two walls."""
-    share = np.clip(s.y_m / s.half_width_m, -0.9, 0.9)
-    pull = 0.25 * ((1 - share) ** -2.0 - (1 + share) ** -2.0)
-    side = force * s.density_kg_m3 * s.speed_m_s**2 * pull
-    return side, arm * s.density_kg_m3 * s.speed_m_s**2 * s.length_pp_m * pull
+def _bank(power: int, near: bool) -> Callable[..., tuple[Any, Any]]:
+    """Suction by a power of the gap, of both walls or of the nearer one alone; 1 near the middle for each half width off it.
+
+    The force stands ``ahead`` of midship (it sees the gap there), and a hull that heads for the wall is turned by ``turn``.
+    """
+
+    def pull(share):
+        share = np.clip(share, -NEAREST_WALL, NEAREST_WALL)
+        if near:
+            return np.sign(share) * ((1 - np.abs(share)) ** -power - 1) / power
+        return ((1 - share) ** -power - (1 + share) ** -power) / (2 * power)
+
+    def force(s: Situation, suction, arm, ahead=0.0, turn=0.0):
+        there = (s.y_m + ahead * s.length_pp_m * s.beta_rad) / s.half_width_m
+        drawn, size = pull(there), s.density_kg_m3 * s.speed_m_s**2
+        across = s.length_pp_m * s.beta_rad / s.half_width_m
+        return size * suction * drawn, size * s.length_pp_m * (arm * drawn + turn * across)
+
+    return force
 
 
 def _no_width(run) -> str:
@@ -63,6 +105,10 @@ CROSSFLOW = Effect(
     force=_crossflow,
     title="quadratic cross-flow drag",
 )
+CROSSFLOW_ENDS = replace(
+    CROSSFLOW, parameters=(*CROSSFLOW.parameters, Parameter("ends_depth_m", "m", 0.05)), variant="fuller at the ends"
+)
+"""Or finer: a number below zero."""
 CUBIC = Effect(
     "cubic_damping",
     "sway",
@@ -77,6 +123,28 @@ CUBIC = Effect(
     force=_cubic,
     title="cubic damping",
 )
+CUBIC_FORMS = (
+    replace(
+        CUBIC,
+        parameters=(
+            *CUBIC.parameters,
+            Parameter("y_vvr", "N s3/m2", 2000.0),
+            Parameter("n_vvr", "N s3/m", 2000.0),
+            Parameter("n_vrr", "N s3", 2000.0),
+        ),
+        force=_cubic_mixed,
+        variant="with mixed terms",
+    ),
+    replace(
+        CUBIC,
+        parameters=tuple(
+            replace(p, unit=unit) for p, unit in zip(CUBIC.parameters, ("N s2/m2", "N s2/m", "N m2 s2"), strict=True)
+        ),
+        force=_cubic_by_angle,
+        variant="by the drift angle",
+    ),
+)
+"""Beside the plain one."""
 ASYMMETRY = Effect(
     "hull_asymmetry",
     "yaw",
@@ -87,6 +155,16 @@ ASYMMETRY = Effect(
     force=_asymmetry,
     title="a hull that pulls to one side",
 )
+CABLE = replace(
+    ASYMMETRY,
+    parameters=(Parameter("y_star_n", "N", 0.08), Parameter("n_star_n_m", "N m", 0.08)),
+    physics="A cable to the carriage, or a list, pushes with a constant force and moment at any speed.",
+    cure="Let the cable hang free of the model, or give Y* and N* at each speed.",
+    source="",
+    force=_cable,
+    variant="a cable's, at any speed",
+)
+"""Beside what grows with U^2; runs of one speed cannot tell the two."""
 COUPLING = Effect(
     "added_mass_coupling",
     "yaw",
@@ -107,17 +185,26 @@ CURRENT = Effect(
     force=_current,
     title="a current across the tank",
 )
-BANK = Effect(
-    "bank_suction",
-    "sway",
-    (Parameter("suction_m2", "m2", 0.01, one_sided=True), Parameter("moment_m2", "m2", 0.005)),
-    "Water runs faster between hull and the near wall; its pressure falls and the hull is pulled there.",
-    "Tow in a wider tank or nearer to its middle; add the wall force to the simulator.",
-    "Norrbin (1974)",
-    force=_bank,
-    needs=_no_width,
-    title="suction of the near wall",
+_OF_BANK = (Parameter("suction_m2", "m2", 0.01, one_sided=True), Parameter("moment_m2", "m2", 0.005))
+_BY_SECTIONS = (*_OF_BANK, Parameter("ahead", "", 0.2), Parameter("turn_m2", "m2", 0.003))
+BANK = tuple(
+    Effect(
+        "bank_suction",
+        "sway",
+        parameters,
+        "Water runs faster between hull and the near wall; its pressure falls and the hull is pulled there.",
+        "Tow in a wider tank or nearer to its middle; add the wall force to the simulator.",
+        "Norrbin (1974)",
+        force=_bank(power, near),
+        needs=_no_width,
+        variant=f"{'near wall' if near else 'both walls'}, gap^-{power}{', by sections' if len(parameters) > 2 else ''}",
+        title="suction of the near wall",
+    )
+    for near in (False, True)
+    for power in (2, 1, 3)
+    for parameters in (_OF_BANK, _BY_SECTIONS)
 )
+"""Powers of the gap that panel methods and model tests have; forces on one section or on all."""
 MEMORY = tuple(
     Effect(
         "fluid_memory",

@@ -17,11 +17,15 @@ SLACK_FORM = 0.01
 """A slack line's course is a guess, its time and size are fitted."""
 RUB_RATE = 0.004
 """rad/s at which dry friction has turned over (it is smoothed there)."""
+STRIBECK_RATE = 0.02
+"""rad/s at which a swivel that sticks has begun to slide; tows turn their lines at up to ten times that."""
 
 
-def _friction(s: Situation, moment):
-    """The swivel rubs against the line's turning about the tow point."""
-    return 0.0 * s.alpha_rad, -moment * np.tanh((s.alpha_rate + s.r_rad_s) / RUB_RATE)
+def _friction(s: Situation, moment, oil=0.0, stick=0.0):
+    """The swivel rubs against the line's turning about the tow point: dry, with a moment that grows as oil's, sticking at rest."""
+    turning = s.alpha_rate + s.r_rad_s
+    grip = moment + stick * np.exp(-((turning / STRIBECK_RATE) ** 2))
+    return 0.0 * s.alpha_rad, -grip * np.tanh(turning / RUB_RATE) - oil * turning
 
 
 def _varies(s: Situation, power, late):
@@ -117,6 +121,17 @@ FRICTION = Effect(
     force=_friction,
     title="friction in the swivel",
 )
+_OIL = Parameter("oil_n_m_s", "N m s", 0.3, one_sided=True)
+FRICTION_FORMS = (
+    replace(FRICTION, parameters=(*FRICTION.parameters, _OIL), variant="dry, and oil"),
+    replace(
+        FRICTION,
+        parameters=(*FRICTION.parameters, _OIL, Parameter("stick_n_m", "N m", 0.02, one_sided=True)),
+        source="Stribeck (1902)",
+        variant="sticking, and oil",
+    ),
+)
+"""Beside the dry one. Oil alone is damping, which the derivatives take up."""
 
 
 STIFFNESS = Parameter("stiffness_n_m", "N/m", 200.0, one_sided=True)

@@ -17,7 +17,9 @@ likely (a slack line and a bounce, found in the residual, come in one size). "Ab
 "Measured to": how well a rule or a clock tells it without a tow (`[[measured]]`,
 [diagnose.md](diagnose.md#measured-without-a-tow)). "Form": the share of what it explains that its own form may leave over before
 something more is said to be missing. An effect far outside these sizes is still found, at the price that it was not expected;
-give it as an effect of your own ([diagnose.md](diagnose.md#an-effect-of-ones-own)) where you know better.
+give it as an effect of your own ([diagnose.md](diagnose.md#an-effect-of-ones-own)) where you know better. An effect has several
+forms where physics allows several (in brackets): they share its name and its prior. Which form fits best is told, and which are
+excluded.
 
 | effect | acts in | numbers | form | what happens | what to do |
 |---|---|---|---|---|---|
@@ -28,7 +30,7 @@ def effects_page(effects: Sequence[Effect]) -> str:
     """The page, Markdown; effects of one name and numbers (variants) together in a row."""
     groups: dict[tuple[str, ...], list[Effect]] = {}
     for effect in effects:
-        groups.setdefault((effect.name, *(p.name for p in effect.parameters)), []).append(effect)
+        groups.setdefault((effect.name, *(f"{p.name} {p.unit}" for p in effect.parameters)), []).append(effect)
     return HEAD + "".join(f"{_row(alike)}\n" for alike in groups.values())
 
 
@@ -44,8 +46,9 @@ def whole_library() -> list[Effect]:
 def _row(alike: Sequence[Effect]) -> str:
     first = alike[0]
     numbers = "; ".join(_number(p, len(alike)) for p in first.parameters)
-    if len(alike) > 1:
-        numbers += f" ({', '.join(e.variant for e in alike)})"
+    forms = [e.variant for e in alike if e.variant and not e.bound]
+    if forms:
+        numbers += f" ({'; '.join(forms)})"
     cells = f"`{first.name}`", first.stage, numbers, f"{100 * first.form:g} %", first.physics, first.cure
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
 

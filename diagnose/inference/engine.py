@@ -7,9 +7,10 @@ library; probabilities from evidence with half of the prior on no gap.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.special import logsumexp
 
 from ...geometry.normal import inverse_of_normal
 from ...record.errors import EstimationError
@@ -19,6 +20,7 @@ from .diagnosable import Diagnosable
 from .evidence import Fitted, Inference, on_its_side
 from .grams import Grams
 from .hypothesis import Hypothesis, with_effects
+from .inexact import shared_out
 from .noise import Forces
 from .scan import Leftover, leftover, standing_out
 from .simulator import Simulator
@@ -81,6 +83,11 @@ class Candidate:
         """Effect names, without variants."""
         return tuple(e.name for e in self.effects)
 
+    @property
+    def variant(self) -> str:
+        """Which form of its effects; empty where they have one each."""
+        return "; ".join(e.variant for e in self.effects if e.variant)
+
 
 @dataclass(frozen=True)
 class Ranking:
@@ -90,11 +97,13 @@ class Ranking:
     ----------
     base : no effect
     candidates : best first, one per set of names
-    probabilities : of the candidates
+    probabilities : of the candidates as they are
     p_no_gap, p_unknown : of the rest
     free : the best free form, or None
     rest : what the best hypothesis leaves over
     excluded : effect -> why it could not be judged
+    forms : names of a candidate -> log evidence of each form of its effects that was fitted, the best first
+    inexact : probabilities of the candidates, in another form than the library's; None: of none
     """
 
     base: Fitted
@@ -105,12 +114,19 @@ class Ranking:
     free: Candidate | None
     rest: Leftover
     excluded: dict[str, str]
+    forms: dict[tuple[str, ...], dict[str, float]] = field(default_factory=dict)
+    inexact: Array | None = None
+
+    @property
+    def named(self) -> Array:
+        """Probabilities that the candidates' effects are there, whatever their form."""
+        return self.probabilities if self.inexact is None else self.probabilities + self.inexact
 
     @property
     def set95(self) -> list[tuple[str, ...]]:
         """The fewest hypotheses that hold 95 % of the probability; () is no gap, ("unknown",) unknown."""
         every = [((), self.p_no_gap), (("unknown",), self.p_unknown)]
-        every += [(c.names, float(p)) for c, p in zip(self.candidates, self.probabilities, strict=True)]
+        every += [(c.names, float(p)) for c, p in zip(self.candidates, self.named, strict=True)]
         every.sort(key=lambda pair: -pair[1])
         total, kept = 0.0, []
         for names, p in every:
@@ -153,9 +169,9 @@ def ranked(
     say("fitting " + ", ".join(e.name for e in singles))
     gross = max(scores.values(), default=0.0) > 200.0
     fitted = _fit_all(inference, base, [(e,) for e in (*singles, *best_free)], gross)
-    single_prior = np.log(P_SINGLE / max(len(names), 1))
+    single_prior, forms = np.log(P_SINGLE / max(len(names), 1)), _of_forms(scores, usable)
     candidates = [
-        Candidate(effects, f, f.log_evidence - base.log_evidence, single_prior)
+        Candidate(effects, f, f.log_evidence - base.log_evidence, single_prior + forms[effects[0].name])
         for effects, f in fitted
         if effects[0] not in free
     ]
@@ -167,13 +183,13 @@ def ranked(
     candidates += _siblings(inference, base, candidates, usable, scores, gross)
     candidates.sort(key=lambda c: -c.log_evidence)
     candidates = _converged(inference, candidates, base)
-    pairs = _pairs(inference, candidates, base, usable, len(names), say, gross)
+    pairs = _pairs(inference, candidates, base, usable, len(names), say, gross, forms)
     candidates += _converged(inference, sorted(pairs, key=lambda c: -c.log_evidence), base)
     free_form = max(free_found, key=lambda c: c.log_evidence, default=None)
     best = candidates[0].log_evidence if candidates else 0.0
     if free_form is not None and free_form.log_evidence > max(CLEAR, WORTH_REFINING * best):
         free_form = _converged(inference, [free_form], base)[0]
-    return inference, _ranking(inference, base, candidates, free_form, excluded)
+    return inference, shared_out(inference, _ranking(inference, base, candidates, free_form, excluded))
 
 
 def _first_fit(simulator: Simulator, spread: Spread) -> tuple[Hypothesis, Forces]:
@@ -323,6 +339,19 @@ def _score(effect: Effect, left: Array, pull: Array) -> float:
     return float(value) if np.isfinite(value) else -np.inf
 
 
+def _of_forms(scores: dict[str, float], effects: Sequence[Effect]) -> dict[str, float]:
+    """Name -> log of what its best form has of the name's prior, spread over its forms, by their scores: all of it where all forms
+    say the same, 1/n where one of n does.
+    """
+    by_name: dict[str, list[float]] = {}
+    for effect in effects:
+        by_name.setdefault(effect.name, []).append(scores[effect.label])
+    return {
+        n: float(logsumexp(found) - np.log(len(found)) - max(found)) if np.isfinite(max(found)) else 0.0
+        for n, found in by_name.items()
+    }
+
+
 def _best_variants(scores: dict[str, float], effects: Sequence[Effect], count: int) -> list[Effect]:
     """The best variant of each name, the best ``count`` names."""
     best: dict[str, Effect] = {}
@@ -350,6 +379,7 @@ def _pairs(
     names: int,
     say: Progress,
     gross: bool,
+    forms: dict[str, float],
 ) -> list[Candidate]:
     """A second effect on top of the best single ones, where its score promises something."""
     found: list[Candidate] = []
@@ -368,7 +398,8 @@ def _pairs(
         say(f"{first.names[0]} with " + ", ".join(e.name for e in second))
         for (effect,), fitted in _fit_all(inference, first.fitted, [(e,) for e in second], gross):
             pair = (*first.effects, effect)
-            found.append(Candidate(pair, fitted, fitted.log_evidence - base.log_evidence, prior - first.form))
+            own = prior + sum(forms[name] for name in (*first.names, effect.name)) - first.form
+            found.append(Candidate(pair, fitted, fitted.log_evidence - base.log_evidence, own))
     return found
 
 
@@ -384,6 +415,9 @@ def _ranking(
     The unknown is a free form, or something left over by no gap or by one of the best effects.
     """
     best: dict[frozenset[str], Candidate] = {}
+    forms: dict[tuple[str, ...], dict[str, float]] = {}
+    for c in sorted(candidates, key=lambda c: -c.log_evidence):
+        forms.setdefault(c.names, {}).setdefault(c.variant, c.log_evidence)
     for c in candidates:
         key = frozenset(c.names)
         if key not in best or c.log_evidence > best[key].log_evidence:
@@ -416,6 +450,7 @@ def _ranking(
         free,
         rest,
         excluded,
+        forms,
     )
 
 

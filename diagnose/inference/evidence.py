@@ -74,9 +74,11 @@ class Solved:
     log_evidence : up to a constant of the data
     here : the same without the step: what the hypothesis as it stands reaches
     chi_square : whitened residuals after the step, and the priors
-    shared : (s + k + p,) step of shared numbers, modes, effects
+    shared : (s + k + p,) step of shared numbers, modes, effects; one-sided numbers end on their side of it
     own : (runs, own) step
     covariance : of ``shared``
+    free : the step that nothing holds to a side; None: the same
+    beyond : log evidence (as of ``log_evidence``) that only a step to the wrong side would bring
     """
 
     log_evidence: float
@@ -85,6 +87,8 @@ class Solved:
     shared: Array
     own: Array
     covariance: Array
+    free: Array | None = None
+    beyond: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -110,7 +114,7 @@ class Fitted:
     @property
     def promised(self) -> float:
         """Log evidence that one more step promises: next to nothing at an optimum."""
-        return self.solved.log_evidence - self.solved.here
+        return self.solved.log_evidence - self.solved.beyond - self.solved.here
 
 
 @dataclass(frozen=True)
@@ -218,7 +222,30 @@ class Inference:
         chi_square = part.chi_square + prior.chi_square - float(right @ step)
         log = part.log + prior.spread + np.linalg.slogdet(matrix)[1]
         here = -0.5 * (part.before + prior.chi_square + log)
-        return Solved(-0.5 * (chi_square + log), here, chi_square, step, part.own_step(step), covariance)
+        sided, beyond = self._on_their_side(h, step, covariance)
+        return Solved(
+            -0.5 * (chi_square + log), here, chi_square, sided, part.own_step(sided), covariance, step, beyond
+        )
+
+    def _on_their_side(self, h: Hypothesis, step: Array, covariance: Array) -> tuple[Array, float]:
+        """The best step that leaves every one-sided number on its side, and half the chi-square that this costs."""
+        effects = [q for e in h.effects for q in e.parameters]
+        at = self.fixed(h) + np.flatnonzero([q.one_sided for q in effects])
+        if not len(at):
+            return step, 0.0
+        here, none = np.concatenate(h.numbers), np.array([q.none for q in effects])
+        least = (none - here)[at - self.fixed(h)]
+        held = np.zeros(len(at), dtype=bool)
+        sided, cost = step, 0.0
+        while True:
+            crossing = ~held & (sided[at] < least)
+            if not crossing.any():
+                return sided, cost
+            held |= crossing
+            away = least[held] - step[at[held]]
+            weights = np.linalg.solve(covariance[np.ix_(at[held], at[held])], away)
+            sided, cost = step + covariance[:, at[held]] @ weights, 0.5 * float(away @ weights)
+            sided[at[held]] = least[held]
 
     def sized(self, h: Hypothesis, solved: Solved) -> float:
         """What the effects' priors add to the log evidence beside one normal distribution each: an effect may be of any of its
@@ -230,7 +257,8 @@ class Inference:
         parameters = [p for e in h.effects for p in e.parameters]
         sd = np.array([p.sd for p in parameters])
         sided = np.flatnonzero([p.one_sided for p in parameters])
-        mean = np.concatenate(h.numbers) - [p.none for p in parameters] + solved.shared[own]
+        mean = np.concatenate(h.numbers) - [p.none for p in parameters]
+        mean = mean + (solved.shared if solved.free is None else solved.free)[own]
         # in units of the widest prior; what the data alone say is the posterior without it: a variance is above zero, at most one
         variance, vectors = np.linalg.eigh(solved.covariance[own, own] / np.outer(sd, sd))
         variance = np.clip(variance, LEAST_VARIANCE, 1.0)

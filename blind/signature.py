@@ -41,26 +41,26 @@ START = {"y_release": 0.01, "beta_release": 0.01, "v_release": 0.01, "r_release"
 FREE_SD = 30.0
 """What is free may be off by so many of its steps: as good as unknown."""
 STRENGTH: dict[str, tuple[str, ...]] = {
-    "crossflow_drag": ("drag_m",),
-    "cubic_damping": ("side", "turn"),
-    "hull_asymmetry": ("lift_n_s2_m2", "twist_n_m_s2_m2"),
+    "crossflow_drag": ("drag_m", "skeg_m", "whole_m", "moduli_m", "ahead_kg_m"),
+    "cubic_damping": ("side", "turn", "plain_side", "plain_turn", "mix_side", "mix_turn", "steep_side"),
+    "hull_asymmetry": ("lift_n_s2_m2", "twist_n_m_s2_m2", "stall_n_s2_m2", "wire_n", "wire_n_m", "grows_n"),
     "added_mass_coupling": ("y_rdot", "n_vdot"),
-    "fluid_memory": ("sway", "yaw"),
-    "bank_suction": ("strength_m5",),
-    "cross_current": ("flow_m_s",),
-    "speed_drift": ("share",),
+    "fluid_memory": ("sway", "yaw", "ring_sway", "ring_yaw"),
+    "bank_suction": ("strength_m5", "gap_n_s2_m2", "near_n_s2_m2"),
+    "cross_current": ("flow_m_s", "even_m_s", "grows_m_s", "swirl_m_s"),
+    "speed_drift": ("share", "ramp_share", "swing_share"),
     "tension_variation": (),
     "constant_tension": (),
-    "elastic_line": ("compliance_m_n",),
+    "elastic_line": ("compliance_m_n", "sag"),
     "slack_line": (),
     "tow_point_offset": ("offset_m",),
-    "swivel_friction": ("moment_n_m",),
+    "swivel_friction": ("moment_n_m", "dry_n_m", "oil_n_m", "grease_n_m", "post_n_m"),
     "lens_distortion": ("bend",),
     "deck_height": ("depth_m",),
     "camera_shift": ("right_rad", "down_rad", "roll_rad"),
     "datum_scale": ("scale",),
     "datum_bias": ("ahead_m", "aside_m"),
-    "marker_roll": ("lean_rad",),
+    "marker_roll": ("lean_rad", "sway_rad", "turn_rad"),
     "frame_rate": ("fast",),
     "sync_delay": ("delay_s",),
     "rolling_shutter": ("readout_s",),
@@ -73,7 +73,7 @@ STRENGTH: dict[str, tuple[str, ...]] = {
     "new_mass": ("share",),
     "stick_slip": ("share",),
 }
-"""The numbers that make an effect large or small."""
+"""The numbers that make an effect large or small, those of all its forms."""
 RIVALS: dict[str, tuple[dict[str, float], ...]] = {
     "crossflow_drag": ({"drag_m": 0.01}, {"drag_m": 0.01, "tilt": 1.0}),
     "cubic_damping": ({"side": 0.1}, {"side": 0.1, "arm": 0.5}, {"turn": 0.002}),

@@ -58,6 +58,8 @@ class Case:
     history : a load cell's record of the pull (tension.csv) instead of R
     video : films instead of tracks
     told : inputs that run.toml tells, as ``numbers``
+    form : effect -> its kind in the grammar of ``forms``; one that is not named has the first. Its numbers alone make the motion
+    kept : effects whose form was kept out while the diagnosis was worked on
     extra : anything else that is to be kept with a case; nothing reads it
     """
 
@@ -79,6 +81,8 @@ class Case:
     history: bool = False
     video: bool = False
     told: dict[str, float] = field(default_factory=dict)
+    form: dict[str, str] = field(default_factory=dict)
+    kept: list[str] = field(default_factory=list)
     extra: dict[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
@@ -235,7 +239,8 @@ def seen(case: Case, index: int, numbers: Lane, pose: Array, true_s: Array, pose
     deeper = numbers.get("deck_height.depth_m", 0.0)
     readout = numbers.get("rolling_shutter.readout_s", 0.0)
     shaken = numbers.get("vibration.size_m", 0.0)
-    for m, (ahead, depth, height) in enumerate(case.marks.values()):
+    uneven = numbers.get("marker_roll.uneven", 0.0)
+    for m, (ahead, depth, above) in enumerate(case.marks.values()):
         here, late = pose, np.zeros(len(true_s))
         for turn in range(3 if readout and pose_at is not None else 1):
             if turn and pose_at is not None:
@@ -243,6 +248,7 @@ def seen(case: Case, index: int, numbers: Lane, pose: Array, true_s: Array, pose
                 late = readout * rows
                 here = pose_at(true_s + late)
             x, y, b, roll = here.T
+            height = above * (1 + (uneven if m == 0 else -uneven))
             aside = -height * np.sin(roll)
             if shaken and m == 0:
                 phase = 2 * np.pi * numbers["vibration.rate_hz"] * (true_s + late)

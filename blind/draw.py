@@ -17,13 +17,23 @@ from ..record.errors import EstimationError, InputError
 from ..record.files import JSON_BYTES, read_text, write_text
 from .truth.camera import camera_of
 from .truth.cases import LONG_S, Case, RunTruth, lane_of
-from .truth.forms import FORMS, KEEP_SEED, Form, allowed, first_form, form_of, kept_out
+from .truth.forms import (
+    FORMS,
+    IN_EACH_RUN,
+    IN_SOME_RUNS,
+    KEEP_SEED,
+    SINCE_A_RUN,
+    Form,
+    allowed,
+    first_form,
+    form_of,
+    kept_out,
+)
 from .truth.hulls import FREE, HULLS
 from .truth.motion import STEP_S, B, X, Y, swim
 from .truth.sizes import (
     EFFECTS,
     FORCES,
-    IN_SOME_RUNS,
     MASS_ARMS,
     MOMENTS,
     OUTSIDE,
@@ -408,6 +418,23 @@ def _ranges(effect: str, form: str) -> Form:
 
 
 def _numbers(effect: str, form: str, hull: dict[str, float], rng: np.random.Generator, runs: int) -> dict[str, float]:
+    found = _sized(effect, form, hull, rng)
+    if effect == "added_mass_coupling" and form == first_form(effect):  # potential flow makes the two nearly one
+        found["added_mass_coupling.n_vdot"] = found["added_mass_coupling.y_rdot"] * float(rng.uniform(0.7, 1.3))
+    if effect in IN_SOME_RUNS and IN_SOME_RUNS[effect] in (None, form):
+        chosen = rng.choice(runs, 2 if rng.random() < 0.5 else 1, replace=False)
+        found = {f"{name}@{run}": value for run in sorted(chosen.tolist()) for name, value in found.items()}
+    if SINCE_A_RUN.get(effect) == form:  # a next run, too
+        first = int(rng.integers(1, runs))
+        found = {f"{name}@{run}": value for run in range(first, runs + 1) for name, value in found.items()}
+    if IN_EACH_RUN.get(effect) == form:
+        others = [_sized(effect, form, hull, rng) for _ in range(runs)]
+        found = {f"{name}@{run}": value for run, own in enumerate([*others, found]) for name, value in own.items()}
+    return found | _when_turned(form, found, rng, runs) if effect == "camera_shift" else found
+
+
+def _sized(effect: str, form: str, hull: dict[str, float], rng: np.random.Generator) -> dict[str, float]:
+    """Numbers of a form for a hull."""
     pull, length = hull["tension"] / 3.96, hull["length_pp"] / 2.66
     found: dict[str, float] = {}
     for key, span in _ranges(effect, form).items():
@@ -419,17 +446,22 @@ def _numbers(effect: str, form: str, hull: dict[str, float], rng: np.random.Gene
         if name in MASS_ARMS:
             value *= hull["m"] / 149.19 * length
         found[name] = value
-    if effect == "added_mass_coupling":  # potential flow makes the two nearly one
-        found["added_mass_coupling.n_vdot"] = found["added_mass_coupling.y_rdot"] * float(rng.uniform(0.7, 1.3))
-    if effect in IN_SOME_RUNS:
-        chosen = rng.choice(runs, 2 if rng.random() < 0.5 else 1, replace=False)
-        found = {f"{name}@{run}": value for run in sorted(chosen.tolist()) for name, value in found.items()}
-    if effect == "camera_shift":
-        when = rng.random()
-        if when > 0.5:  # else it was turned before the first run
-            found["camera_shift.first_run"] = float(rng.integers(0, runs))
-        if when > 0.75:
-            found["camera_shift.time_s"] = float(rng.uniform(8, 35))
+    return found
+
+
+def _when_turned(form: str, turn: Mapping[str, float], rng: np.random.Generator, runs: int) -> dict[str, float]:
+    """When a camera was turned, in and about what."""
+    if form == "little by little":
+        return {}
+    found: dict[str, float] = {}
+    when = rng.random() if form in (first_form("camera_shift"), "one axis") else 1.0
+    if when > 0.5:  # else it was turned before the first run
+        found["camera_shift.first_run"] = float(rng.integers(0, runs))
+    if when > 0.75:
+        found["camera_shift.time_s"] = float(rng.uniform(8, 35))
+    if form == "one axis":
+        kept = sorted(turn)[int(rng.integers(len(turn)))]
+        found |= {name: 0.0 for name in turn if name != kept}
     return found
 
 

@@ -16,6 +16,20 @@ effect is the one that reality had before it had others. The first number of a f
 - speed_drift: settling; even; a ramp that ends; a slow swing. The surge follows from it.
 - elastic_line: a spring; one that stiffens; one with much damping; one that creeps; a heavy line that hangs.
 - swivel_friction: Stribeck and oil; dry; oil; both; grease; the swivel at the post.
+- slack_line: the carriage slows, or a wave pushes; the carriage slows suddenly and comes back slowly; a train of waves; a shove.
+- tension_variation: a winch's servo to R/cos^power, well damped; one that hunts; one with a lag of the first order; R and more by
+  the sine of the angle, as a wrapped pulley rubs.
+- constant_tension: a weight over a pulley; one that sticks; one out of round; a drum that its rope makes larger.
+- added_mass_coupling: Y_rdot and N_vdot nearly one; unlike; one of them alone. Two numbers are all that accelerations allow.
+- tow_point_offset: fixed; slipped at some time; in some runs alone; on a rail. The place itself is one number.
+- lens_distortion: a bend of the finished picture; k1; k1 and k2 against each other; a fisheye's angles; a bend about another place.
+- camera_shift: three axes, before the tows, between two or in mid-run; one axis; slowly; little by little in all tows; and back.
+- deck_height: all marks; the first alone; trim; squat with the speed.
+- datum_scale: both ways; ahead alone; aside alone; unlike.
+- datum_bias: the post stands aside and ahead; aside alone; ahead alone; since a run. A place has no more.
+- frame_rate: a rate that is off; two rates; one that drifts away.
+- sync_delay: late by one time; more and more; by another one since some time; in each run another.
+- rolling_shutter: rows read downwards; upwards; columns.
 - marker_roll: driven by the line's pull, as an oscillator or at once; by sway acceleration; by turning; marks of unlike height.
 """
 
@@ -39,6 +53,8 @@ CHOICES = ("all", "known", "kept", "classic")
 _ROLL: Form = {"period_s": (0.7, 1.8, "even"), "damping": (0.08, 0.3, "log")}
 _STRIPS: Form = {"tilt": (-0.4, 0.4, "even"), "ends": (-0.5, 0.8, "even")}
 _SOFT: Form = {"damping": (0.02, 0.1, "log"), "shock": (0.0, 0.6, "even")}
+_EVENT: Form = {"length_s": (1.6, 2.8, "even"), "begin_s": (8.0, 30.0, "even")}
+_TURN: Form = {f"{axis}_rad": (0.001, 0.005, "either") for axis in ("right", "down", "roll")}
 _GAP: Form = {"power": (1.0, 3.0, "even"), "lever": (-0.4, 0.4, "even")}
 
 _MORE: dict[str, tuple[str, dict[str, Form]]] = {
@@ -188,12 +204,148 @@ _MORE: dict[str, tuple[str, dict[str, Form]]] = {
             "unlike heights": {"lean_rad": (0.02, 0.1, "either"), **_ROLL, "uneven": (0.3, 0.9, "either")},
         },
     ),
+    "added_mass_coupling": (
+        "alike",
+        {
+            "unlike": {"y_rdot": (6.0, 30.0, "either"), "n_vdot": (8.0, 40.0, "either")},
+            "sway by yaw alone": {"y_rdot": (8.0, 40.0, "either")},
+            "yaw by sway alone": {"n_vdot": (8.0, 40.0, "either")},
+        },
+    ),
+    "slack_line": (
+        "stop or wave",
+        {
+            "sudden stop": {"brake": (1.6, 2.6, "log"), **_EVENT},
+            "train of waves": {
+                "crest": (1.6, 2.6, "log"),
+                "length_s": (4.5, 7.5, "even"),
+                "begin_s": (8.0, 28.0, "even"),
+            },
+            "shove": {"shove": (1.3, 2.2, "log"), **_EVENT},
+        },
+    ),
+    "tension_variation": (
+        "servo",
+        {
+            "hunting": {"power": (0.6, 1.8, "log"), "period_s": (1.5, 4.0, "log"), "rings": (0.1, 0.35, "log")},
+            "lag": {"power": (0.6, 1.8, "log"), "lag_s": (0.3, 2.0, "log")},
+            "wrapped": {"wrap": (0.05, 0.25, "log"), "period_s": (0.6, 3.0, "log")},
+        },
+    ),
+    "constant_tension": (
+        "weight",
+        {
+            "sticking": {
+                "friction": (0.004, 0.02, "log"),
+                "stick": (0.3, 1.5, "log"),
+                "drag_n_s_m": (0.5, 5.0, "log"),
+                "weight": (0.998, 1.003, "even"),
+            },
+            "out of round": {
+                "unround": (0.003, 0.02, "log"),
+                "round_m": (0.06, 0.3, "log"),
+                "phase": (0.0, 6.28, "even"),
+                "drag_n_s_m": (0.5, 5.0, "log"),
+                "weight": (0.998, 1.003, "even"),
+            },
+            "drum": {
+                "drum_1_m": (0.03, 0.25, "log"),
+                "friction": (0.002, 0.02, "log"),
+                "drag_n_s_m": (0.5, 5.0, "log"),
+                "weight": (0.998, 1.003, "even"),
+            },
+        },
+    ),
+    "tow_point_offset": (
+        "fixed",
+        {
+            "slipped": {"slip_m": (0.0012, 0.007, "either"), "slip_s": (8.0, 32.0, "even")},
+            "in some runs": {"offset_m": (0.004, 0.02, "either")},
+            "on a rail": {"slide_m": (0.003, 0.015, "log")},
+        },
+    ),
+    "lens_distortion": (
+        "bend",
+        {
+            "k1": {"k1": (0.01, 0.05, "either")},
+            "k1 and k2": {"k1": (0.015, 0.07, "either"), "k2_share": (-2.0, -0.7, "even")},
+            "fisheye": {"fisheye": (0.03, 0.15, "log")},
+            "off centre": {
+                "aside": (0.01, 0.05, "either"),
+                "centre_u": (0.05, 0.2, "either"),
+                "centre_v": (0.03, 0.12, "either"),
+            },
+        },
+    ),
+    "camera_shift": (
+        "three axes",
+        {
+            "one axis": {name: (0.0015, 0.007, "either") for name in _TURN},
+            "slowly": {**_TURN, "over_s": (2.0, 15.0, "log")},
+            "little by little": {**_TURN, "creep_s": (90.0, 300.0, "even")},
+            "and back": {**_TURN, "back_s": (5.0, 20.0, "even")},
+        },
+    ),
+    "deck_height": (
+        "all marks",
+        {
+            "first mark": {"bow_m": (0.006, 0.025, "either")},
+            "trim": {"trim_m": (0.004, 0.015, "either")},
+            "squat": {"squat_m": (0.006, 0.025, "log")},
+        },
+    ),
+    "datum_scale": (
+        "both ways",
+        {
+            "ahead": {"ahead_scale": (0.004, 0.015, "either")},
+            "aside": {"aside_scale": (0.004, 0.015, "either")},
+            "unlike": {"ahead_scale": (0.004, 0.015, "either"), "aside_scale": (0.004, 0.015, "either")},
+        },
+    ),
+    "datum_bias": (
+        "post",
+        {
+            "aside": {"aside_m": (0.003, 0.012, "either")},
+            "ahead": {"ahead_m": (0.003, 0.02, "either")},
+            "since a run": {"ahead_m": (0.002, 0.012, "either"), "aside_m": (0.003, 0.012, "either")},
+        },
+    ),
+    "frame_rate": (
+        "off",
+        {
+            "two rates": {
+                "piece_one": (0.002, 0.012, "either"),
+                "piece_two": (0.002, 0.012, "either"),
+                "change_s": (8.0, 35.0, "even"),
+            },
+            "drifting": {"drift": (0.002, 0.01, "either")},
+        },
+    ),
+    "sync_delay": (
+        "late",
+        {
+            "drifting": {"drift_s": (0.15, 0.9, "either")},
+            "jumping": {
+                "delay_s": (0.04, 0.3, "either"),
+                "jump_s": (0.1, 0.5, "either"),
+                "change_s": (8.0, 35.0, "even"),
+            },
+            "each run": {"delay_s": (0.08, 0.5, "either")},
+        },
+    ),
+    "rolling_shutter": (
+        "downwards",
+        {"upwards": {"up_s": (0.008, 0.035, "log")}, "columns": {"across_s": (0.02, 0.07, "log")}},
+    ),
 }
 """Name of the first form, and the others."""
+IN_SOME_RUNS = {"slack_line": None, "kick": None, "tow_point_offset": "in some runs"}
+"""Effects that act in one run or two: all of their forms (None) or one; all else acts in every run."""
+SINCE_A_RUN, IN_EACH_RUN = {"datum_bias": "since a run"}, {"sync_delay": "each run"}
+"""Those of which a form begins with a run, and those of which one has other numbers in each."""
 
 FORMS: dict[str, dict[str, Form]] = {
-    effect: {_MORE[effect][0]: first, **_MORE[effect][1]} if effect in _MORE else {"plain": first}
-    for effect, first in EFFECTS.items()
+    effect: {_MORE[effect][0]: first, **_MORE[effect][1]} for effect, first in EFFECTS.items()
 }
 """Effect -> form -> number -> range."""
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from .lanes import Array, Lanes
 
-SLIDES_M_S = 0.002
-"""Dry friction of a pulley has turned over at this speed of the line."""
+SLIDES_M_S, STICKS_M_S = 0.002, 0.006
+"""Dry friction of a pulley has turned over at the first speed of the line; what sticks below about the second slides above."""
 ROUNDS = 15
 """Newton's steps to a hanging line's pull, from above: they fall one after another, and end at the last digit."""
 
@@ -28,17 +28,69 @@ def pull_of(q: Lanes, servo_n: Array, crept_m: Array, length: Array, length_rate
     crept_m : by how much a creeping line has grown
     length, length_rate : from the post to the tow point, m and m/s
     """
-    rest = q["tension"]
     pull = _spring(q, crept_m, length, length_rate)
     if q.has("elastic_line.sag"):
         pull = np.where(q["elastic_line.sag"] > 0, _hanging(q, length, length_rate), pull)
-    if q.has("tension_variation.power"):
-        pull = np.where(q["tension_variation.power"] != 0, servo_n, pull)
+    if servo_on(q).any():
+        pull = np.where(servo_on(q), servo_n, pull)
     if q.has("constant_tension.weight"):
-        rub = q["constant_tension.friction"] * np.tanh(length_rate / SLIDES_M_S)
-        held = q["constant_tension.weight"] * rest * (1 + rub) + q["constant_tension.drag_n_s_m"] * length_rate
-        pull = np.where(q["constant_tension.weight"] > 0, held, pull)
+        pull = np.where(q["constant_tension.weight"] > 0, _weighed(q, length, length_rate), pull)
     return np.maximum(pull, 0.0)
+
+
+def servo_on(q: Lanes) -> Array:
+    """Lanes whose line a winch holds by a law ``(n,)``."""
+    return (q["tension_variation.power"] != 0) | (q["tension_variation.wrap"] != 0)
+
+
+def servo_command(q: Lanes, cosine: Array) -> Array:
+    """What a winch should pull with, N ``(n,)``: R/cos^power of the line's angle, and more by its sine (a wrapped pulley).
+
+    Parameters
+    ----------
+    q : numbers
+    cosine : of the line's angle
+    """
+    command = q["tension"] / np.maximum(cosine, 0.1) ** q["tension_variation.power"]
+    if q.has("tension_variation.wrap"):
+        command = command * (1 + q["tension_variation.wrap"] * np.sqrt(np.maximum(1 - cosine**2, 0.0)))
+    return command
+
+
+def servo_rates(q: Lanes, cosine: Array, pull: Array, rate: Array) -> tuple[Array, Array]:
+    """How a winch's servo follows: an oscillator, damped by 0.7 or as given, or a lag of the first order; N/s and N/s2.
+
+    Parameters
+    ----------
+    q : numbers
+    cosine : of the line's angle
+    pull, rate : of the servo, N and N/s
+    """
+    w = 2 * np.pi / np.maximum(q["tension_variation.period_s"], 0.2)
+    off = servo_command(q, cosine) - pull
+    double = np.where(q["tension_variation.rings"] > 0, 2 * q["tension_variation.rings"], 1.4)
+    first, second = rate, w**2 * off - double * w * rate
+    if q.has("tension_variation.lag_s"):
+        lags = q["tension_variation.lag_s"] > 0
+        first = np.where(lags, off / np.maximum(q["tension_variation.lag_s"], 0.1), first)
+        second = np.where(lags, 0.0, second)
+    on = servo_on(q)
+    return np.where(on, first, 0.0), np.where(on, second, 0.0)
+
+
+def _weighed(q: Lanes, length: Array, length_rate: Array) -> Array:
+    """A weight over a pulley that rubs and may stick, be out of round, or wind its rope on a drum that grows."""
+    rub = q["constant_tension.friction"] * np.tanh(length_rate / SLIDES_M_S)
+    if q.has("constant_tension.stick"):
+        rub = rub * (1 + q["constant_tension.stick"] * np.exp(-((length_rate / STICKS_M_S) ** 2)))
+    held = q["constant_tension.weight"] * q["tension"] * (1 + rub) + q["constant_tension.drag_n_s_m"] * length_rate
+    paid = length - q["line"]
+    if q.has("constant_tension.drum_1_m"):
+        held = held + q["tension"] * q["constant_tension.drum_1_m"] * paid
+    if q.has("constant_tension.unround"):
+        phase = 2 * np.pi * paid / np.maximum(q["constant_tension.round_m"], 0.02) + q["constant_tension.phase"]
+        held = held + q["tension"] * q["constant_tension.unround"] * np.sin(phase)
+    return held
 
 
 def creep_rate(q: Lanes, crept_m: Array, tension: Array) -> Array:
@@ -63,7 +115,7 @@ def _spring(q: Lanes, crept_m: Array, length: Array, length_rate: Array) -> Arra
     stretch = length - q["line"] + np.where(soft > 0, 0.0, rest / stiff) - crept_m
     held, steepest = stiff * stretch, stiff
     if q.has("elastic_line.stiffens"):
-        more = q["elastic_line.stiffens"]
+        more = np.where(soft > 0, q["elastic_line.stiffens"], 0.0)
         held = np.where(more > 0, rest * np.maximum(held / rest, 0.0) ** (1 + more), held)
         steepest = stiff * (1 + more)
     ratio = np.where(soft > 0, q["elastic_line.damping"], q["line_damping"])

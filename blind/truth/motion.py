@@ -20,7 +20,7 @@ from .carriage import push, speed_at
 from .forces import forces_of
 from .lanes import Array, Lane, Lanes
 from .lift import memory_rates
-from .line import creep_rate, pull_of, stretch_at_rest
+from .line import creep_rate, pull_of, servo_command, servo_on, servo_rates, stretch_at_rest
 from .now import Now
 
 STEP_S = 0.02
@@ -28,6 +28,8 @@ STEP_S = 0.02
 half the step, or twice it (``signature``), changes is held by a test."""
 SLACK_STEP_S, BOUNCES_S = 0.005, 8.0
 """Where a slack line comes straight the pull has a kink: steps are cut to this, until it has bounced out."""
+SLIPS_S, RAIL_RAD = 0.3, 0.1
+"""A tow point that slips takes about the first; one on a rail has gone most of its way where the line pulls at the second."""
 X, Y, B, U, V, R = range(6)
 """Places in the state: place of LCG (m), heading (rad), and speeds in the hull's axes."""
 LAG = slice(6, 10)
@@ -130,7 +132,7 @@ def _released(q: Lanes) -> Array:
     line = q["line"] + stretch_at_rest(q) * held
     sb, cb = np.sin(b), np.cos(b)
     post, post_v = _post(q, 0.0)
-    xt, yt = q["x_t"], q["tow_point_offset.offset_m"]
+    xt, yt = q["x_t"], _aside(q, 0.0, y, b)
     across = y + xt * sb + yt * cb - post
     along = np.sqrt(np.maximum(line**2 - across**2, 1e-6))
     state[X] = q["datum_bias.ahead_m"] - along - xt * cb + yt * sb
@@ -144,9 +146,20 @@ def _released(q: Lanes) -> Array:
     if q.has("fluid_memory.ring_s"):
         state[7] = np.where(q["fluid_memory.ring_s"] > 0, 0.0, state[7])
     state[CREEP] = q["elastic_line.creep"] * q["elastic_line.compliance_m_n"] * q["tension"] * held
-    state[PULL] = q["tension"] / np.maximum(-nx, 0.1) ** q["tension_variation.power"]
+    state[PULL] = servo_command(q, -nx)
     state[SLOSH] = np.where(q["sloshing.side_n"] != 0, 1.0, 0.0)
     return state
+
+
+def _aside(q: Lanes, t: float, y: Array, b: Array) -> Array:
+    """Where the line holds, beside the centre line: fixed, slipped at some time, or on a rail on which the line draws it along."""
+    place = q["tow_point_offset.offset_m"]
+    if q.has("tow_point_offset.slip_m"):
+        gone = 0.5 * (1 + np.tanh((t - q["tow_point_offset.slip_s"]) / SLIPS_S))
+        place = place + q["tow_point_offset.slip_m"] * gone
+    if q.has("tow_point_offset.slide_m"):
+        place = place - q["tow_point_offset.slide_m"] * np.tanh((y / q["line"] + b) / RAIL_RAD)
+    return place
 
 
 def _post(q: Lanes, t: float) -> tuple[Array, Array]:
@@ -165,7 +178,7 @@ def _rates(q: Lanes, terms, t: float, s: Array, random: Array) -> tuple[Array, A
     sb, cb = np.sin(b), np.cos(b)
     speed = speed_at(q, t)
     post_y, post_v = _post(q, t)
-    xt, yt = q["x_t"], q["tow_point_offset.offset_m"]
+    xt, yt = q["x_t"], _aside(q, t, y, b)
     out = np.zeros_like(s)
     out[X], out[Y], out[B] = u * cb - v * sb - speed, u * sb + v * cb, r
     # the line
@@ -177,12 +190,8 @@ def _rates(q: Lanes, terms, t: float, s: Array, random: Array) -> tuple[Array, A
     vy = out[Y] + r * (xt * cb - yt * sb) - post_v
     turn = (nx * vy - ny * vx) / length
     tension = pull_of(q, s[PULL], s[CREEP], length, nx * vx + ny * vy)
-    if q.has("tension_variation.power"):
-        varied = q["tension_variation.power"] != 0
-        w = 2 * np.pi / np.maximum(q["tension_variation.period_s"], 0.2)
-        command = q["tension"] / np.maximum(-nx, 0.1) ** q["tension_variation.power"]
-        out[PULL] = np.where(varied, s[PULL_RATE], 0.0)
-        out[PULL_RATE] = np.where(varied, w**2 * (command - s[PULL]) - 1.4 * w * s[PULL_RATE], 0.0)
+    if servo_on(q).any():
+        out[PULL], out[PULL_RATE] = servo_rates(q, -nx, s[PULL], s[PULL_RATE])
     c, side = nx * cb + ny * sb, ny * cb - nx * sb
     # the hull: what grows with its own speed through the water, not with the carriage's
     scale = u / q["speed_ref"]

@@ -158,5 +158,3 @@ MOMENTS = {
     "magnet.moment_n_m",
 }
 MASS_ARMS = {"added_mass_coupling.y_rdot", "added_mass_coupling.n_vdot"}
-IN_SOME_RUNS = {"slack_line", "kick"}
-"""Happen in one run or two; all else in every run."""

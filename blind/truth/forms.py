@@ -280,7 +280,7 @@ _MORE: dict[str, tuple[str, dict[str, Form]]] = {
     "camera_shift": (
         "three axes",
         {
-            "one axis": {name: (0.0015, 0.007, "either") for name in _TURN},
+            "one axis": dict.fromkeys(_TURN, (0.0015, 0.007, "either")),
             "slowly": {**_TURN, "over_s": (2.0, 15.0, "log")},
             "little by little": {**_TURN, "creep_s": (90.0, 300.0, "even")},
             "and back": {**_TURN, "back_s": (5.0, 20.0, "even")},

@@ -11,7 +11,7 @@ from typing import Any
 from ..pipeline.executor.processes import in_parallel
 from ..record.files import JSON_BYTES, read_text, write_text
 from .baselines import baseline_calls
-from .draw import ANSWERS, CASES, Wanted, opened, sealed, write_cases
+from .draw import ANSWERS, CASES, Wanted, kept_digest, opened, sealed, write_cases
 from .judge import Judged, judged
 from .measure import write_measured
 from .run import answers, read_answers
@@ -46,7 +46,7 @@ class Outcome:
 def prepare(
     out: Path, wanted: Wanted, say: Callable[[str], None], workers: int = 1, progress: Progress | None = None
 ) -> str:
-    """Draw, seal (the digest is said before anything else is written), write the folders; returns the digest.
+    """Draw, seal (the digests are said before anything else is written), write the folders; returns the truth's digest.
 
     Parameters
     ----------
@@ -57,6 +57,8 @@ def prepare(
     progress : is told (what, done, of how many)
     """
     cases, digest = sealed(out, wanted, workers, progress)
+    if wanted.forms != "classic":
+        say(f"sha256 of the forms kept out: {kept_digest(wanted.keep_seed)}")
     say(f"sha256 of the truth: {digest}")
     write_cases(out, cases, workers, progress)
     return digest

@@ -6,6 +6,7 @@ The truth is one JSON text; its SHA-256 is the seal, made known before anything 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -16,12 +17,23 @@ from ..record.errors import EstimationError, InputError
 from ..record.files import JSON_BYTES, read_text, write_text
 from .truth.camera import camera_of
 from .truth.cases import LONG_S, Case, RunTruth, lane_of
+from .truth.forms import (
+    FORMS,
+    IN_EACH_RUN,
+    IN_SOME_RUNS,
+    KEEP_SEED,
+    SINCE_A_RUN,
+    Form,
+    allowed,
+    first_form,
+    form_of,
+    kept_out,
+)
 from .truth.hulls import FREE, HULLS
 from .truth.motion import STEP_S, B, X, Y, swim
 from .truth.sizes import (
     EFFECTS,
     FORCES,
-    IN_SOME_RUNS,
     MASS_ARMS,
     MOMENTS,
     OUTSIDE,
@@ -85,6 +97,8 @@ class Wanted:
     only : effects to draw from (empty: all)
     unknown, pairs : their shares
     told : how many of the nulls have an input that run.toml tells
+    forms : of ``truth.forms.CHOICES``, in which forms effects come
+    keep_seed : draws the forms that are kept out
     """
 
     cases: int
@@ -95,12 +109,18 @@ class Wanted:
     unknown: float = UNKNOWN
     pairs: float = PAIRS
     told: int = 0
+    forms: str = "all"
+    keep_seed: int = KEEP_SEED
+
+
+BEFORE_FORMS = {"forms": "classic", "keep_seed": KEEP_SEED}
+"""What a truth wanted that was drawn when every effect had one form."""
 
 
 @dataclass(frozen=True)
 class Dealt:
-    """What a case will be: arguments of ``case_of``, whether its size is to be cut down to a faint one, and what
-    input it is told."""
+    """What a case will be: arguments of ``case_of``, whether its size is to be cut down to a faint one, what
+    input it is told, the forms of its effects, and which effects have one that is kept out."""
 
     name: str
     kind: str
@@ -110,6 +130,8 @@ class Dealt:
     video: bool
     faint: bool
     told: str = ""
+    form: tuple[tuple[str, str], ...] = ()
+    kept: tuple[str, ...] = ()
 
 
 def dealt(wanted: Wanted) -> list[Dealt]:
@@ -132,6 +154,8 @@ def dealt(wanted: Wanted) -> list[Dealt]:
     inputs = dict(zip(colours, _dealt(list(TOLD), min(wanted.told, len(colours)), rng), strict=False))
     width = max(3, len(str(n)))
     faint = np.random.default_rng([wanted.seed, 78]).random(n) < FAINT
+    forms = [_formed(wanted, kinds[k][1], [wanted.seed, i]) for i, k in enumerate(order)]
+    kept = kept_out(wanted.keep_seed)
     return [
         Dealt(
             f"case-{i + 1:0{width}d}",
@@ -142,9 +166,22 @@ def dealt(wanted: Wanted) -> list[Dealt]:
             i in filmed,
             bool(faint[i]) and kinds[k][0] in ("effect", "unknown"),
             inputs.get(int(k), ""),
+            tuple(forms[i].items()),
+            tuple(effect for effect, form in forms[i].items() if form in kept.get(effect, [])),
         )
         for i, k in enumerate(order)
     ]
+
+
+def _formed(wanted: Wanted, effects: list[str], seed: list[int]) -> dict[str, str]:
+    """Forms of a case's effects, by a seed of the case's own: drawn beside everything else, which stays as it is."""
+    rng = np.random.default_rng([*seed, 11])
+    found: dict[str, str] = {}
+    for effect in effects:
+        if effect in FORMS:
+            forms = allowed(effect, wanted.forms, wanted.keep_seed)
+            found[effect] = forms[int(rng.integers(len(forms)))]
+    return found
 
 
 def drawn(wanted: Wanted, workers: int = 1, progress=None) -> list[Case]:
@@ -166,7 +203,8 @@ def drawn(wanted: Wanted, workers: int = 1, progress=None) -> list[Case]:
 
 
 def _drawn(each: Dealt) -> Case:
-    case = case_of(each.name, each.kind, each.effects, each.seed, each.coloured, each.video)
+    case = case_of(each.name, each.kind, each.effects, each.seed, each.coloured, each.video, dict(each.form))
+    case = replace(case, kept=list(each.kept))
     if each.told:
         case = told(case, each.told, np.random.default_rng([*each.seed, 7]))
     case = gentle(case)
@@ -242,7 +280,7 @@ def gentle(case: Case) -> Case:
         ]
         numbers = case.numbers
         if turn > 3:
-            sized = {f"{effect}.{next(iter((EFFECTS | OUTSIDE)[effect]))}" for effect in case.effects}
+            sized = {f"{effect}.{next(iter(_ranges(effect, form_of(case, effect))))}" for effect in case.effects}
             numbers = {k: v * (0.7 if k.split("@")[0] in sized else 1) for k, v in numbers.items()}
         laid = {k: v * (0.7 if k.startswith("rudder.angle_rad") else 1) for k, v in case.told.items()}
         case = replace(case, runs=runs, numbers=numbers, told=laid)
@@ -266,7 +304,13 @@ def _pair(rng: np.random.Generator) -> list[str]:
 
 
 def case_of(
-    name: str, kind: str, effects: list[str], seed: list[int], coloured: bool | None = None, video: bool = False
+    name: str,
+    kind: str,
+    effects: list[str],
+    seed: list[int],
+    coloured: bool | None = None,
+    video: bool = False,
+    forms: Mapping[str, str] | None = None,
 ) -> Case:
     """One case.
 
@@ -277,6 +321,7 @@ def case_of(
     seed : of its numbers
     coloured : random forces and a shaking camera; None: drawn
     video : films instead of tracks
+    forms : effect -> its form; the first, where none is named
     """
     rng = np.random.default_rng([*seed, 5])
     hull_name = str(rng.choice(list(HULLS), p=[0.6, 0.4]))
@@ -287,8 +332,9 @@ def case_of(
     camera, datum = _camera(hull, runs, video, rng)
     history = "sync_delay" in effects or bool(rng.random() < HISTORY)
     numbers: dict[str, float] = {}
+    named = {effect: (forms or {}).get(effect, first_form(effect)) for effect in effects if effect in FORMS}
     for effect in effects:
-        numbers |= _numbers(effect, hull, rng, len(runs))
+        numbers |= _numbers(effect, named.get(effect, ""), hull, rng, len(runs))
     return Case(
         name,
         int(rng.integers(2**31)),
@@ -307,6 +353,7 @@ def case_of(
         runs,
         history=history,
         video=video,
+        form=named,
     )
 
 
@@ -366,10 +413,31 @@ def _number(span: Range, rng: np.random.Generator) -> float:
     return value if how == "log" or rng.random() < 0.5 else -value
 
 
-def _numbers(effect: str, hull: dict[str, float], rng: np.random.Generator, runs: int) -> dict[str, float]:
+def _ranges(effect: str, form: str) -> Form:
+    return FORMS[effect][form] if effect in FORMS else OUTSIDE[effect]
+
+
+def _numbers(effect: str, form: str, hull: dict[str, float], rng: np.random.Generator, runs: int) -> dict[str, float]:
+    found = _sized(effect, form, hull, rng)
+    if effect == "added_mass_coupling" and form == first_form(effect):  # potential flow makes the two nearly one
+        found["added_mass_coupling.n_vdot"] = found["added_mass_coupling.y_rdot"] * float(rng.uniform(0.7, 1.3))
+    if effect in IN_SOME_RUNS and IN_SOME_RUNS[effect] in (None, form):
+        chosen = rng.choice(runs, 2 if rng.random() < 0.5 else 1, replace=False)
+        found = {f"{name}@{run}": value for run in sorted(chosen.tolist()) for name, value in found.items()}
+    if SINCE_A_RUN.get(effect) == form:  # a next run, too
+        first = int(rng.integers(1, runs))
+        found = {f"{name}@{run}": value for run in range(first, runs + 1) for name, value in found.items()}
+    if IN_EACH_RUN.get(effect) == form:
+        others = [_sized(effect, form, hull, rng) for _ in range(runs)]
+        found = {f"{name}@{run}": value for run, own in enumerate([*others, found]) for name, value in own.items()}
+    return found | _when_turned(form, found, rng, runs) if effect == "camera_shift" else found
+
+
+def _sized(effect: str, form: str, hull: dict[str, float], rng: np.random.Generator) -> dict[str, float]:
+    """Numbers of a form for a hull."""
     pull, length = hull["tension"] / 3.96, hull["length_pp"] / 2.66
     found: dict[str, float] = {}
-    for key, span in (EFFECTS | OUTSIDE)[effect].items():
+    for key, span in _ranges(effect, form).items():
         name, value = f"{effect}.{key}", _number(span, rng)
         if name in FORCES:
             value *= pull
@@ -378,17 +446,22 @@ def _numbers(effect: str, hull: dict[str, float], rng: np.random.Generator, runs
         if name in MASS_ARMS:
             value *= hull["m"] / 149.19 * length
         found[name] = value
-    if effect == "added_mass_coupling":  # potential flow makes the two nearly one
-        found["added_mass_coupling.n_vdot"] = found["added_mass_coupling.y_rdot"] * float(rng.uniform(0.7, 1.3))
-    if effect in IN_SOME_RUNS:
-        chosen = rng.choice(runs, 2 if rng.random() < 0.5 else 1, replace=False)
-        found = {f"{name}@{run}": value for run in sorted(chosen.tolist()) for name, value in found.items()}
-    if effect == "camera_shift":
-        when = rng.random()
-        if when > 0.5:  # else it was turned before the first run
-            found["camera_shift.first_run"] = float(rng.integers(0, runs))
-        if when > 0.75:
-            found["camera_shift.time_s"] = float(rng.uniform(8, 35))
+    return found
+
+
+def _when_turned(form: str, turn: Mapping[str, float], rng: np.random.Generator, runs: int) -> dict[str, float]:
+    """When a camera was turned, in and about what."""
+    if form == "little by little":
+        return {}
+    found: dict[str, float] = {}
+    when = rng.random() if form in (first_form("camera_shift"), "one axis") else 1.0
+    if when > 0.5:  # else it was turned before the first run
+        found["camera_shift.first_run"] = float(rng.integers(0, runs))
+    if when > 0.75:
+        found["camera_shift.time_s"] = float(rng.uniform(8, 35))
+    if form == "one axis":
+        kept = sorted(turn)[int(rng.integers(len(turn)))]
+        found |= {name: 0.0 for name in turn if name != kept}
     return found
 
 
@@ -517,7 +590,7 @@ def sealed(out: Path, wanted: Wanted, workers: int = 1, progress=None) -> tuple[
     """
     if (out / TRUTH).is_file():
         kept, old = opened(out)
-        before = json.loads(read_text(out / TRUTH, JSON_BYTES))["wanted"]
+        before = BEFORE_FORMS | json.loads(read_text(out / TRUTH, JSON_BYTES))["wanted"]
         if before != json.loads(json.dumps(asdict(wanted))):
             raise InputError(out / TRUTH, "wanted", f"{before} was drawn here; give another folder or the same numbers")
         return kept, old
@@ -544,6 +617,16 @@ def opened(out: Path) -> tuple[list[Case], str]:
     if digest != stated:
         raise InputError(out / TRUTH, "sha256", f"{digest[:12]}..., the seal says {stated[:12]}...")
     return [Case.from_json(values) for values in json.loads(text)["cases"]], digest
+
+
+def kept_digest(keep_seed: int) -> str:
+    """SHA-256 of the list of forms that a seed keeps out (JSON, effects in alphabetical order).
+
+    Parameters
+    ----------
+    keep_seed : of ``Wanted``
+    """
+    return sha256_of_text(json.dumps(kept_out(keep_seed), sort_keys=True))
 
 
 def sha256_of_text(text: str) -> str:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from .truth.cases import Case
+from .truth.forms import form_of
 
 Call = frozenset[str]
 NO_GAP: Call = frozenset()
 UNKNOWN: Call = frozenset({"unknown"})
 NONE: Call = frozenset({"no answer"})
+INEXACT = "form not exact"
+"""Stands in a call beside the effects that it names where their form is said to leave something over."""
 TOLD_APART = 20.0
 """D at which two effects can be told apart in 98.7 % of draws: the bar's stratum."""
 SHOWS = 1.05
@@ -35,6 +38,8 @@ class Judged:
     gap : without the effect, in the oracle's hands; 0: not known
     seconds : to the answer
     calls : method -> call, of the baselines
+    forms : effect -> the form that it has in reality
+    kept : one of these forms was kept out while the diagnosis was worked on
     """
 
     name: str
@@ -56,6 +61,8 @@ class Judged:
     gap: float
     seconds: float
     calls: Mapping[str, Call]
+    forms: Mapping[str, str] = field(default_factory=dict)
+    kept: bool = False
 
     @property
     def clear(self) -> bool:
@@ -63,16 +70,28 @@ class Judged:
         return self.nearest is not None and self.nearest > TOLD_APART
 
     def right(self, said: Call) -> bool:
-        """Exactly the truth."""
+        """Exactly the truth, and nothing said against its form."""
+        return said == self.truth
+
+    def named_right(self, said: Call) -> bool:
+        """The truth by its names, their form called exact or not; that anything is inexact where there is no effect is wrong."""
+        if INEXACT in said:
+            return self.kind in ("effect", "pair") and names_of(said) == self.truth
         return said == self.truth
 
     def in_class(self, said: Call) -> bool:
-        """The truth, or one effect instead of it that the data cannot tell from it (D of at most 20)."""
-        if said == self.truth:
+        """The truth, or one effect instead of it that the data cannot tell from it (D of at most 20); its form exact or not."""
+        if self.named_right(said):
             return True
-        if self.kind != "effect" or len(said) != 1:
+        names = names_of(said)
+        if self.kind != "effect" or len(names) != 1:
             return False
-        return self.rivals.get(next(iter(said)), float("inf")) <= TOLD_APART
+        return self.rivals.get(next(iter(names)), float("inf")) <= TOLD_APART
+
+
+def names_of(said: Call) -> Call:
+    """A call without what it says of forms."""
+    return said - {INEXACT}
 
 
 def truth_of(case: Case) -> Call:
@@ -101,9 +120,10 @@ def judged(
     if gap is not None:
         said, probability = call_of(gap)
         sets = tuple(frozenset(names) for names in gap["set95"])
-        group = next((g for g in gap["indistinguishable"] if said and g[0] in said), [])
-        own = frozenset(group) - said
-        row = next((r for r in gap["ranking"] if frozenset(r["effects"]) == said), None)
+        names = names_of(said)
+        group = next((g for g in gap["indistinguishable"] if names and g[0] in names), [])
+        own = frozenset(group) - names
+        row = next((r for r in gap["ranking"] if frozenset(r["effects"]) == names), None)
         if row is not None and case.kind in ("effect", "pair"):
             shrink, interval = float(row["shrink"]), tuple(row["shrink_interval"])
     return Judged(
@@ -126,11 +146,13 @@ def judged(
         float(measure.get("oracle_before", 0.0)),
         float(answer.get("seconds", float("nan"))),
         dict(calls or {}),
+        {effect: form_of(case, effect) for effect in case.effects},
+        bool(case.kept),
     )
 
 
 def call_of(gap: Mapping[str, Any]) -> tuple[Call, float]:
-    """The verdict of a gap.json, and its probability."""
+    """The verdict of a gap.json, and its probability: of an effect, that it is there, its form exact or not."""
     if gap["verdict"] == "no_gap":
         return NO_GAP, float(gap["p_no_gap"])
     if gap["verdict"] == "unknown":
@@ -138,4 +160,5 @@ def call_of(gap: Mapping[str, Any]) -> tuple[Call, float]:
     if gap["verdict"] == "not_converged":
         return NONE, 0.0
     first = gap["ranking"][0]
-    return frozenset(first["effects"]), float(first["probability"])
+    names = frozenset(first["effects"]) | ({INEXACT} if gap["verdict"] == "form_not_exact" else frozenset())
+    return names, float(first["probability"]) + float(first.get("probability_inexact", 0.0))

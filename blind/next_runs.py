@@ -13,7 +13,7 @@ import numpy as np
 
 from ..record.files import TOML_BYTES, read_text, write_text
 from .draw import ANSWERS, CASES, opened, tow_of
-from .judge import Call, call_of, truth_of
+from .judge import Call, call_of, names_of, truth_of
 from .run import answered, read_answers
 from .scores import Score, share
 from .truth.apart import measured_apart
@@ -30,7 +30,7 @@ class Settled:
     Attributes
     ----------
     name, truth : of the case
-    before, after : calls
+    before, after : calls by name, the form exact or not
     open_before, open_after : hypotheses in the 95 % set
     distance : D that was expected
     by : "tow", or the effect that was measured without one
@@ -103,8 +103,8 @@ def next_runs(out: Path, workers: int = 1, progress: Progress | None = None) -> 
             Settled(
                 case.name,
                 truth_of(case),
-                call_of(before)[0],
-                call_of(then)[0],
+                names_of(call_of(before)[0]),
+                names_of(call_of(then)[0]),
                 len(before["set95"]),
                 len(then["set95"]),
                 float(proposed["distance"]),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from ..report.draw import BLACK, BLUE, GREY, Columns, label, legend, new_figure, svg_image
 from ..report.html import Html, figure, number, table, tag
 from ..report.page import document, write_document
+from .words import form_rows, named
 
 if TYPE_CHECKING:
     from .check import Outcome
@@ -32,6 +33,7 @@ def blind_page(outcome: Outcome) -> Html:
         tag("p", "SHA-256 of the truth, made known before the first diagnosis: ", tag("code", outcome.digest)),
         tag("section", tag("h2", "Stated and true probability"), reliability_figure(outcome.bins)),
         tag("section", tag("h2", "Scores"), _scores(outcome.table)),
+        tag("section", tag("h2", "Form by form"), _forms(outcome)),
         tag("section", tag("h2", "Case by case"), _cases(outcome)),
     ]
     return document("Blind check of the diagnosis", tag("main", *parts))
@@ -85,12 +87,31 @@ def _cell(score: Score | None) -> str:
     return f"{score.value:.3g}{spread} {score.unit}".strip()
 
 
+def _forms(outcome: Outcome) -> Html:
+    rows = [
+        [row.effect, row.form, "kept out" if row.kept else ""]
+        + [number(str(n)) for n in (row.cases, row.clear, row.outright, row.named, row.kin)]
+        + [", ".join(row.others)]
+        for row in form_rows(outcome.cases)
+    ]
+    words = (
+        "Single effects by the form that reality gave them: how many, how many of these can be told (D above 20), and of those how "
+        "many were named and called exact, named at all, or named within their class. Forms marked were kept out while the "
+        "diagnosis was worked on."
+    )
+    head = ["effect", "form", "", "cases", "D > 20", "outright", "by name", "in class", "taken for"]
+    return table(head, rows, caption=words)
+
+
 def _cases(outcome: Outcome) -> Html:
     rows = []
     for case in outcome.cases:
         truth = " + ".join(case.held) or "nothing"
-        said = " + ".join(sorted(case.said)) or "no gap"
+        forms = ", ".join(form for form in case.forms.values() if form)
+        said = named(case.said)
         distance = "" if case.nearest is None else f"{case.nearest:.1f}"
         right = "right" if case.right(case.said) else "in class" if case.in_class(case.said) else "wrong"
-        rows.append([case.name, case.hull, truth, number(distance), said, number(f"{case.probability:.2f}"), right])
-    return table(["case", "hull", "truth", "D", "said", "p", ""], rows)
+        rows.append(
+            [case.name, case.hull, truth, forms, number(distance), said, number(f"{case.probability:.2f}"), right]
+        )
+    return table(["case", "hull", "truth", "form", "D", "said", "p", ""], rows)

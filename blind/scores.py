@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .judge import NO_GAP, NONE, TOLD_APART, UNKNOWN, Call, Judged
+from .judge import INEXACT, NO_GAP, NONE, TOLD_APART, UNKNOWN, Call, Judged, names_of
 
 STRATA = (("D > 20", TOLD_APART, np.inf), ("D 5-20", 5.0, TOLD_APART), ("D < 5", -np.inf, 5.0))
 """Strata of the true D to the nearest rival: told apart surely, likely, hardly."""
@@ -15,6 +15,8 @@ SURE = 0.9
 """A statement with more than this probability counts as sure."""
 GROSS = 2.0
 """A gap of this size is one that anybody sees; its shrink is a number with few per cent of noise."""
+KEPT = "kept-out forms"
+"""Stratum of those whose effect has a form that was kept out while the diagnosis was worked on."""
 BINS = 10
 """Of the stated probabilities in the calibration."""
 TOWLINE = "towline"
@@ -107,10 +109,10 @@ def _of_calls(method: str, cases: Sequence[Judged]) -> list[Score]:
         if of:
             found.append(share(what, stratum, method, (hit(c, said_by(method, c)) for c in of)))
 
-    for name, low, high in STRATA:
-        here = [c for c in singles if c.nearest is not None and low < c.nearest <= high]
+    for name, here in _by_distance(singles):
         rate("right within its class", name, here, Judged.in_class)
         rate("right outright", name, here, Judged.right)
+        rate("right by name, exact or not", name, here, Judged.named_right)
     nulls = [c for c in cases if c.kind == "null"]
     for name, of in _strata(nulls):
         rate("false alarms", name, of, lambda c, s: s not in (NO_GAP, NONE))
@@ -119,8 +121,10 @@ def _of_calls(method: str, cases: Sequence[Judged]) -> list[Score]:
     rate("named as an effect", "in no library", unknown, lambda c, s: s not in (NO_GAP, UNKNOWN, NONE))
     rate("taken for no gap", "in no library", unknown, lambda c, s: s == NO_GAP)
     pairs = [c for c in cases if c.kind == "pair"]
-    rate("both right", "pairs", pairs, Judged.right)
-    rate("one right at least", "pairs", pairs, lambda c, s: bool(s & c.truth))
+    for name, of in (("pairs", pairs), (f"pairs, {KEPT}", [c for c in pairs if c.kept])):
+        rate("both right", name, of, Judged.right)
+        rate("both right by name, exact or not", name, of, Judged.named_right)
+        rate("one right at least", name, of, lambda c, s: bool(s & c.truth))
     rate("no answer", "all", cases, lambda c, s: s == NONE)
     unmeasured = [c for c in singles if c.nearest is None]
     rate("right outright", "D not known", unmeasured, Judged.right)
@@ -132,12 +136,14 @@ def _of_probabilities(cases: Sequence[Judged]) -> list[Score]:
     answered = [c for c in cases if c.said != NONE]
     singles = [c for c in answered if c.kind == "effect"]
     found: list[Score] = []
-    for name, low, high in STRATA:
-        here = [c for c in singles if c.nearest is not None and low < c.nearest <= high]
+    for name, here in _by_distance(singles):
         if here:
             found.append(share("truth in the 95 % set", name, TOWLINE, (c.truth in c.set95 for c in here)))
             found.append(_mean("mean size of the set", name, [len(c.set95) for c in here]))
             found.append(share("right within the class it states", name, TOWLINE, (_in_own_class(c) for c in here)))
+            named = [c for c in here if c.in_class(c.said)]
+            if named:
+                found.append(share("in class, called not exact", name, TOWLINE, (INEXACT in c.said for c in named)))
     nulls = [c for c in answered if c.kind == "null"]
     for name, of in (("nulls", nulls), *_strata(nulls)):
         if of:
@@ -149,18 +155,33 @@ def _of_probabilities(cases: Sequence[Judged]) -> list[Score]:
         wrong = (c.said not in (NO_GAP, UNKNOWN) and c.probability > SURE for c in unknown)
         found.append(share("named wrongly with p > 0.9", "in no library", TOWLINE, wrong))
     shrunk = [c for c in singles if c.clear and c.in_class(c.said) and c.shrink is not None and c.oracle is not None]
-    for name, of in (("D > 20", shrunk), ("D > 20, gap >= 2", [c for c in shrunk if c.gap >= GROSS])):
+    gross = [c for c in shrunk if c.gap >= GROSS]
+    of_kept = [c for c in shrunk if c.kept]
+    for name, of in (("D > 20", shrunk), ("D > 20, gap >= 2", gross), (f"D > 20, {KEPT}", of_kept)):
         if of:
             found += _shrinks(name, of)
     if answered:
         error, *_ = calibration(answered)
         found.append(Score("expected calibration error", "all", TOWLINE, None, len(answered), error, error, error))
+        even = even_calibration(answered)
+        found.append(
+            Score("calibration error, bins of equal count", "all", TOWLINE, None, len(answered), even, even, even)
+        )
         seconds = [c.seconds for c in answered]
         found.append(_mean("seconds a case", "all", seconds, "s"))
         slow = float(np.quantile(seconds, 0.9))
         found.append(
             Score("seconds a case, 90th percentile", "all", TOWLINE, None, len(seconds), slow, slow, slow, "s")
         )
+    return found
+
+
+def _by_distance(singles: Sequence[Judged]) -> list[tuple[str, list[Judged]]]:
+    """Those with one effect by how far it can be told; beside each stratum, those of them whose form was kept out."""
+    found: list[tuple[str, list[Judged]]] = []
+    for name, low, high in STRATA:
+        here = [c for c in singles if c.nearest is not None and low < c.nearest <= high]
+        found += [(name, here), (f"{name}, {KEPT}", [c for c in here if c.kept])]
     return found
 
 
@@ -174,7 +195,8 @@ COLOURS = (("white", False), ("coloured", True))
 
 
 def _in_own_class(case: Judged) -> bool:
-    return case.right(case.said) or (len(case.said) == 1 and case.truth <= case.own_class and bool(case.truth))
+    one = len(names_of(case.said)) == 1
+    return case.named_right(case.said) or (one and case.truth <= case.own_class and bool(case.truth))
 
 
 def _mean(what: str, stratum: str, values: Sequence[float], unit: str = "") -> Score:
@@ -215,10 +237,9 @@ class Bin:
 
 
 def calibration(cases: Sequence[Judged]) -> tuple[float, list[Bin]]:
-    """Expected calibration error of what was said against being right outright, and the bins of its diagram."""
+    """Expected calibration error of what was said against being right by name, and the bins of its diagram."""
     edges = np.linspace(0, 1, BINS + 1)
-    stated = np.array([min(max(c.probability, 0.0), 1.0) for c in cases])
-    right = np.array([c.right(c.said) for c in cases])
+    stated, right = _stated(cases)
     at = np.minimum((stated * BINS).astype(int), BINS - 1)
     bins, error = [], 0.0
     for k in range(BINS):
@@ -228,3 +249,24 @@ def calibration(cases: Sequence[Judged]) -> tuple[float, list[Bin]]:
             bins.append(Bin(float(edges[k]), float(edges[k + 1]), int(here.sum()), hits, mean))
             error += here.mean() * abs(hits / here.sum() - mean)
     return float(error), bins
+
+
+def even_calibration(cases: Sequence[Judged]) -> float:
+    """Expected calibration error with bins that hold equally many answers (within one), in the order of what they state.
+
+    Answers of one stated probability that fall on a bin's edge are shared out as they come in that order.
+
+    Parameters
+    ----------
+    cases : judged ones, pooled
+    """
+    stated, right = _stated(cases)
+    order = np.argsort(stated, kind="stable")
+    parts = np.array_split(order, min(BINS, len(order)))
+    return float(sum(len(p) * abs(right[p].mean() - stated[p].mean()) for p in parts) / len(order))
+
+
+def _stated(cases: Sequence[Judged]) -> tuple[np.ndarray, np.ndarray]:
+    """Probabilities of what was said, 0 to 1, and whether it was right by name."""
+    stated = np.array([min(max(c.probability, 0.0), 1.0) for c in cases])
+    return stated, np.array([c.named_right(c.said) for c in cases])

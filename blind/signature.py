@@ -18,9 +18,11 @@ from scipy.linalg import solve_triangular
 from .response import pose_covariance
 from .truth.camera import Camera, camera_of
 from .truth.cases import CELL_HZ, CELL_SD, PICK_PX, Case, clean_picks, lane_of, seen
+from .truth.clocks import cell_late, true_times
 from .truth.hulls import FREE
 from .truth.lanes import Array
 from .truth.motion import ROLL, B, Path, X, Y, swim
+from .truth.sight import datum_stretch
 
 BLOCK = 8
 """Frames to a mean."""
@@ -41,29 +43,29 @@ START = {"y_release": 0.01, "beta_release": 0.01, "v_release": 0.01, "r_release"
 FREE_SD = 30.0
 """What is free may be off by so many of its steps: as good as unknown."""
 STRENGTH: dict[str, tuple[str, ...]] = {
-    "crossflow_drag": ("drag_m",),
-    "cubic_damping": ("side", "turn"),
-    "hull_asymmetry": ("lift_n_s2_m2", "twist_n_m_s2_m2"),
+    "crossflow_drag": ("drag_m", "skeg_m", "whole_m", "moduli_m", "ahead_kg_m"),
+    "cubic_damping": ("side", "turn", "plain_side", "plain_turn", "mix_side", "mix_turn", "steep_side"),
+    "hull_asymmetry": ("lift_n_s2_m2", "twist_n_m_s2_m2", "stall_n_s2_m2", "wire_n", "wire_n_m", "grows_n"),
     "added_mass_coupling": ("y_rdot", "n_vdot"),
-    "fluid_memory": ("sway", "yaw"),
-    "bank_suction": ("strength_m5",),
-    "cross_current": ("flow_m_s",),
-    "speed_drift": ("share",),
+    "fluid_memory": ("sway", "yaw", "ring_sway", "ring_yaw"),
+    "bank_suction": ("strength_m5", "gap_n_s2_m2", "near_n_s2_m2"),
+    "cross_current": ("flow_m_s", "even_m_s", "grows_m_s", "swirl_m_s"),
+    "speed_drift": ("share", "ramp_share", "swing_share"),
     "tension_variation": (),
     "constant_tension": (),
-    "elastic_line": ("compliance_m_n",),
+    "elastic_line": ("compliance_m_n", "sag"),
     "slack_line": (),
-    "tow_point_offset": ("offset_m",),
-    "swivel_friction": ("moment_n_m",),
-    "lens_distortion": ("bend",),
-    "deck_height": ("depth_m",),
+    "tow_point_offset": ("offset_m", "slip_m", "slide_m"),
+    "swivel_friction": ("moment_n_m", "dry_n_m", "oil_n_m", "grease_n_m", "post_n_m"),
+    "lens_distortion": ("bend", "k1", "fisheye", "aside"),
+    "deck_height": ("depth_m", "bow_m", "trim_m", "squat_m"),
     "camera_shift": ("right_rad", "down_rad", "roll_rad"),
-    "datum_scale": ("scale",),
+    "datum_scale": ("scale", "ahead_scale", "aside_scale"),
     "datum_bias": ("ahead_m", "aside_m"),
-    "marker_roll": ("lean_rad",),
-    "frame_rate": ("fast",),
-    "sync_delay": ("delay_s",),
-    "rolling_shutter": ("readout_s",),
+    "marker_roll": ("lean_rad", "sway_rad", "turn_rad"),
+    "frame_rate": ("fast", "piece_one", "piece_two", "drift"),
+    "sync_delay": ("delay_s", "drift_s", "jump_s"),
+    "rolling_shutter": ("readout_s", "up_s", "across_s"),
     "washboard": ("side_n", "moment_n_m"),
     "kick": ("side_n", "moment_n_m"),
     "sloshing": ("side_n",),
@@ -73,7 +75,7 @@ STRENGTH: dict[str, tuple[str, ...]] = {
     "new_mass": ("share",),
     "stick_slip": ("share",),
 }
-"""The numbers that make an effect large or small."""
+"""The numbers that make an effect large or small, those of all its forms."""
 RIVALS: dict[str, tuple[dict[str, float], ...]] = {
     "crossflow_drag": ({"drag_m": 0.01}, {"drag_m": 0.01, "tilt": 1.0}),
     "cubic_damping": ({"side": 0.1}, {"side": 0.1, "arm": 0.5}, {"turn": 0.002}),
@@ -106,6 +108,8 @@ RIVALS: dict[str, tuple[dict[str, float], ...]] = {
     "rolling_shutter": ({"readout_s": 0.003},),
 }
 """The directions in which the library's effects move the picture; an effect of several is refitted in all of them."""
+PICKED = ("lens_distortion.", "datum_scale.")
+"""Effects that move the datum's points in the picture, too."""
 CELL_MEAN, CELL_SKIPS_S = 5, 3.0
 """Samples of the load cell to a mean; the spring's ring after the release, which no line without stretch has, is left out."""
 
@@ -268,13 +272,13 @@ def pictured(case: Case, lane: dict[str, float], path: Path, index: int, run: in
     run : its number
     """
     t_s = block_times(case)
-    true_s = t_s * (1 + lane.get("frame_rate.fast", 0.0))
+    true_s = true_times(lane, t_s, case.duration_s)
 
     def pose_at(at: Array) -> Array:
         return path.at(np.clip(at, 0.0, path.t_s[-1]), index, (X, Y, B, ROLL))
 
     pixel = seen(case, run, lane, pose_at(true_s), true_s, pose_at)
-    if lane.get("lens_distortion.bend") or lane.get("datum_scale.scale"):
+    if any(value for name, value in lane.items() if name.startswith(PICKED)):
         picked = _picks_of(case, lane) - clean_picks(case, effects=False)
         jacobian = _pose_columns(case, np.array(case.datum))
         pose = np.linalg.lstsq(jacobian, picked.ravel(), rcond=None)[0]
@@ -296,16 +300,14 @@ def celled(case: Case, lane: dict[str, float], path: Path, index: int) -> Array:
     if not case.history:
         return np.zeros(0)
     t_s = np.arange(CELL_SKIPS_S, case.duration_s, 1 / CELL_HZ)
-    t_s = t_s[: len(t_s) // CELL_MEAN * CELL_MEAN] + lane.get("sync_delay.delay_s", 0.0)
+    t_s = t_s[: len(t_s) // CELL_MEAN * CELL_MEAN]
+    t_s = t_s + cell_late(lane, t_s, case.duration_s)
     pull = np.interp(t_s, path.t_s, path.tension_n[:, index])
     return pull.reshape(-1, CELL_MEAN).mean(axis=1) / (CELL_SD * case.hull["tension"] / np.sqrt(CELL_MEAN))
 
 
 def _picks_of(case: Case, lane: dict[str, float]) -> Array:
-    scale = 1 + lane.get("datum_scale.scale", 0.0)
-    return camera_of(case.camera, lane.get("lens_distortion.bend", 0.0)).pixels(
-        np.array(case.datum) * [scale, scale, 1]
-    )
+    return camera_of(case.camera, lane).pixels(np.array(case.datum) * datum_stretch(lane))
 
 
 def _places(case: Case, pose: Array) -> Array:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from .check import Outcome
-from .judge import NO_GAP, NONE, Call, Judged
+from .judge import INEXACT, NO_GAP, NONE, Call, Judged, names_of
 from .scores import Score
 
 WIDE = 21
@@ -16,6 +17,7 @@ def score_text(outcome: Outcome) -> str:
     """The table, the effects one by one, and what went wrong."""
     lines = [f"sha256 of the truth: {outcome.digest}", _kinds(outcome.cases), "", *_table(outcome.table), ""]
     lines += _by_effect(outcome.cases)
+    lines += ["", *_by_form(outcome.cases)]
     wrong = [c for c in outcome.cases if not c.in_class(c.said)]
     if wrong:
         lines += ["", "not right:"]
@@ -32,7 +34,8 @@ def named(call: Call) -> str:
     """A call in words."""
     if call == NO_GAP:
         return "no gap"
-    return " + ".join(sorted(call)) if call != NONE else "(no answer)"
+    words = " + ".join(sorted(names_of(call)))
+    return "(no answer)" if call == NONE else f"{words} ({INEXACT})" if INEXACT in call else words
 
 
 def _d(case: Judged) -> str:
@@ -79,4 +82,69 @@ def _by_effect(cases: Sequence[Judged]) -> list[str]:
     return lines
 
 
-__all__ = ["named", "score_text"]
+@dataclass(frozen=True)
+class FormRow:
+    """Single effects of one form.
+
+    Attributes
+    ----------
+    effect, form, kept : which; kept out or not
+    cases, clear : how many; how many of them can be told
+    outright, named, kin : of these: right and exact, right by name, right within their class
+    others : what else was said of these
+    """
+
+    effect: str
+    form: str
+    kept: bool
+    cases: int
+    clear: int
+    outright: int
+    named: int
+    kin: int
+    others: list[str]
+
+
+def form_rows(cases: Sequence[Judged]) -> list[FormRow]:
+    """Effect by effect and form by form, in alphabetical order.
+
+    Parameters
+    ----------
+    cases : judged ones
+    """
+    groups: dict[tuple[str, str], list[Judged]] = {}
+    for case in cases:
+        if case.kind == "effect":
+            (effect,) = case.held
+            groups.setdefault((effect, case.forms.get(effect, "")), []).append(case)
+    rows = []
+    for (effect, form), here in sorted(groups.items()):
+        clear = [c for c in here if c.clear]
+        rows.append(
+            FormRow(
+                effect,
+                form,
+                any(c.kept for c in here),
+                len(here),
+                len(clear),
+                sum(c.right(c.said) for c in clear),
+                sum(c.named_right(c.said) for c in clear),
+                sum(c.in_class(c.said) for c in clear),
+                sorted({named(c.said) for c in clear if not c.named_right(c.said)}),
+            )
+        )
+    return rows
+
+
+def _by_form(cases: Sequence[Judged]) -> list[str]:
+    lines = [
+        f"{'form (*: kept out)':46}{'cases':>6}{'D > 20':>8}{'outright':>10}{'by name':>9}{'in class':>10}   taken for"
+    ]
+    for row in form_rows(cases):
+        name = f"{row.effect}: {row.form}{' *' if row.kept else ''}"
+        counts = f"{row.cases:6}{row.clear:8}{row.outright:10}{row.named:9}{row.kin:10}"
+        lines.append(f"{name:46}{counts}   {', '.join(row.others)}".rstrip())
+    return lines
+
+
+__all__ = ["FormRow", "form_rows", "named", "score_text"]

@@ -24,6 +24,13 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
     )
     sub.add_argument("--video", type=int, default=0, help="campaigns that are filmed and tracked (default: none)")
     sub.add_argument("--only", nargs="+", default=[], metavar="EFFECT", help="draw from these effects alone")
+    sub.add_argument(
+        "--forms",
+        choices=("all", "known", "kept", "classic"),
+        default="all",
+        help="forms in which effects come: all, those not kept out, those kept out alone, one each (default: all)",
+    )
+    sub.add_argument("--keep-seed", type=int, help="draws the forms that are kept out (default: the code's)")
     sub.add_argument("--only-write", action="store_true", help="seal and write the campaigns, diagnose nothing")
     sub.add_argument("--score-only", action="store_true", help="open the seal and score what is answered already")
     sub.add_argument("--next", action="store_true", help="make the proposed next runs, too, and diagnose once more")
@@ -33,7 +40,7 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
     from ..blind.check import PAGE, SCORE_JSON, SCORE_TEXT, diagnose, prepare, score
-    from ..blind.draw import Wanted
+    from ..blind.draw import KEEP_SEED, Wanted
     from ..blind.words import score_text
     from ..record.files import write_text
     from .common import EXIT_OK, EXIT_SOME_FAILED, show_progress
@@ -42,7 +49,14 @@ def call(options: argparse.Namespace) -> int:
     with show_progress() as show:
         if not options.score_only:
             wanted = Wanted(
-                options.cases, options.seed, options.nulls, options.video, tuple(options.only), told=options.told
+                options.cases,
+                options.seed,
+                options.nulls,
+                options.video,
+                tuple(options.only),
+                told=options.told,
+                forms=options.forms,
+                keep_seed=KEEP_SEED if options.keep_seed is None else options.keep_seed,
             )
             prepare(out, wanted, lambda text: _say(options, text), options.workers, show)
             if options.only_write:

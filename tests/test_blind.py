@@ -37,21 +37,23 @@ from towline.blind.draw import (
     told,
     write_cases,
 )
-from towline.blind.judge import NO_GAP, NONE, UNKNOWN, Judged, call_of
+from towline.blind.judge import INEXACT, NO_GAP, NONE, UNKNOWN, Judged, call_of, names_of
 from towline.blind.measure import measured
 from towline.blind.next_runs import with_next_run
-from towline.blind.scores import Score, calibration, interval, scores
+from towline.blind.scores import Score, calibration, even_calibration, interval, scores
 from towline.blind.signature import RIVALS, STRENGTH, block_means, distances_of, linear
 from towline.blind.truth.camera import camera_of
 from towline.blind.truth.cases import CELL_SD, Case, clean_picks, filmed, load_cell, swum
+from towline.blind.truth.damping import strip_drag
 from towline.blind.truth.folders import write_case
-from towline.blind.truth.forces import Now, sheared_current, strip_drag
 from towline.blind.truth.hulls import FREE, FRIGATE, MARINER
 from towline.blind.truth.lanes import Lanes
 from towline.blind.truth.motion import B, R, V, X, Y, swim
 from towline.blind.truth.noise import wandering
+from towline.blind.truth.now import Now
 from towline.blind.truth.sizes import EFFECTS, OUTSIDE, TOLD
-from towline.blind.words import score_text
+from towline.blind.truth.surroundings import sheared_current
+from towline.blind.words import form_rows, named, score_text
 from towline.diagnose.effects import LIBRARY
 from towline.pipeline.diagnosing import diagnose_folders
 from towline.record import InputError, TowlineError, read_run, read_tracks
@@ -652,6 +654,73 @@ def test_a_fit_that_did_not_come_to_its_end_names_nothing() -> None:
     assert call_of({"verdict": "effect", "ranking": ranking}) == (frozenset({"crossflow_drag"}), 0.9)
 
 
+def _inexact(
+    effects: tuple[str, ...] = ("crossflow_drag",), p: float = 0.1, inexact: float = 0.85, **more: object
+) -> dict:
+    gap = _gap("effect", effects, **more)
+    row = {**gap["ranking"][0], "probability": p, "probability_inexact": inexact}
+    return {**gap, "verdict": "form_not_exact", "ranking": [row]}
+
+
+def test_an_effect_whose_form_is_not_exact_is_named_but_not_outright() -> None:
+    call, p = call_of(_inexact())
+    assert names_of(call) == frozenset({"crossflow_drag"})
+    assert INEXACT in call
+    assert p == pytest.approx(0.95)
+    assert named(call) == "crossflow_drag (form not exact)"
+    # an effect that is called exact is as likely as it is by either form
+    gap = _gap("effect", p=0.6)
+    gap["ranking"][0]["probability_inexact"] = 0.3
+    assert call_of(gap) == (frozenset({"crossflow_drag"}), pytest.approx(0.9))
+    effect = ["crossflow_drag"]
+    cases = [
+        _judged("effect", effect, _inexact()),
+        _judged("effect", effect, _gap("effect")),
+        _judged("effect", effect, _inexact(("fluid_memory",))),  # D 10: of its class
+        _judged("effect", effect, _inexact(("cubic_damping",))),  # D 50: wrong
+        _judged("null", [], _inexact(inexact=0.85)),
+        _judged("unknown", ["kick"], _inexact()),
+        _judged("pair", ["deck_height", "frame_rate"], _inexact(("deck_height", "frame_rate"))),
+        _judged("pair", ["deck_height", "frame_rate"], _inexact(("deck_height",))),
+    ]
+    table = scores(cases)
+
+    def hits(what: str, stratum: str) -> tuple[int | None, int]:
+        found = _find(table, what, stratum)
+        return found.hits, found.of
+
+    assert hits("right outright", "D > 20") == (1, 4)
+    assert hits("right by name, exact or not", "D > 20") == (2, 4)
+    assert hits("right within its class", "D > 20") == (3, 4)
+    assert hits("in class, called not exact", "D > 20") == (2, 3)
+    assert hits("right within the class it states", "D > 20") == (2, 4)
+    assert hits("false alarms", "nulls, white") == (1, 1)
+    assert hits("false alarms with p > 0.9", "nulls") == (1, 1)
+    assert hits("rejected", "in no library") == (0, 1)
+    assert hits("named as an effect", "in no library") == (1, 1)
+    assert hits("both right", "pairs") == (0, 2)
+    assert hits("both right by name, exact or not", "pairs") == (1, 2)
+    assert hits("one right at least", "pairs") == (2, 2)
+    # its shrink is compared with the oracle's as any other's
+    assert _find(table, "|shrink - oracle|, median", "D > 20").of == 3
+
+
+def test_forms_have_their_strata_and_their_table() -> None:
+    known = _judged("effect", ["crossflow_drag"], _gap("effect"))
+    kept = replace(known, kept=True, forms={"crossflow_drag": "skeg"}, said=frozenset({"crossflow_drag", INEXACT}))
+    wrong = replace(kept, said=frozenset({"cubic_damping"}))
+    assert dict(known.forms) == {"crossflow_drag": "strips"}
+    table = scores([known, kept, wrong])
+    both, out = (_find(table, "right by name, exact or not", s) for s in ("D > 20", "D > 20, kept-out forms"))
+    assert (both.hits, both.of) == (2, 3)
+    assert (out.hits, out.of) == (1, 2)
+    assert _find(table, "|shrink - oracle|, median", "D > 20, kept-out forms").of == 1
+    skeg, strips = form_rows([known, kept, wrong])
+    assert (skeg.form, skeg.kept, skeg.cases, skeg.clear, skeg.outright, skeg.named) == ("skeg", True, 2, 2, 0, 1)
+    assert skeg.others == ["cubic_damping"]
+    assert (strips.form, strips.kept, strips.outright) == ("strips", False, 1)
+
+
 def test_the_shrinks_coverage_can_fail() -> None:
     off = [_judged("effect", ["crossflow_drag"], _gap("effect"), oracle_shrink=0.3)] * 3
     table = scores(off)
@@ -672,6 +741,21 @@ def test_calibration_of_honest_and_boastful_answers() -> None:
     assert [(b.count, b.right) for b in bins] == [(4, 3)]
     boastful, _ = calibration([right] + [wrong] * 3)
     assert boastful == pytest.approx(0.5)
+
+
+def test_calibration_in_bins_of_equal_count() -> None:
+    """Two bins' worth of answers at 0.9 and 0.6: fixed edges and equal counts see the same; a crowd on one edge is shared out."""
+    right, wrong = (_judged("null", [], _gap("no_gap")), _judged("null", [], _gap("effect")))
+    sure = [replace(right, probability=0.9)] * 10
+    shy = [replace(wrong, probability=0.6)] * 10
+    assert even_calibration([*sure, *shy]) == pytest.approx((0.1 + 0.6) / 2)
+    # 95 answers close to one, 5 spread below: nine bins and a half of the sure ones, whose errors do not hide in one
+    many = [replace(right, probability=0.999)] * 95 + [replace(right, probability=0.1 * k) for k in range(5)]
+    wanted = 0.1 * (1 - (0.0 + 0.1 + 0.2 + 0.3 + 0.4 + 5 * 0.999) / 10) + 0.9 * 0.001
+    assert even_calibration(many) == pytest.approx(wanted)
+    assert even_calibration(sure[:3]) == pytest.approx(0.1)  # fewer than the bins
+    honest = [replace(right, probability=0.5), replace(wrong, probability=0.5)] * 10
+    assert even_calibration(honest) == pytest.approx(0.0)
 
 
 def test_intervals_are_clopper_and_pearsons() -> None:

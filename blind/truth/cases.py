@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from .camera import Camera, camera_of
+from .camera import camera_of
+from .clocks import cell_late, true_times
 from .lanes import Array, Lane
 from .motion import ROLL, STEP_S, B, Path, X, Y, swim
 from .noise import wandering
+from .sight import datum_stretch, deeper, read_late, sighted
 
 CAMERA_NAMES = ("lens_distortion", "deck_height", "camera_shift", "datum_scale", "frame_rate", "rolling_shutter")
 PICK_PX = 0.15
@@ -58,6 +60,8 @@ class Case:
     history : a load cell's record of the pull (tension.csv) instead of R
     video : films instead of tracks
     told : inputs that run.toml tells, as ``numbers``
+    form : effect -> its kind in the grammar of ``forms``; one that is not named has the first. Its numbers alone make the motion
+    kept : effects whose form was kept out while the diagnosis was worked on
     extra : anything else that is to be kept with a case; nothing reads it
     """
 
@@ -79,6 +83,8 @@ class Case:
     history: bool = False
     video: bool = False
     told: dict[str, float] = field(default_factory=dict)
+    form: dict[str, str] = field(default_factory=dict)
+    kept: list[str] = field(default_factory=list)
     extra: dict[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
@@ -199,26 +205,6 @@ def swum(case: Case, effects: bool = True, random: bool = True, step_s: float = 
     return swim([lane_of(case, i, effects) for i in range(len(case.runs))], duration, forces, step_s)
 
 
-def cameras_of(case: Case, numbers: Lane, index: int, true_s: Array) -> list[tuple[Array, Camera]]:
-    """The run's camera over time: (frames it holds for, camera).
-
-    Parameters
-    ----------
-    case : as drawn
-    numbers : names -> values
-    index : of the run
-    true_s : (n,) true times of the frames
-    """
-    whole = camera_of(case.camera, numbers.get("lens_distortion.bend", 0.0))
-    turn = [numbers.get(f"camera_shift.{name}_rad", 0.0) for name in ("right", "down", "roll")]
-    if not any(turn):
-        return [(np.ones(len(true_s), bool), whole)]
-    first, when = int(numbers.get("camera_shift.first_run", 0)), numbers.get("camera_shift.time_s", -1e9)
-    after = whole.turned(*turn)
-    moved = np.full(len(true_s), index > first) | ((index == first) & (true_s >= when))
-    return [(~moved, whole), (moved, after)]
-
-
 def seen(case: Case, index: int, numbers: Lane, pose: Array, true_s: Array, pose_at=None) -> Array:
     """Pixels of the marks without noise.
 
@@ -232,17 +218,18 @@ def seen(case: Case, index: int, numbers: Lane, pose: Array, true_s: Array, pose
     pose_at : times -> pose, for a sensor read row by row
     """
     found = np.empty((len(true_s), len(case.marks), 2))
-    deeper = numbers.get("deck_height.depth_m", 0.0)
-    readout = numbers.get("rolling_shutter.readout_s", 0.0)
     shaken = numbers.get("vibration.size_m", 0.0)
-    for m, (ahead, depth, height) in enumerate(case.marks.values()):
+    uneven = numbers.get("marker_roll.uneven", 0.0)
+    for m, (ahead, depth, above) in enumerate(case.marks.values()):
         here, late = pose, np.zeros(len(true_s))
-        for turn in range(3 if readout and pose_at is not None else 1):
+        for turn in range(3 if pose_at is not None else 1):
             if turn and pose_at is not None:
-                rows = found[:, m, 1] / case.camera["height_px"] - 0.5
-                late = readout * rows
-                here = pose_at(true_s + late)
+                read = read_late(case.camera, numbers, found[:, m])
+                if read is None:
+                    break
+                late, here = read, pose_at(true_s + read)
             x, y, b, roll = here.T
+            height = above * (1 + (uneven if m == 0 else -uneven))
             aside = -height * np.sin(roll)
             if shaken and m == 0:
                 phase = 2 * np.pi * numbers["vibration.rate_hz"] * (true_s + late)
@@ -251,12 +238,10 @@ def seen(case: Case, index: int, numbers: Lane, pose: Array, true_s: Array, pose
                 [
                     x + ahead * np.cos(b) - aside * np.sin(b),
                     y + ahead * np.sin(b) + aside * np.cos(b),
-                    depth + deeper + height * (1 - np.cos(roll)),
+                    depth + deeper(numbers, m) + height * (1 - np.cos(roll)),
                 ]
             )
-            for when, camera in cameras_of(case, numbers, index, true_s):
-                if when.any():
-                    found[when, m] = camera.pixels(place[when])
+            found[:, m] = sighted(case.camera, numbers, index, true_s, place)
     return found
 
 
@@ -274,7 +259,7 @@ def filmed(case: Case, path: Path, index: int, effects: bool = True, noisy: bool
     numbers = lane_of(case, index, effects)
     n = round(case.duration_s * case.rate_hz)
     t_s = np.arange(n) / case.rate_hz
-    true_s = t_s * (1 + numbers.get("frame_rate.fast", 0.0))
+    true_s = true_times(numbers, t_s, case.duration_s)
     what = (X, Y, B, ROLL)
 
     def pose_at(at: Array) -> Array:
@@ -283,7 +268,8 @@ def filmed(case: Case, path: Path, index: int, effects: bool = True, noisy: bool
     clean = seen(case, index, numbers, pose_at(true_s), true_s, pose_at)
     k = round(case.static_s * case.rate_hz)
     held = np.tile(path.states[0, list(what), index], (k, 1))
-    at_rest = {name: v for name, v in numbers.items() if not name.startswith(("vibration.", "rolling_shutter."))}
+    moves = ("vibration.", "rolling_shutter.", "deck_height.squat_m")
+    at_rest = {name: v for name, v in numbers.items() if not name.startswith(moves)}
     before = np.arange(k) / case.rate_hz - case.static_s
     still = seen(case, index, at_rest, held, before)
     rng = np.random.default_rng([case.seed, 2, index])
@@ -326,9 +312,7 @@ def clean_picks(case: Case, effects: bool = True) -> Array:
     effects : with what the simulator does not hold
     """
     numbers = case.numbers if effects else {}
-    scale = 1 + numbers.get("datum_scale.scale", 0.0)
-    points = np.array(case.datum) * [scale, scale, 1.0]
-    return camera_of(case.camera, numbers.get("lens_distortion.bend", 0.0)).pixels(points)
+    return camera_of(case.camera, numbers).pixels(np.array(case.datum) * datum_stretch(numbers))
 
 
 def load_cell(case: Case, path: Path, index: int) -> tuple[Array, Array]:
@@ -349,4 +333,4 @@ def load_cell(case: Case, path: Path, index: int) -> tuple[Array, Array]:
     pull[true_s < 0] = numbers["tension"]
     pull *= case.runs[index].stated["tension_n"] / numbers["tension"]
     noise = CELL_SD * numbers["tension"] * rng.normal(size=len(pull))
-    return true_s - numbers.get("sync_delay.delay_s", 0.0), pull + noise
+    return true_s - cell_late(numbers, true_s, case.duration_s), pull + noise

@@ -9,11 +9,11 @@ import pandas as pd
 
 from ...record import write_table
 from ...record.files import write_text
+from .carriage import speed_at
 from .cases import Case, Filmed, filmed, lane_of, load_cell, picks, run_numbers, swum
 from .forces import rudder_rad
 from .lanes import Array, Lanes
 from .motion import Path as Swum
-from .motion import speed_at
 
 TOLD_HZ = 50.0
 """Samples of the histories that run.toml names."""

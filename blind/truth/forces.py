@@ -1,125 +1,26 @@
-"""Forces on the hull that the linear model does not hold, in forms of their own.
+"""Which forces act beside the linear model's: those of no library, a rudder's, and the table of all.
 
 Every function takes lanes and situation and returns side force, N to starboard, and moment, N m bow to starboard: ``(n,)``.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from .damping import drift_cubic, mixed_cubes, moduli, plain_cubes, skeg_drag, steep_drift, strip_drag, whole_drag
 from .lanes import Array, Lanes
-
-STRIPS = 24
-"""Of a hull over its length, for the crossflow's integral: a choice."""
-WALLS = 4
-"""Images of the hull behind each wall."""
-_MIDDLES = (np.arange(STRIPS) + 0.5) / STRIPS - 0.5
-"""Of the strips, in Lpp ahead of midship."""
-
-
-@dataclass(frozen=True)
-class Now:
-    """What the hull does at this moment; all ``(n,)``, SI.
-
-    Attributes
-    ----------
-    t_s : float
-    y_m, beta, v, r : place of the LCG, heading, sway velocity, yaw rate
-    speed : forward speed through the water
-    side_n : the line's pull to starboard
-    turning : rate of the line against the hull, rad/s
-    lag : memory states ``(4, n)``: v fast, v slow, r fast, r slow
-    slosh : displacement of the tank's sideways wave
-    """
-
-    t_s: float
-    y_m: Array
-    beta: Array
-    v: Array
-    r: Array
-    speed: Array
-    side_n: Array
-    turning: Array
-    lag: Array
-    slosh: Array
-
-
-def strip_drag(q: Lanes, now: Now) -> tuple[Array, Array]:
-    """Cross-flow drag by strips, its coefficient varying along the hull (fuller at the ends or amidships, heavier aft)."""
-    place = _MIDDLES[:, None] * q["length_pp"]
-    across = now.v + place * now.r
-    along = 2 * _MIDDLES[:, None]
-    depth = q["crossflow_drag.drag_m"] * (
-        1 + q["crossflow_drag.tilt"] * along + q["crossflow_drag.ends"] * (along**2 - 1 / 3)
-    )
-    each = -0.5 * q["density"] * depth * across * np.abs(across) * (q["length_pp"] / STRIPS)
-    return each.sum(axis=0), (each * place).sum(axis=0)
-
-
-def drift_cubic(q: Lanes, now: Now) -> tuple[Array, Array]:
-    """Third-order polynomial in drift angle and turning rate, the forces growing with the speed squared."""
-    speed = np.maximum(now.speed, 0.05)
-    drift = np.arctan2(now.v, speed)
-    turn = now.r * q["length_pp"] / speed
-    pressure = 0.5 * q["density"] * speed**2 * q["length_pp"] ** 2
-    side = -pressure * q["cubic_damping.side"] * drift**3
-    arm = q["cubic_damping.arm"] * q["length_pp"]
-    return side, side * arm - pressure * q["length_pp"] * q["cubic_damping.turn"] * turn**3
-
-
-def fin(q: Lanes, now: Now) -> tuple[Array, Array]:
-    """A crooked fin: lift of constant incidence, grown by the flow at its own place."""
-    at = q["hull_asymmetry.place"] * q["length_pp"]
-    flow = now.speed**2 + (now.v + at * now.r) ** 2
-    side = q["hull_asymmetry.lift_n_s2_m2"] * flow
-    return side, side * at + q["hull_asymmetry.twist_n_m_s2_m2"] * now.speed**2
-
-
-def convolved(q: Lanes, now: Now) -> tuple[Array, Array]:
-    """Damping through a kernel of two exponentials: a share of it answers to the velocity as it was."""
-    scale = now.speed / q["speed_ref"]
-    quick = q["fluid_memory.quick"]
-    v = quick * now.lag[0] + (1 - quick) * now.lag[1] - now.v
-    r = quick * now.lag[2] + (1 - quick) * now.lag[3] - now.r
-    sway, yaw = q["fluid_memory.sway"] * v, q["fluid_memory.yaw"] * r
-    return scale * q["y_v"] * sway, scale * (q["n_v"] * sway * q["fluid_memory.arm"] + q["n_r"] * yaw)
-
-
-def wall_images(q: Lanes, now: Now) -> tuple[Array, Array]:
-    """Images of the hull's sections behind both walls attract it: three sections, inverse cube of the distance."""
-    width = q["tank_width"]
-    total, moment = np.zeros(q.n), np.zeros(q.n)
-    lead = q["bank_suction.lead"]
-    for share, weight in ((-0.3, 1 - lead), (0.0, 1.0), (0.3, 1 + lead)):
-        at = share * q["length_pp"]
-        y = now.y_m + at * np.sin(now.beta)
-        pull = np.zeros(q.n)
-        for k in range(WALLS):
-            # mirrored an odd number of times: the image's own place depends on y, the even ones' does not
-            near, far = (2 * k + 1) * width - 2 * y, (2 * k + 1) * width + 2 * y
-            pull += 1 / (near * near * near) - 1 / (far * far * far)
-        force = q["bank_suction.strength_m5"] * q["density"] * now.speed**2 * pull * weight / 3
-        total += force
-        moment += force * at
-    return total, moment
-
-
-def sheared_current(q: Lanes, now: Now) -> tuple[Array, Array]:
-    """Sideways flow of the water, stronger on one side of the tank."""
-    scale = now.speed / q["speed_ref"]
-    flow = q["cross_current.flow_m_s"] * (1 + q["cross_current.shear"] * now.y_m / (q["tank_width"] / 2))
-    across = flow * np.cos(now.beta)
-    return -scale * q["y_v"] * across, -scale * q["n_v"] * across
-
-
-def stribeck(q: Lanes, now: Now) -> tuple[Array, Array]:
-    """The swivel sticks more than it slides, and rubs a little like oil."""
-    w = now.turning
-    grip = 1 + q["swivel_friction.stick"] * np.exp(-((w / 0.02) ** 2))
-    moment = q["swivel_friction.moment_n_m"] * (grip * np.tanh(w / 0.005) + 2.0 * w)
-    return np.zeros(q.n), -moment
+from .lift import convolved, fin, growing_side, ringing, stalling_fin, wire
+from .now import Now
+from .surroundings import (
+    even_current,
+    gap_power,
+    growing_current,
+    near_wall,
+    sheared_current,
+    swirls,
+    wall_images,
+)
+from .swivel import at_the_post, dry_and_oil, grease, stribeck
 
 
 def washboard(q: Lanes, now: Now) -> tuple[Array, Array]:
@@ -160,15 +61,38 @@ def rudder(q: Lanes, now: Now) -> tuple[Array, Array]:
 TERMS = (
     ("rudder.angle_rad", rudder),
     ("crossflow_drag.drag_m", strip_drag),
+    ("crossflow_drag.skeg_m", skeg_drag),
+    ("crossflow_drag.whole_m", whole_drag),
+    ("crossflow_drag.moduli_m", moduli),
     ("cubic_damping.side", drift_cubic),
     ("cubic_damping.turn", drift_cubic),
+    ("cubic_damping.plain_side", plain_cubes),
+    ("cubic_damping.plain_turn", plain_cubes),
+    ("cubic_damping.mix_side", mixed_cubes),
+    ("cubic_damping.mix_turn", mixed_cubes),
+    ("cubic_damping.steep_side", steep_drift),
     ("hull_asymmetry.lift_n_s2_m2", fin),
     ("hull_asymmetry.twist_n_m_s2_m2", fin),
+    ("hull_asymmetry.stall_n_s2_m2", stalling_fin),
+    ("hull_asymmetry.wire_n", wire),
+    ("hull_asymmetry.wire_n_m", wire),
+    ("hull_asymmetry.grows_n", growing_side),
     ("fluid_memory.sway", convolved),
     ("fluid_memory.yaw", convolved),
+    ("fluid_memory.ring_sway", ringing),
+    ("fluid_memory.ring_yaw", ringing),
     ("bank_suction.strength_m5", wall_images),
+    ("bank_suction.gap_n_s2_m2", gap_power),
+    ("bank_suction.near_n_s2_m2", near_wall),
     ("cross_current.flow_m_s", sheared_current),
+    ("cross_current.even_m_s", even_current),
+    ("cross_current.grows_m_s", growing_current),
+    ("cross_current.swirl_m_s", swirls),
     ("swivel_friction.moment_n_m", stribeck),
+    ("swivel_friction.dry_n_m", dry_and_oil),
+    ("swivel_friction.oil_n_m", dry_and_oil),
+    ("swivel_friction.grease_n_m", grease),
+    ("swivel_friction.post_n_m", at_the_post),
     ("washboard.side_n", washboard),
     ("washboard.moment_n_m", washboard),
     ("kick.side_n", kick),

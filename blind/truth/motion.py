@@ -16,23 +16,27 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from .forces import Now, forces_of
+from .carriage import push, speed_at
+from .forces import forces_of
 from .lanes import Array, Lane, Lanes
+from .lift import memory_rates
+from .line import creep_rate, pull_of, servo_command, servo_on, servo_rates, stretch_at_rest
+from .now import Now
 
 STEP_S = 0.02
 """A line of 60 kN/m rings at up to 55 rad/s on the lighter hull: 1.1 in a step, and classical Runge-Kutta is stable to 2.8. What
 half the step, or twice it (``signature``), changes is held by a test."""
 SLACK_STEP_S, BOUNCES_S = 0.005, 8.0
 """Where a slack line comes straight the pull has a kink: steps are cut to this, until it has bounced out."""
-SLIDES_M_S = 0.002
-"""Dry friction of a pulley has turned over at this speed of the line."""
+SLIPS_S, RAIL_RAD = 0.3, 0.1
+"""A tow point that slips takes about the first; one on a rail has gone most of its way where the line pulls at the second."""
 X, Y, B, U, V, R = range(6)
 """Places in the state: place of LCG (m), heading (rad), and speeds in the hull's axes."""
 LAG = slice(6, 10)
-"""Lagging parts of v and r: each by a fast and a slow time."""
-PULL, PULL_RATE, ROLL, ROLL_RATE, SLOSH, SLOSH_RATE = range(10, 16)
-"""Tension of a winch, roll and sloshing water, each with its rate."""
-STATES = 16
+"""Lagging parts of v and r: each by a fast and a slow time, or each with its rate where it rings."""
+PULL, PULL_RATE, ROLL, ROLL_RATE, SLOSH, SLOSH_RATE, CREEP = range(10, 17)
+"""Tension of a winch, roll and sloshing water, each with its rate; by how much a line has crept."""
+STATES = 17
 """All of them."""
 
 
@@ -43,7 +47,7 @@ class Path:
     Attributes
     ----------
     t_s : ``(k,)``
-    states : ``(k, 16, n)``: x, y, heading, u, v, r, memory, tension servo, roll, slosh
+    states : ``(k, 17, n)``: x, y, heading, u, v, r, memory, tension servo, roll, slosh, creep
     rates : their time derivatives
     tension_n : ``(k, n)``
     """
@@ -97,14 +101,14 @@ def swim(lanes: Sequence[Lane], duration_s: float, random: Array | None = None, 
 
 
 def instant(q: Lanes, t_s: float, state: Array, forces: Array) -> Array:
-    """Time derivatives of states ``(16, n)`` under forces ``(2, n)``."""
+    """Time derivatives of states ``(17, n)`` under forces ``(2, n)``."""
     return _rates(q, forces_of(q), t_s, state, forces)[0]
 
 
 def _cuts(q: Lanes, t: float, step_s: float) -> int:
     """How many parts a step is cut into: more than one while some line may be slack, or has just come straight."""
     begin, end = q["slack_line.begin_s"] - step_s, q["slack_line.begin_s"] + q["slack_line.length_s"] + BOUNCES_S
-    if not np.any((q["slack_line.surplus"] > 0) & (t > begin) & (t < end)):
+    if not np.any((q["slack_line.length_s"] > 0) & (t > begin) & (t < end)):
         return 1
     return int(np.ceil(step_s / SLACK_STEP_S - 1e-9))
 
@@ -124,11 +128,11 @@ def _released(q: Lanes) -> Array:
     """Held on the carriage, the line straight and at its length; then let go. The line does not lengthen at that moment."""
     state = np.zeros((STATES, q.n))
     y, b = q["y_release"], q["beta_release"]
-    stretch = q["elastic_line.compliance_m_n"] * q["tension"]
-    line = q["line"] + stretch * (1 - q["elastic_line.shock"])
+    held = 1 - q["elastic_line.shock"]
+    line = q["line"] + stretch_at_rest(q) * held
     sb, cb = np.sin(b), np.cos(b)
     post, post_v = _post(q, 0.0)
-    xt, yt = q["x_t"], q["tow_point_offset.offset_m"]
+    xt, yt = q["x_t"], _aside(q, 0.0, y, b)
     across = y + xt * sb + yt * cb - post
     along = np.sqrt(np.maximum(line**2 - across**2, 1e-6))
     state[X] = q["datum_bias.ahead_m"] - along - xt * cb + yt * sb
@@ -139,45 +143,23 @@ def _released(q: Lanes) -> Array:
     c, side = nx * cb + ny * sb, ny * cb - nx * sb
     state[U] = state[R] * yt + (nx * speed + ny * post_v - side * (state[V] + state[R] * xt)) / c
     state[6] = state[7] = state[V]
-    state[PULL] = q["tension"] / np.maximum(-nx, 0.1) ** q["tension_variation.power"]
+    if q.has("fluid_memory.ring_s"):
+        state[7] = np.where(q["fluid_memory.ring_s"] > 0, 0.0, state[7])
+    state[CREEP] = q["elastic_line.creep"] * q["elastic_line.compliance_m_n"] * q["tension"] * held
+    state[PULL] = servo_command(q, -nx)
     state[SLOSH] = np.where(q["sloshing.side_n"] != 0, 1.0, 0.0)
     return state
 
 
-def speed_at(q: Lanes, t: float) -> Array:
-    """Carriage speed: a drift that settles, a drive that sticks and slips, a drive that fails for a moment.
-
-    Nothing more is needed: the model's own inertia meets it through the line.
-    """
-    speed = q["speed"]
-    if q.has("speed_drift.share"):
-        settle = np.maximum(q["speed_drift.settle_s"], 1.0)
-        span = 1 - np.exp(-q["duration"] / settle)
-        speed = speed + q["speed"] * q["speed_drift.share"] * ((1 - np.exp(-t / settle)) / span - 0.5)
-    if q.has("stick_slip.share"):
-        for k in (1, 2, 3):
-            w = 2 * np.pi * k * q["stick_slip.rate_hz"]
-            speed = speed + q["speed"] * q["stick_slip.share"] * (-1) ** (k + 1) / k * np.sin(w * t)
-    if q.has("slack_line.surplus"):
-        share, length = _of_event(q, t)
-        fastest = q["slack_line.surplus"] * q["tension"] / q["surge_mass"]
-        dip = fastest * length / (2 * np.pi) * (1 - np.cos(2 * np.pi * share))
-        speed = speed - np.where(q["slack_line.carriage"] > 0.5, dip, 0.0)
-    return speed
-
-
-def _of_event(q: Lanes, t: float) -> tuple[Array, Array]:
-    """How far a slackening is (0 to 1, held there), and how long it lasts."""
-    length = np.maximum(q["slack_line.length_s"], 0.1)
-    return np.clip((t - q["slack_line.begin_s"]) / length, 0.0, 1.0), length
-
-
-def _wave(q: Lanes, t: float) -> Array:
-    """A following wave pushes the model ahead, then back: N along the hull."""
-    if not q.has("slack_line.surplus"):
-        return np.zeros(q.n)
-    push = q["slack_line.surplus"] * q["tension"] * np.sin(2 * np.pi * _of_event(q, t)[0])
-    return np.where(q["slack_line.carriage"] > 0.5, 0.0, push)
+def _aside(q: Lanes, t: float, y: Array, b: Array) -> Array:
+    """Where the line holds, beside the centre line: fixed, slipped at some time, or on a rail on which the line draws it along."""
+    place = q["tow_point_offset.offset_m"]
+    if q.has("tow_point_offset.slip_m"):
+        gone = 0.5 * (1 + np.tanh((t - q["tow_point_offset.slip_s"]) / SLIPS_S))
+        place = place + q["tow_point_offset.slip_m"] * gone
+    if q.has("tow_point_offset.slide_m"):
+        place = place - q["tow_point_offset.slide_m"] * np.tanh((y / q["line"] + b) / RAIL_RAD)
+    return place
 
 
 def _post(q: Lanes, t: float) -> tuple[Array, Array]:
@@ -191,33 +173,12 @@ def _post(q: Lanes, t: float) -> tuple[Array, Array]:
     return place + size * np.sin(phase), size * w * np.cos(phase)
 
 
-def _pull(q: Lanes, s: Array, length: Array, length_rate: Array) -> Array:
-    """What the line pulls with, N: a spring that cannot push, or what a winch or a weight at its other end makes it."""
-    rest = q["tension"]
-    soft = q["elastic_line.compliance_m_n"]
-    stiff = np.where(soft > 0, 1 / np.where(soft > 0, soft, 1.0), q["stiffness_n_m"])
-    # a taut line's length is taken under the pull of a tow; a soft one's with none
-    stretch = length - q["line"] + np.where(soft > 0, 0.0, rest / stiff)
-    ratio = np.where(soft > 0, q["elastic_line.damping"], q["line_damping"])
-    damper = 2 * ratio * np.sqrt(stiff * q["surge_mass"])
-    # strands grip as they tighten: no jump of the pull where a slack line comes straight
-    grip = np.clip(stiff * stretch / rest, 0.0, 1.0)
-    pull = np.where(stretch > 0, stiff * stretch + grip * damper * length_rate, 0.0)
-    if q.has("tension_variation.power"):
-        pull = np.where(q["tension_variation.power"] != 0, s[PULL], pull)
-    if q.has("constant_tension.weight"):
-        rub = q["constant_tension.friction"] * np.tanh(length_rate / SLIDES_M_S)
-        held = q["constant_tension.weight"] * rest * (1 + rub) + q["constant_tension.drag_n_s_m"] * length_rate
-        pull = np.where(q["constant_tension.weight"] > 0, held, pull)
-    return np.maximum(pull, 0.0)
-
-
 def _rates(q: Lanes, terms, t: float, s: Array, random: Array) -> tuple[Array, Array]:
     x, y, b, u, v, r = s[:6]
     sb, cb = np.sin(b), np.cos(b)
     speed = speed_at(q, t)
     post_y, post_v = _post(q, t)
-    xt, yt = q["x_t"], q["tow_point_offset.offset_m"]
+    xt, yt = q["x_t"], _aside(q, t, y, b)
     out = np.zeros_like(s)
     out[X], out[Y], out[B] = u * cb - v * sb - speed, u * sb + v * cb, r
     # the line
@@ -228,13 +189,9 @@ def _rates(q: Lanes, terms, t: float, s: Array, random: Array) -> tuple[Array, A
     vx = out[X] + r * (-xt * sb - yt * cb)
     vy = out[Y] + r * (xt * cb - yt * sb) - post_v
     turn = (nx * vy - ny * vx) / length
-    tension = _pull(q, s, length, nx * vx + ny * vy)
-    if q.has("tension_variation.power"):
-        varied = q["tension_variation.power"] != 0
-        w = 2 * np.pi / np.maximum(q["tension_variation.period_s"], 0.2)
-        command = q["tension"] / np.maximum(-nx, 0.1) ** q["tension_variation.power"]
-        out[PULL] = np.where(varied, s[PULL_RATE], 0.0)
-        out[PULL_RATE] = np.where(varied, w**2 * (command - s[PULL]) - 1.4 * w * s[PULL_RATE], 0.0)
+    tension = pull_of(q, s[PULL], s[CREEP], length, nx * vx + ny * vy)
+    if servo_on(q).any():
+        out[PULL], out[PULL_RATE] = servo_rates(q, -nx, s[PULL], s[PULL_RATE])
     c, side = nx * cb + ny * sb, ny * cb - nx * sb
     # the hull: what grows with its own speed through the water, not with the carriage's
     scale = u / q["speed_ref"]
@@ -244,12 +201,13 @@ def _rates(q: Lanes, terms, t: float, s: Array, random: Array) -> tuple[Array, A
         added = q["m"] * q["new_mass.share"] * 0.5 * (1 + np.tanh((t - q["new_mass.time_s"]) / 0.3))
     mass = q["mass"] + added
     y_r = q["y_r"] + q["mass"] * q["speed_ref"]
-    ahead = _wave(q, t) - q["tension"] * share * np.abs(share) ** (q["power"] - 1)
-    ahead = ahead + q["x_vv"] * v**2 + (q["x_vr"] + mass) * v * r + q["x_rr"] * r**2 - tension * c
+    ahead = push(q, t) - q["tension"] * share * np.abs(share) ** (q["power"] - 1)
+    x_vv = q["x_vv"] - q["crossflow_drag.ahead_kg_m"]
+    ahead = ahead + x_vv * v**2 + (q["x_vr"] + mass) * v * r + q["x_rr"] * r**2 - tension * c
     force = scale * (q["y_v"] * v + y_r * r) - mass * u * r - tension * side + random[0]
     moment = scale * (q["n_v"] * v + q["n_r"] * r) - tension * (xt * side - yt * c) + random[1]
     # the line's direction in tank axes turns with ``turn``, the hull's with r: the swivel feels the difference
-    now = Now(t, y, b, v, r, u, -tension * side, r - turn, s[LAG], s[SLOSH])
+    now = Now(t, y, b, v, r, u, -tension * side, r - turn, s[LAG], s[SLOSH], turn, c / length)
     for term in terms:
         one, two = term(q, now)
         force, moment = force + one, moment + two
@@ -264,13 +222,15 @@ def _rates(q: Lanes, terms, t: float, s: Array, random: Array) -> tuple[Array, A
 
 
 def _slow_states(q: Lanes, s: Array, out: Array, tension: Array, side: Array) -> None:
-    if q.has("fluid_memory.sway") or q.has("fluid_memory.yaw"):
-        fast, slow = (np.maximum(q[f"fluid_memory.{name}_s"], 0.1) for name in ("fast", "slow"))
-        out[6], out[7] = (s[V] - s[6]) / fast, (s[V] - s[7]) / slow
-        out[8], out[9] = (s[R] - s[8]) / fast, (s[R] - s[9]) / slow
-    if q.has("marker_roll.lean_rad"):
+    if any(q.has(f"fluid_memory.{name}") for name in ("sway", "yaw", "ring_sway", "ring_yaw")):
+        out[LAG] = memory_rates(q, s[LAG], s[V], s[R])
+    if q.has("elastic_line.creep"):
+        out[CREEP] = creep_rate(q, s[CREEP], tension)
+    if any(q.has(f"marker_roll.{name}_rad") for name in ("lean", "sway", "turn")):
         w = 2 * np.pi / np.maximum(q["marker_roll.period_s"], 0.3)
         drive = q["marker_roll.lean_rad"] * (-tension * side / q["tension"])
+        inertia = q["marker_roll.sway_rad"] * q["m"] * out[V] + q["marker_roll.turn_rad"] * q["mass"] * s[U] * s[R]
+        drive = drive + inertia / q["tension"]
         out[ROLL] = s[ROLL_RATE]
         out[ROLL_RATE] = w**2 * (drive - s[ROLL]) - 2 * q["marker_roll.damping"] * w * s[ROLL_RATE]
     if q.has("sloshing.side_n"):

@@ -96,7 +96,8 @@ EFFECTS: dict[str, dict[str, Range]] = {
     "sync_delay": {"delay_s": (0.08, 0.5, "either")},
     "rolling_shutter": {"readout_s": (0.008, 0.035, "log")},
 }
-"""Effects that the library knows by name (formats.md); the first number of each may be cut down (``draw.gentle``)."""
+"""Effects that the library knows by name (formats.md), in the first of their ``forms``; the first number of each may be cut down
+(``draw.gentle``)."""
 
 OUTSIDE: dict[str, dict[str, Range]] = {
     "washboard": {
@@ -133,7 +134,12 @@ OUTSIDE: dict[str, dict[str, Range]] = {
 
 FORCES = {
     "hull_asymmetry.lift_n_s2_m2",
+    "hull_asymmetry.stall_n_s2_m2",
+    "hull_asymmetry.wire_n",
+    "hull_asymmetry.grows_n",
     "bank_suction.strength_m5",
+    "bank_suction.gap_n_s2_m2",
+    "bank_suction.near_n_s2_m2",
     "washboard.side_n",
     "kick.side_n",
     "sloshing.side_n",
@@ -141,11 +147,14 @@ FORCES = {
 }
 MOMENTS = {
     "hull_asymmetry.twist_n_m_s2_m2",
+    "hull_asymmetry.wire_n_m",
     "swivel_friction.moment_n_m",
+    "swivel_friction.dry_n_m",
+    "swivel_friction.oil_n_m",
+    "swivel_friction.grease_n_m",
+    "swivel_friction.post_n_m",
     "washboard.moment_n_m",
     "kick.moment_n_m",
     "magnet.moment_n_m",
 }
 MASS_ARMS = {"added_mass_coupling.y_rdot", "added_mass_coupling.n_vdot"}
-IN_SOME_RUNS = {"slack_line", "kick"}
-"""Happen in one run or two; all else in every run."""

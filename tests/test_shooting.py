@@ -49,7 +49,7 @@ def hypothesis(cases: ModuleType, runs: list) -> Hypothesis:
     return Hypothesis(np.array(cases.SIX), np.array(own))
 
 
-@pytest.mark.parametrize(("pushed", "size"), zip(PUSHED, (0.3, 0.1), strict=True), ids=("plain", "beside"))
+@pytest.mark.parametrize(("pushed", "size"), list(zip(PUSHED, (0.3, 0.1), strict=True)), ids=("plain", "beside"))
 def test_slopes_are_differences_of_motions(
     runs: list, hypothesis: Hypothesis, pushed: tuple[Effect, ...], size: float
 ) -> None:

@@ -339,6 +339,13 @@ def _score(effect: Effect, left: Array, pull: Array) -> float:
     return float(value) if np.isfinite(value) else -np.inf
 
 
+def _at_their_limit(inference: Inference, fitted: Fitted) -> bool:
+    """Whether a fit's random forces, of those that move anything, are as large as noise is never."""
+    most, forces = AT_MOST * inference.simulator.most_force, fitted.forces
+    moving = inference.noise.by_force(0, forces.time).any(axis=(1, 2))
+    return any(size >= most for size, moves in zip((forces.side_n, forces.moment_n_m), moving, strict=True) if moves)
+
+
 def _of_forms(scores: dict[str, float], effects: Sequence[Effect]) -> dict[str, float]:
     """Name -> log of what its best form has of the name's prior, spread over its forms, by their scores: all of it where all forms
     say the same, 1/n where one of n does.
@@ -433,10 +440,7 @@ def _ranking(
     logs = np.array(logs)
     shares = np.exp(logs - logs.max())
     shares /= shares.sum()
-    most = inference.simulator.most_force
-    explains = np.array(
-        [max(f.forces.side_n, f.forces.moment_n_m) < AT_MOST * most for f in (base, *(c.fitted for c in kept))]
-    )
+    explains = np.array([not _at_their_limit(inference, f) for f in (base, *(c.fitted for c in kept))])
     explains = np.concatenate([explains[:1], [False], explains[1:]])
     p_unknown = float(shares[~explains].sum())
     shares = np.where(explains, shares, 0.0)

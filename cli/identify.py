@@ -83,12 +83,13 @@ def call(options: argparse.Namespace) -> int:
         _check_thoroughly(options, answer, out)
     if not options.no_page:
         from ..pipeline.analysis import fit_page
+        from ..pipeline.executor.copies import with_a_copy
         from ..report.identify_page import write_identify_page
 
         with show_progress() as show:
-            shown = fit_page(answer, compared, lambda text: show(text, 0, None))
+            shown = fit_page(answer, compared, lambda text: show(text, 0, None), with_a_copy)
         page = out / "derivatives.html"
-        write_identify_page(page, shown)
+        write_identify_page(page, shown, with_a_copy)
         options.outcome.wrote(page, word="page:")
     options.outcome.fail(answer.result.failed)
     code = exit_code(answer.result.failed)

@@ -195,8 +195,8 @@ def _drop(fit: Fit, alone: Fit, run: RunData, index: int, near: Near) -> float:
     colour = colours([run])[0] if run.still is not None else None
     weight = [reweighted(alone.residual[0], stated(run.covariance, run.t_s), colour)]
     costs = []
-    for hold, start in (((), alone.theta), (tuple(range(6)), near.theta)):
-        problem = Problem(data, fit.form, fit.speed_m_s, hold)
+    for hold, start, path in (((), alone.theta, alone.path), (tuple(range(6)), near.theta, near.path)):
+        problem = Problem(data, fit.form, fit.speed_m_s, hold, path=path)
         costs.append(minimise(problem, start, weight, damping=NEAR).chi_square)
     return costs[1] - costs[0]
 

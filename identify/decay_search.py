@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ..record.errors import EstimationError
 from ..simulate.model import Array
@@ -119,6 +118,8 @@ def search(
     -------
     scipy's result
     """
+    from scipy.optimize import least_squares  # takes long to load, and most commands look for no decay
+
     inside = np.clip(start, limits[0] * (1 + 1e-6) + 1e-12, limits[1] - 1e-6 * np.abs(limits[1]) - 1e-12)
     last: list[tuple[Array, Array, Array]] = []
 

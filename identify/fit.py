@@ -24,6 +24,7 @@ from .data import RunData
 from .joint.arrow import Inverse, Shares, inverse_of, shares_of, widened
 from .joint.begin import knows_full_only, rough_optimum
 from .joint.common import SCALE, Common, needs_full
+from .joint.guess import Path
 from .joint.parameters import RUN_PARAMETERS, TENSION
 from .joint.problem import OWN, Answer, Problem
 from .joint.solve import Optimum, minimise
@@ -76,6 +77,7 @@ class Fit:
     weights : of the residuals, per run; of the output error
     commons : what all runs share beside the six, as the parameter vector holds it: {name: (what it is, its size in sds)}
     shares : what each run says of the shared parameters
+    path : of the full form on the integrator's grid, where another fit to the same records may begin
     """
 
     form: str
@@ -106,6 +108,7 @@ class Fit:
     weights: list[Whitener] = field(default_factory=list)
     commons: dict[str, tuple[Common, float]] = field(default_factory=dict)
     shares: Shares | None = None
+    path: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -116,10 +119,12 @@ class Near:
     ----------
     theta : parameter vector
     paths : per run (n, 2), fitted y_m and beta_rad
+    path : of the full form on the integrator's grid; None: not known
     """
 
     theta: Array
     paths: tuple[Array, ...]
+    path: Path | None = None
 
     @classmethod
     def of(cls, fit: Fit, runs: list[RunData], chosen: Sequence[int]) -> Near:
@@ -129,7 +134,8 @@ class Near:
         theta[:6] = fit.six
         theta[6 : problem.own_end] = fit.own[list(chosen)].ravel()
         _share(fit, problem, theta)
-        return cls(theta, tuple(fit.response[k] for k in chosen))
+        path = None if fit.path is None else fit.path.of(chosen)
+        return cls(theta, tuple(fit.response[k] for k in chosen), path)
 
 
 @solvable(EstimationError)
@@ -180,28 +186,30 @@ def _fitted(
     weights = [stated(d.covariance, d.t_s) for d in runs]
     paths = None
     if near is not None:
-        theta, steps = near.theta, 0
+        theta, steps, path = near.theta, 0, near.path
         paths = list(near.paths) if any(d.shared for d in runs) else None
     else:
-        theta, steps = rough_optimum(runs, speed, form, progress, start, extra, hold)
+        begin = rough_optimum(runs, speed, form, progress, start, extra, hold)
+        theta, steps, path = begin.theta, begin.steps, begin.path
 
         def plain() -> Problem:
-            return Problem([without_modes(d) for d in runs], form, speed, hold, extra)
+            return Problem([without_modes(d) for d in runs], form, speed, hold, extra, path=path)
 
-        refuse_stepping(runs, lambda: plain().residuals(theta))
+        refuse_stepping(runs, lambda: plain().residuals(begin.theta))
         if any(d.shared for d in runs):
             # the common modes must be known along a smooth path before they may move
-            optimum = minimise(plain(), theta, weights, progress, damping=NEAR)
-            theta, steps = optimum.theta, steps + optimum.steps
+            problem = plain()
+            optimum = minimise(problem, theta, weights, progress, damping=NEAR)
+            theta, steps, path = optimum.theta, steps + optimum.steps, problem.path
             paths = [a.response.T for a in optimum.answers]
     first_chi2 = np.nan
     known = colours(runs)
-    problem = Problem(runs, form, speed, hold, extra)
+    problem = Problem(runs, form, speed, hold, extra, path=path)
     optimum, answers = None, None
     for turn in range(REWEIGHTINGS):
         if paths is not None:
-            problem = Problem([modes_along(d, p) for d, p in zip(runs, paths, strict=True)], form, speed, hold, extra)
-            answers = None
+            along = [modes_along(d, p) for d, p in zip(runs, paths, strict=True)]
+            problem, answers = Problem(along, form, speed, hold, extra, path=problem.path), None
         theta = np.concatenate([theta, np.zeros(problem.size - len(theta))])  # the modes stand last
         optimum = minimise(problem, theta, weights, progress, answers, NEAR)
         theta, answers, steps = optimum.theta, optimum.answers, steps + optimum.steps
@@ -243,7 +251,7 @@ def continued(fit: Fit, runs: list[RunData]) -> Fit:
     EstimationError : no optimum near the fit's
     """
     runs = [modes_along(d, r) for d, r in zip(runs, fit.response, strict=True)]
-    problem = Problem(runs, fit.form, fit.speed_m_s)
+    problem = Problem(runs, fit.form, fit.speed_m_s, path=fit.path)
     theta = np.zeros(problem.size)
     theta[: problem.own_end] = fit.theta[: problem.own_end]
     _share(fit, problem, theta)
@@ -383,6 +391,7 @@ def _report(
         },
         naive_covariance=inverse_of(plain, problem.free).shared[:6, :6],
         shares=shares_of(prior, pull, inverse, problem.free, parts),
+        path=problem.path,
     )
 
 

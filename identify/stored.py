@@ -13,9 +13,10 @@ from .colour.disturbance import Disturbance
 from .fit import Fit
 from .joint.arrow import Shares
 from .joint.common import Common
+from .joint.guess import Path
 from .noise import Whitener
 
-KNOWN = {kind.__name__: kind for kind in (Fit, Whitener, Common, Shares, Disturbance)}
+KNOWN = {kind.__name__: kind for kind in (Fit, Whitener, Common, Shares, Path, Disturbance)}
 DTYPES = ("float64", "int64", "bool")
 
 

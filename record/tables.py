@@ -306,11 +306,17 @@ def _number_or_nan(value: object) -> float:
 
 
 def _known_status(path: str | Path, table: pd.DataFrame, known: tuple[str, ...] = STATUS) -> None:
-    unknown = np.array([not (isinstance(status, str) and status in known) for status in table["status"]], dtype=bool)
+    import pandas as pd
+
+    found = table["status"]
+    if isinstance(found.dtype, pd.StringDtype):
+        unknown = ~found.isin(known).to_numpy(dtype=bool)
+    else:
+        unknown = np.array([not (isinstance(status, str) and status in known) for status in found], dtype=bool)
     if unknown.any():
         row = int(np.flatnonzero(unknown)[0])
-        raise InputError(path, _row(row), f"status {table['status'].iloc[row]!r}; expected {', '.join(known)}")
-    table["status"] = table["status"].astype(str)
+        raise InputError(path, _row(row), f"status {found.iloc[row]!r}; expected {', '.join(known)}")
+    table["status"] = found.astype(str)
 
 
 def _named(path: str | Path, table: pd.DataFrame) -> None:

@@ -12,7 +12,6 @@ from .series import Array, Residuals, cross_correlation, usual_step
 
 if TYPE_CHECKING:
     from ..identify.consistency import Consistency, Judged
-    from ..identify.fit import Fit
 
 SYMBOLS = (
     r"$m-Y_{\dot v}$", r"$I-N_{\dot r}$", r"$Y_v$", r"$Y_r-mU$", r"$N_v$", r"$N_r$",
@@ -27,12 +26,12 @@ LAGS = 30
 """... at so many lags."""
 
 
-def consistency_figure(fit: Fit, found: Consistency, shown: tuple[int, ...]) -> Html:
+def consistency_figure(six: Array, covariance: Array, found: Consistency, shown: tuple[int, ...]) -> Html:
     """Derivatives ``shown``, run by run, in % of the joint value: alone (dots) and left out (squares) with 95 % bars.
 
     Parameters
     ----------
-    fit : the joint fit
+    six, covariance : of the joint fit, (6,) and (6, 6)
     found : each run alone, and all but each
     shown : places of the derivatives in ``DERIVATIVE_UNITS``
     """
@@ -43,7 +42,7 @@ def consistency_figure(fit: Fit, found: Consistency, shown: tuple[int, ...]) -> 
     rows = np.arange(len(found.alone))[::-1]
     bars: dict[str, list[tuple[str, float, float, float]]] = {}
     for place, (i, ax) in enumerate(zip(shown, axes, strict=True)):
-        joint = 196 * float(np.sqrt(fit.covariance[i, i]) / abs(fit.six[i]))
+        joint = 196 * float(np.sqrt(covariance[i, i]) / abs(six[i]))
         ax.axvspan(-joint, joint, color=SHADE, zorder=0.5, label="joint")
         ax.axvline(0, color=BLACK, linewidth=0.8)
         reach = 2 * joint
@@ -53,8 +52,8 @@ def consistency_figure(fit: Fit, found: Consistency, shown: tuple[int, ...]) -> 
             if not parts:
                 continue
             value, bar = (
-                100 * np.array(some) / abs(fit.six[i])
-                for some in ([p.six[i] - fit.six[i] for p in parts], [1.96 * p.sd[i] for p in parts])
+                100 * np.array(some) / abs(six[i])
+                for some in ([p.six[i] - six[i] for p in parts], [1.96 * p.sd[i] for p in parts])
             )
             known = np.array([p.fixed[i] for p in parts]) & ~(bar > 1.96 * LARGEST_PERCENT)
             if not known.any():

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import ndtr
@@ -67,13 +68,13 @@ class FitPage:
 
 
 def write_identify_page(path: Path, found: FitPage, each: Each = in_turn) -> None:
-    """Write the page atomically; ``each`` draws the runs, here or by workers.
+    """Write the page atomically; ``each`` draws the pictures, here or by workers.
 
     Parameters
     ----------
     path : of the file
     found : the fit, whether the runs agree, and what it left
-    each : does a run's share, here or by workers
+    each : draws, here or by workers
     """
     write_document(path, identify_page(found, each))
 
@@ -84,11 +85,21 @@ def identify_page(found: FitPage, each: Each = in_turn) -> Html:
     Parameters
     ----------
     found : the fit, whether the runs agree, and what it left
-    each : does a run's share, here or by workers
+    each : draws, here or by workers
     """
     agreed, compared = found.agreed, found.compared
     result = found.result
     pages = [RunPage(name, None, None, motion, found.fitted[name], None, None) for name, motion in found.motion.items()]
+    shown = _shown(found)
+    # the runs first: they take longest, and nobody is to be left with one at the end
+    jobs: list[tuple[Any, ...]] = [
+        (_run, pages[k], found.judged[k], _whitened(found, k), result.runs[pages[k].name].tests, k + 1) for k in shown
+    ]
+    shared = {"agreed": _agreement(found, agreed), "answer": _answered(found)}
+    jobs += [job for some in shared.values() for job in some]
+    made = each(_made, jobs)
+    runs, rest = made[: len(shown)], made[len(shown) :]
+    pictures = {name: [rest.pop(0) for _ in some] for name, some in shared.items()}
     frames = sum((frames_of(page) for page in pages), Frames())
     title = f"Derivatives: {', '.join(found.fitted)}"
     parts: list[object] = [
@@ -101,19 +112,21 @@ def identify_page(found: FitPage, each: Each = in_turn) -> Html:
         parts.append(failed_box("Runs that could not be used", result.failed))
     if compared is not None:
         parts.append(_reference(found, agreed, compared))
-    parts.append(_consistency(found, agreed))
-    parts.append(_answer(found))
-    shown = _shown(found)
+    parts.append(_consistency(found, agreed, pictures["agreed"]))
+    parts.append(_answer(found, pictures["answer"]))
     if len(shown) < len(pages):
         parts.append(_every_run(found, pages, shown))
-    drawn = [(pages[k], found.judged[k], _whitened(found, k), result.runs[pages[k].name].tests, k + 1) for k in shown]
-    parts += each(_run, drawn)
+    parts += runs
     words = (
         "± is one standard deviation, bars are 95 %; y and angles positive to starboard. "
         f"Written by towline {result.tool}."
     )
     parts.append(tag("footer", words))
     return document(title, tag("main", *parts))
+
+
+def _made(call: Callable[..., Html], *arguments: Any) -> Html:
+    return call(*arguments)
 
 
 def _contents(found: FitPage, compared: Comparison | None) -> Html:
@@ -184,7 +197,14 @@ def _chance(p_value: float) -> str:
 # agreement of the runs ----------------------------------------------------------------------------------------------
 
 
-def _consistency(found: FitPage, agreed: Consistency) -> Html:
+def _agreement(found: FitPage, agreed: Consistency) -> list[tuple[Any, ...]]:
+    """What draws the agreement of the runs; nothing for a single one."""
+    if len(agreed.alone) < 2:
+        return []
+    return [(consistency_figure, found.fit.six, found.fit.covariance, agreed, three) for three, _ in _FIGURES]
+
+
+def _consistency(found: FitPage, agreed: Consistency, pictures: list[Html]) -> Html:
     """Tables 8.8 and 8.10: each run alone, mean and standard deviation in %; then every run left out, with z."""
     parts: list[object] = [tag("h2", "Do the runs agree?")]
     if agreed.chi_square is not None and agreed.p_value is not None:
@@ -202,8 +222,8 @@ def _consistency(found: FitPage, agreed: Consistency) -> Html:
         parts.append(tag("p", "One of the runs could not be fitted alone; what the others fix stands below."))
     else:
         parts.append(tag("p", "One run only: nothing checks it. A run at another tow point would."))
-    if len(agreed.alone) > 1:
-        pair = (figure(consistency_figure(found.fit, agreed, three), words) for three, words in _FIGURES)
+    if pictures:
+        pair = (figure(picture, words) for picture, (_, words) in zip(pictures, _FIGURES, strict=True))
         parts.append(tag("div", *pair, class_="grid"))
     parts.append(_alone(found, agreed))
     if agreed.without:
@@ -299,25 +319,32 @@ def _cells(part: Part, joint: Array) -> list[object]:
     return cells
 
 
-def _answer(found: FitPage) -> Html:
-    """Figure 8.15: the identified hull's transfer functions; nothing where the record leaves some derivative open."""
+def _answered(found: FitPage) -> list[tuple[Any, ...]]:
+    """What draws how the hull answers; nothing where the record leaves some derivative open."""
     from ..simulate.characteristic import stability
     from ..simulate.model import Hull
 
     fit, tows = found.fit, [data.tow for data in found.data]
     if found.result.not_identifiable and len(found.result.derivatives) < len(NAMES):
-        return Html("")
+        return []
     hull = Hull(*(float(x) for x in fit.six), speed_m_s=fit.speed_m_s)
     roots = [stability(hull, tow).roots for tow in tows if tow.tension_n is not None]
     swings = tuple(float(np.abs(np.imag(pair[0]))) for r in roots if len(pair := r[np.abs(np.imag(r)) > 1e-12]))
-    drawn = bode_figure(Answer(hull, fit.covariance, tows[0], swings))
+    return [(bode_figure, Answer(hull, fit.covariance, tows[0], swings))]
+
+
+def _answer(found: FitPage, pictures: list[Html]) -> Html:
+    """Figure 8.15: the identified hull's transfer functions, where they are drawn."""
+    if not pictures:
+        return Html("")
+    tow = found.data[0].tow
     words = (
-        f"Sway and yaw of the free hull over the line's lateral force at X_T = {tows[0].tow_point_m:g} m (8.27), U = "
-        f"{tows[0].speed_m_s:g} m/s, with the 95 % bands of the derivatives' errors; dotted: where the runs swing. Towards low "
+        f"Sway and yaw of the free hull over the line's lateral force at X_T = {tow.tow_point_m:g} m (8.27), U = "
+        f"{tow.speed_m_s:g} m/s, with the 95 % bands of the derivatives' errors; dotted: where the runs swing. Towards low "
         "frequencies a hull that nothing holds drifts away, so that the gain grows; bands that open there say how far the runs' "
         "own frequencies carry."
     )
-    return tag("section", tag("h2", "How the hull answers"), figure(drawn, words), id="answer")
+    return tag("section", tag("h2", "How the hull answers"), figure(pictures[0], words), id="answer")
 
 
 # many runs ----------------------------------------------------------------------------------------------------------

@@ -10,9 +10,10 @@ import pytest
 from scipy.linalg import expm
 
 from towline.identify import fit_runs
+from towline.identify.joint.full import full_paths
 from towline.identify.joint.linear import exponential, linear_paths, system_matrices
 from towline.identify.joint.parameters import COUNT, hull_from, run_tow
-from towline.identify.joint.partials import linearise
+from towline.identify.joint.partials import TURNING, linearise
 from towline.identify.joint.thin import thinned
 from towline.identify.limits.bound import cramer_rao
 from towline.identify.methods.criteria import fit_criterion
@@ -82,6 +83,9 @@ def test_partials_against_the_complex_step_of_the_one_equation_of_motion(line: L
         moved = np.zeros((4, 4 + COUNT, 1))
         moved[range(4), range(4)] = 1.0
         slopes = found.along(moved, 4, every)[:, :, 0]
+        # alpha' by itself, of no more parameters than those that turn the line at a state that stands
+        turning = linearise(1.3, values[6:10, None], _columns(hull), here, TURNING, 1.1, False)
+        np.testing.assert_array_equal(turning.turn_along(moved[:, 4:], every)[:, 0], slopes[0, 4:])
         pulls = found.tension_along(moved[:, 4:], every)[:, 0] if line == "surge" else None
         for index in range(COUNT):
             column = values.astype(complex)
@@ -91,6 +95,31 @@ def test_partials_against_the_complex_step_of_the_one_equation_of_motion(line: L
             np.testing.assert_allclose(slopes[:, at], exact[:4], rtol=1e-11, atol=1e-13)
             if pulls is not None and not 6 <= index < 10:
                 assert pulls[index] == pytest.approx(exact[4], rel=1e-11, abs=1e-12)
+
+
+@pytest.mark.parametrize("line", ["constant", "surge"])
+def test_a_path_of_longer_steps_or_other_values_leads_to_the_same_answer(campaigns: ModuleType, line: Line) -> None:
+    """Where the next path is looked for changes how long it takes; sensitivities are promised to one in ten thousand."""
+    runs = [campaigns.still_run(x, campaigns.times(20.0, 20.0)) for x in (1.446, 1.751)]
+    runs = [replace(d, tow=replace(d.tow, line=line), mass_kg=78.0) for d in runs]
+    along = [-4.0, 35.0, -10.0, 0.0, 1.85]
+    values = np.zeros((2, COUNT))
+    values[:, :14] = [[*campaigns.SIX, 0.15, 0.02, 0, 0, 3.96, d.tow.tow_point_m, 0.91, 1.28] for d in runs]
+    values[:, 14 : 14 + len(along)] = along
+    exact, fine = full_paths(runs, values, 1.28)
+    _, rough = full_paths(runs, values, 1.28, rough=True)
+    _, beside = full_paths(runs, values * 1.003, 1.28)
+    assert rough.step_s > fine.step_s
+    for guess in (rough.path, beside.path, beside):
+        found, there = full_paths(runs, values, 1.28, guess=guess)
+        np.testing.assert_allclose(there.states, fine.states, atol=1e-10)
+        for (path, slope), (right, steep) in zip(found, exact, strict=True):
+            np.testing.assert_allclose(path, right, atol=1e-10)
+            np.testing.assert_allclose(slope, steep, atol=1e-4 * np.abs(steep).max(axis=2, keepdims=True).max())
+    # of the second run only; and of a record that the path does not cover there is nothing to take
+    (alone,), _ = full_paths(runs[1:], values[1:], 1.28, guess=rough.path.of([1]))
+    np.testing.assert_allclose(alone[0], exact[1][0], atol=1e-10)
+    assert rough.path.on(fine.step_s, 2 * fine.states.shape[1]) is None
 
 
 def _columns(hull):

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from towline.pipeline.executor.copies import side_by_side
+from towline.pipeline.executor.copies import side_by_side, with_a_copy
 from towline.record import EstimationError
 
 TWO = pytest.mark.skipif(
@@ -74,3 +74,12 @@ def test_one_item_or_a_worker_makes_no_copy(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.undo()
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {3})
     assert side_by_side(lambda _: os.getpid(), range(4)) == [here] * 4
+
+
+def test_calls_with_a_copy_answer_in_their_order_and_say_how_far_they_are() -> None:
+    heard: list[int] = []
+    assert with_a_copy(pow, [(k, 2) for k in range(5)], heard.append) == [0, 1, 4, 9, 16]
+    assert heard == sorted(heard)
+    assert heard[-1] == 5
+    assert with_a_copy(pow, [(3, 2)]) == [9]
+    assert with_a_copy(pow, []) == []

@@ -6,7 +6,7 @@ The way in is to fit the records' beginning first and to let them grow.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..data import RunData
 from ..noise import stated
+from .guess import Path
 from .problem import OWN, Problem
 from .solve import Optimum, Progress, minimise, normal
 from .thin import thinned
@@ -41,6 +42,22 @@ FEWEST_SAMPLES = 40
 Extra = tuple[tuple[int, float, float], ...]
 
 
+@dataclass(frozen=True)
+class Begin:
+    """Where a fit may begin.
+
+    Attributes
+    ----------
+    theta : parameter vector, without common modes
+    steps : it took to get there
+    path : of the full form there, or near; None: none is known
+    """
+
+    theta: Array
+    steps: int
+    path: Path | None = None
+
+
 def rough_optimum(
     runs: list[RunData],
     speed_m_s: float,
@@ -49,8 +66,8 @@ def rough_optimum(
     start: Array | None = None,
     extra: Extra = (),
     hold: tuple[int, ...] = (),
-) -> tuple[Array, int]:
-    """Parameter vector (without common modes) near the optimum, from block means and the stated sigmas; steps taken.
+) -> Begin:
+    """Near the optimum, from block means and the stated sigmas.
 
     Parameters
     ----------
@@ -81,7 +98,7 @@ def rough_optimum(
     linear_too = not any(knows_full_only(d) for d in runs)
     if form == "linear":
         found = minimise(problem, first, weights, progress, converged=ROUGH_CONVERGED)
-        return found.theta, found.steps
+        return Begin(found.theta, found.steps)
     whole = Problem(few, "full", speed_m_s, hold, extra, rough=True)
     begins, steps = [whole.from_linear(first)], 0
     if linear_too:
@@ -102,16 +119,18 @@ def rough_optimum(
             score = cost / sum(2 * len(d.t_s) for d in few) if np.isfinite(cost) else np.inf
         if score < POOR[runs[0].tow.line]:
             if near:
-                return theta, steps
+                return Begin(theta, steps, whole.path)
             found = minimise(whole, theta, weights, progress, answers, converged=ROUGH_CONVERGED)
             steps += found.steps
             if found.chi_square > DOUBTFUL * sum(2 * len(d.t_s) for d in few):
                 # noise may be larger than stated, or this is a valley beside the right one: the longer way may end lower
-                other, more = _led_in(few, speed_m_s, begins, progress, extra, hold)
-                found, steps = min(found, other, key=lambda o: o.chi_square), steps + more
-            return found.theta, steps
-    led, more = _led_in(few, speed_m_s, begins, progress, extra, hold)
-    return led.theta, steps + more
+                other, led = _led_in(few, speed_m_s, begins, progress, extra, hold)
+                steps += led.steps
+                if other < found.chi_square:
+                    return replace(led, steps=steps)
+            return Begin(found.theta, steps, whole.path)
+    _, led = _led_in(few, speed_m_s, begins, progress, extra, hold)
+    return replace(led, steps=steps + led.steps)
 
 
 def _grown(
@@ -123,17 +142,17 @@ def _grown(
     start: Array | None,
     extra: Extra,
     hold: tuple[int, ...],
-) -> tuple[Array, int]:
+) -> Begin:
     """``rough_optimum`` of long records: of their first ``LEAD_S``, then of twice as much each time."""
     span_s = LEAD_S
-    theta, steps = rough_optimum([_until(d, span_s) for d in runs], speed_m_s, form, progress, start, extra, hold)
+    begin = rough_optimum([_until(d, span_s) for d in runs], speed_m_s, form, progress, start, extra, hold)
     few = [thinned(d) for d in runs]
     while span_s < longest_s:
         span_s *= 2
         problem = Problem([_until(d, span_s) for d in few], form, speed_m_s, hold, extra, rough=True)
-        found = _followed(problem, theta, progress, last=span_s >= longest_s)
-        theta, steps = found.theta, steps + found.steps
-    return theta, steps
+        found = _followed(problem, begin.theta, progress, last=span_s >= longest_s)
+        begin = Begin(found.theta, begin.steps + found.steps, problem.path)
+    return begin
 
 
 def _followed(problem: Problem, theta: Array, progress: Progress | None, last: bool) -> Optimum:
@@ -150,19 +169,19 @@ def _by_some(
     start: Array | None,
     extra: Extra,
     hold: tuple[int, ...],
-) -> tuple[Array, int] | None:
+) -> Begin | None:
     """The derivatives by some of the runs, then every run's own with these held, then all together; None where that comes near
     none."""
     order = np.argsort([d.tow.tow_point_m for d in runs], kind="stable")
     chosen = order[np.round(np.linspace(0, len(runs) - 1, MOST_ROUGH)).astype(int)]
     some = [runs[k] for k in chosen]
-    theta, steps = rough_optimum(some, speed_m_s, form, progress, start, extra, hold)
+    begin = rough_optimum(some, speed_m_s, form, progress, start, extra, hold)
+    theta = begin.theta
     few = [thinned(d) for d in runs]
     weights = [stated(d.covariance, d.t_s) for d in few]
-    linear = Problem([_biased(d) for d in few], "linear", speed_m_s)
+    linear = Problem([_biased(d) for d in few], "linear", speed_m_s, apart=True)
     if tuple(linear.common_at) != tuple(Problem(some, "linear", speed_m_s).common_at):
         return None
-    linear.free[linear.layout.shared] = False
     first = linear.from_six(theta[:6])
     first[linear.own_end :] = theta[6 + len(OWN) * len(some) :]
     found = minimise(linear, first, weights, progress, converged=ROUGH_CONVERGED)
@@ -170,14 +189,16 @@ def _by_some(
     for place, k in enumerate(chosen):
         at = 6 + len(OWN) * place
         whole[linear.own_at(k) : linear.own_at(k) + len(OWN)] = theta[at : at + len(OWN)]
-    steps += found.steps
+    steps = begin.steps + found.steps
     if form == "linear":
-        return whole, steps
-    together = Problem(few, "full", speed_m_s, hold, extra, rough=True)
-    if _per_residual(together, whole, weights) > FAR_OFF[runs[0].tow.line]:
+        return Begin(whole, steps)
+    apart = Problem(few, "full", speed_m_s, rough=True, apart=True)
+    if _per_residual(apart, whole, weights) > FAR_OFF[runs[0].tow.line]:
         return None
-    found = minimise(together, whole, weights, progress, converged=ROUGH_CONVERGED)
-    return found.theta, steps + found.steps
+    alone = minimise(apart, whole, weights, progress, converged=ROUGH_CONVERGED)
+    together = Problem(few, "full", speed_m_s, hold, extra, rough=True, path=apart.path)
+    found = minimise(together, alone.theta, weights, progress, converged=ROUGH_CONVERGED)
+    return Begin(found.theta, steps + alone.steps + found.steps, together.path)
 
 
 def knows_full_only(data: RunData) -> bool:
@@ -203,8 +224,8 @@ def _per_residual(problem: Problem, theta: Array, weights) -> float:
 
 def _led_in(
     runs: list[RunData], speed_m_s: float, begins: list[Array], progress: Progress | None, extra: Extra, hold
-) -> tuple[Optimum, int]:
-    """The records' first part from the best of the starts, then more and more of it."""
+) -> tuple[float, Begin]:
+    """The records' first part from the best of the starts, then more and more of it; chi-square and where it ends."""
     problems = [
         Problem([_first_part(d, share) for d in runs], "full", speed_m_s, hold, extra, rough=True) for share in SHARES
     ]
@@ -214,7 +235,7 @@ def _led_in(
         found = _followed(problem, theta, progress, last=False)
         theta, steps = found.theta, steps + found.steps
     found = _followed(problems[-1], theta, progress, last=True)
-    return found, steps + found.steps
+    return found.chi_square, Begin(found.theta, steps + found.steps, problems[-1].path)
 
 
 def _until(data: RunData, span_s: float) -> RunData:

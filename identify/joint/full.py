@@ -9,64 +9,36 @@ Step h = 0.05 s at most: Runge-Kutta and the cubic interpolation between steps e
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ...simulate.model import Array, full_rates, full_y_cg, full_y_cg_rate
 from ..data import RunData
+from .guess import Guess, Path
+from .hermite import between_steps
 from .linear import linear_paths
 from .parameters import EVERY, LINE_LENGTH, STEEPEST_RAD, TOW_POINT
+from .partials import TURNING
 from .setting import Setting, setting_of
 
+STATES = range(6, 10)
+"""Where a run's begin (alpha, beta, v, r) stands among the parameters."""
 PASSES = 12
 """Newton steps of a whole path at most; one that needs more is said not to settle."""
 BROADSIDE_RAD = np.pi / 2
 """Line angle alpha + beta on the model at which the equations of motion end (theory.md 9.1)."""
-AT_ONCE = 24000
+AT_ONCE = 48000
 """Numbers in a row of the sensitivities of one go."""
 COARSE = 4
 """Steps in one where the path is looked for step by step."""
-CLOSE_ENOUGH = 1e-3
-"""Sensitivities are kept when the path's next Newton step is smaller than this (rad, m/s, rad/s): they are then right to a
-thousandth."""
+CLOSE_ENOUGH = 1e-4
+"""Sensitivities are kept when the path's next Newton step is smaller than this (rad, m/s, rad/s): they are then right to one in
+ten thousand ..."""
+LEADING = 1e-3
+"""... or than this where they only lead near the optimum."""
 CONVERGED = 1e-6
 """Newton's method ends when no state changes by more than this: the next step is of its square."""
-
-
-@dataclass(frozen=True)
-class Guess:
-    """A path near which the next one is looked for.
-
-    Attributes
-    ----------
-    step_s : of the grid
-    values : (runs, ``COUNT``), of the path
-    path : (4, steps + 1, runs), (alpha, beta, v, r)
-    moved : (4, wanted, steps + 1, runs), its sensitivities
-    wanted : their parameters
-    tension : (steps + 1, runs), T along it, N
-    tension_moved : (wanted, steps + 1, runs), its sensitivities; None where no gauge asks for them
-    """
-
-    step_s: float
-    values: Array
-    path: Array
-    moved: Array
-    wanted: tuple[int, ...]
-    tension: Array | None = None
-    tension_moved: Array | None = None
-
-    def tension_at(self, run: int, t_s: Array) -> tuple[Array, Array]:
-        """T of a run, (n,), and its sensitivities (wanted, n), at times from the run's first sample; straight between steps."""
-        assert self.tension is not None
-        moved = np.zeros((0, *self.tension.shape)) if self.tension_moved is None else self.tension_moved
-        place = np.clip(t_s / self.step_s, 0.0, len(self.tension) - 1 - 1e-9)
-        node = place.astype(int)
-        share = place - node
-        both = np.concatenate([self.tension[None, :, run], moved[:, :, run]])
-        found = both[:, node] * (1 - share) + both[:, node + 1] * share
-        return found[0], found[1:]
 
 
 def full_paths(
@@ -74,7 +46,7 @@ def full_paths(
     values: Array,
     reference_speed_m_s: float,
     wanted: tuple[int, ...] = EVERY,
-    guess: Guess | None = None,
+    guess: Path | None = None,
     rough: bool = False,
 ) -> tuple[list[tuple[Array, Array]], Guess]:
     """(y, beta) of all runs at their samples with sensitivities, all runs side by side.
@@ -85,7 +57,7 @@ def full_paths(
     values : (runs, ``COUNT``), ``RUN_PARAMETERS``; side = alpha rad. With lines of given tension the first 14 will do
     reference_speed_m_s : at which the derivatives are quoted, m/s
     wanted : parameters whose sensitivities are asked for, rising
-    guess : of an earlier call with other values; makes it faster
+    guess : of an earlier call, with other values, on another grid or for other priors; makes it faster
     rough : longer steps
 
     Returns
@@ -94,41 +66,43 @@ def full_paths(
     NaN where the motion leaves the equations' range (alpha + beta beyond 90 degrees)
     """
     setting = setting_of(runs, values, reference_speed_m_s, rough)
-    lasting = rough and guess is not None
+    enough = LEADING if rough and guess is not None else CLOSE_ENOUGH
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         path, far = _first_path(runs, values, reference_speed_m_s, setting, guess)
-        # where the guess lacks about its move's square, the first pass may be the last and takes the sensitivities along
-        solved = _newton(setting, values, path, wanted, lasting, far**2 < (CLOSE_ENOUGH if lasting else CONVERGED))
+        solved = _newton(setting, values, path, wanted, enough, far)
         if solved is None:
             path = _one_by_one(setting, values)
-            solved = _newton(setting, values, path, wanted, lasting) if np.isfinite(path).all() else None
+            solved = _newton(setting, values, path, wanted, enough, np.inf) if np.isfinite(path).all() else None
         if solved is None:
             nothing = [(np.full((2, len(d.t_s)), np.nan), np.zeros((2, len(wanted), len(d.t_s)))) for d in runs]
             stale = np.full((4, setting.count + 1, len(runs)), np.nan)
-            return nothing, Guess(setting.step, values, stale, stale[:, None][:, :0], ())
+            return nothing, Guess(setting.step, values, stale, stale, stale[:, None][:, :0], ())
         path, moved = solved
         everywhere = slice(0, setting.count + 1)
         gauged = setting.tow.line == "surge" and any(d.gauge is not None for d in runs)
-        ends = setting.linearised(0, path, wanted, everywhere, gauged)
-        rates = ends.along(moved, 0, wanted)[:2]
-        answers = [_sampled(d, i, setting, values, path, moved, ends.rates, rates, wanted) for i, d in enumerate(runs)]
+        asked = wanted if gauged else tuple(p for p in wanted if p in TURNING)
+        ends = setting.linearised(0, path, asked, everywhere, gauged)
+        turns = ends.turn_along(moved, wanted)
+        answers = [_sampled(d, i, setting, values, path, moved, ends.rates, turns, wanted) for i, d in enumerate(runs)]
         pulled = ends.tension_along(moved, wanted) if gauged else None
         tension = np.broadcast_to(ends.tension_n, path.shape[1:])
-    return answers, Guess(setting.step, values, path, moved, wanted, tension, pulled)
+    return answers, Guess(setting.step, values, path, ends.rates, moved, wanted, tension, pulled)
 
 
 def _first_path(
-    runs: list[RunData], values: Array, reference: float, setting: Setting, guess: Guess | None
+    runs: list[RunData], values: Array, reference: float, setting: Setting, guess: Path | None
 ) -> tuple[Array, float]:
     """The earlier path moved along its sensitivities, and how far (rad, m/s, rad/s); or the linear form's."""
-    shape = (4, setting.count + 1, len(runs))
-    if guess is not None and guess.step_s == setting.step and guess.path.shape == shape and guess.wanted:
-        change = (values - guess.values)[:, list(guess.wanted)]
-        shift = np.einsum("spnr,rp->snr", guess.moved, change)
-        path = guess.path + shift
-        if np.isfinite(path).all() and np.abs(path[0] + path[1]).max() < STEEPEST_RAD:
+    if guess is not None and guess.states.shape[2] == len(runs):
+        path, far = guess.on(setting.step, setting.count), 0.0 if np.array_equal(values, guess.values) else np.inf
+        if isinstance(guess, Guess) and guess.wanted and path is not None and path.shape == guess.states.shape:
+            change = (values - guess.values)[:, list(guess.wanted)]
+            shift = np.einsum("spnr,rp->snr", guess.moved, change)
+            path, far = path + shift, float(np.abs(shift).max())
+        if path is not None and np.isfinite(path).all() and np.abs(path[0] + path[1]).max() < STEEPEST_RAD:
+            path = path.copy()
             path[:, 0] = values[:, 6:10].T
-            return path, float(np.abs(shift).max())
+            return path, far
     times = np.arange(setting.count + 1) * setting.step
     grids = [replace(d, t_s=times) for d in runs]
     start = values.copy()
@@ -147,14 +121,18 @@ def _first_path(
 
 
 def _newton(
-    setting: Setting, values: Array, path: Array, wanted: tuple[int, ...], lasting: bool, near: bool = False
+    setting: Setting, values: Array, path: Array, wanted: tuple[int, ...], enough: float, far: float
 ) -> tuple[Array, Array] | None:
-    """Path and sensitivities (4, wanted, steps + 1, runs), or None where it does not settle; ``near``: ask for them at once."""
-    before, known = np.inf, None
+    """Path and sensitivities (4, wanted, steps + 1, runs), or None where it does not settle.
+
+    ``far``: how far the path may be off, rad, m/s, rad/s; ``enough``: how near it must be for the sensitivities to be kept.
+    """
+    known = None
     for _ in range(PASSES):
-        # on the way in, a path that hardly moves keeps what it has
-        asked = wanted if known is None and (before < 0.03 or near) else ()
-        end, map_ = _steps(setting, path[:, :-1], asked)
+        # a pass leaves about the square of what was lacking; one that hardly moves the path takes the sensitivities along
+        asked = wanted if known is None and far**2 < enough else ()
+        moving = tuple(p for p in asked if p not in STATES)
+        end, map_ = _steps(setting, path[:, :-1], moving)
         lacking = end - path[:, 1:]
         if not np.isfinite(lacking).all() or not np.isfinite(map_).all():
             return None
@@ -166,16 +144,17 @@ def _newton(
         # far from the path a whole move may overshoot: the angles move by half a radian at most
         share = min(1.0, 0.5 / max(float(np.abs(move[:2]).max()), 1e-300))
         path = path + share * move
-        if asked == wanted and size < (CLOSE_ENOUGH if lasting else CONVERGED):
-            known = carried[:, 1:].reshape(4, len(wanted), setting.count + 1, len(values))
+        if asked == wanted and size < enough:
+            known = carried[:, 1:]
         if size < CONVERGED and known is not None:
             return path, known
-        before = size
+        far = size
     return None
 
 
 def _steps(setting: Setting, begin: Array, wanted: tuple[int, ...]) -> tuple[Array, Array]:
-    """Every step from its own begin: its end (4, steps, runs) and its derivatives (4, 4 + wanted, steps, runs)."""
+    """Every step from its own begin: its end (4, steps, runs) and its derivatives (4, 4 + wanted, steps, runs); ``wanted``: none of
+    the path's begin."""
     columns, runs = 4 + len(wanted), begin.shape[2]
     end, slope = np.empty_like(begin), np.empty((4, columns, *begin.shape[1:]))
     together = max(1, AT_ONCE // (columns * runs))
@@ -217,12 +196,15 @@ def _carry(map_: Array, lacking: Array, values: Array, wanted: tuple[int, ...]) 
     matrix = np.ascontiguousarray(map_[:, :4].transpose(2, 3, 0, 1))
     added = np.empty((steps, runs, 4, 1 + len(wanted)))
     added[..., 0] = lacking.transpose(1, 2, 0)
-    if wanted:
-        added[..., 1:] = map_[:, 4:].transpose(2, 3, 0, 1)
     state = np.zeros((steps + 1, runs, 4, 1 + len(wanted)))
+    column = 4
     for at, index in enumerate(wanted, start=1):
-        if 6 <= index < 10:
-            state[0, :, index - 6, at] = 1.0
+        if index in STATES:  # only the first step begins elsewhere
+            added[..., at] = 0.0
+            state[0, :, STATES.index(index), at] = 1.0
+        else:
+            added[..., at] = map_[:, column].transpose(1, 2, 0)
+            column += 1
     here = state[0]
     for k in range(steps):
         here = np.matmul(matrix[k], here, out=state[k + 1])
@@ -266,26 +248,17 @@ def _sampled(
     path: Array,
     moved: Array,
     rate: Array,
-    moved_rate: Array,
+    turns: Array,
     wanted: tuple[int, ...],
 ) -> tuple[Array, Array]:
-    """Cubic Hermite interpolation of (alpha, beta) to the samples, then y."""
+    """(alpha, beta) at the samples by cubics between the steps, then y."""
     times = data.t_s - data.t_s[0]
-    step = setting.step
-    node = np.minimum((times / step).astype(int), setting.count - 1)
-    s = times / step - node
-    shape = (2 * s**3 - 3 * s**2 + 1, (s**3 - 2 * s**2 + s) * step, -2 * s**3 + 3 * s**2, (s**3 - s**2) * step)
-
-    def between(value: Array, slope: Array) -> Array:
-        return (
-            shape[0] * np.take(value, node, axis=-1)
-            + shape[1] * np.take(slope, node, axis=-1)
-            + shape[2] * np.take(value, node + 1, axis=-1)
-            + shape[3] * np.take(slope, node + 1, axis=-1)
-        )
-
-    alpha, beta = between(np.ascontiguousarray(path[:2, :, run]), np.ascontiguousarray(rate[:2, :, run]))
-    slope = between(np.ascontiguousarray(moved[:2, :, :, run]), np.ascontiguousarray(moved_rate[:, :, :, run]))
+    # (alpha, beta) and behind them their sensitivities; beta's rate is r
+    value = np.concatenate([path[:2, None, :, run], moved[:2, :, :, run]], axis=1)
+    alpha_rates = np.concatenate([rate[:1, :, run], turns[:, :, run]])
+    beta_rates = np.concatenate([path[3:, :, run], moved[3, :, :, run]])
+    found = between_steps(value, np.stack([alpha_rates, beta_rates]), setting.step, times)
+    (alpha, beta), slope = found[:, 0], found[:, 1:]
     own = replace(data.tow, tow_point_m=values[run, TOW_POINT], line_length_m=values[run, LINE_LENGTH])
     post = replace(own, post_phase_rad=float(np.atleast_1d(setting.tow.post_phase_rad)[run]))
     y = full_y_cg(times, alpha, beta, post)

@@ -27,6 +27,8 @@ from .parameters import (
 
 TURN, SWAY, YAW, PULL = range(4)
 """Rows of the slopes: alpha', v', r' and T."""
+TURNING = (TOW_POINT, LINE_LENGTH, SPEED)
+"""Parameters that move alpha' at a state that stands; the others move it with the state only."""
 Column = dict[int, Any]
 """How the rows change with one thing; rows that do not change are left out."""
 
@@ -68,6 +70,10 @@ class Linearised:
                 if row in column:
                     found[at, place] = column[row]
         return found
+
+    def turn_along(self, moved: Array, wanted: tuple[int, ...]) -> Array:
+        """Change of alpha', (c, ...), with the parameters ``wanted`` that move the state by ``moved`` (4, c, ...)."""
+        return self._row(TURN, moved, 0, wanted, np.empty_like(moved[0]))
 
     def tension_along(self, moved: Array, wanted: tuple[int, ...]) -> Array:
         """Change of T, (c, ...), with the parameters ``wanted`` that move the state by ``moved`` (4, c, ...)."""
@@ -362,4 +368,4 @@ def _nothing(gain: Any) -> bool:
     return gain is None or (isinstance(gain, float) and gain == 0.0)
 
 
-__all__ = ["Linearised", "linearise"]
+__all__ = ["TURNING", "Linearised", "linearise"]

@@ -17,14 +17,14 @@ from ..data import RunData
 from ..start import rudder_start, start_state, weak_form_start
 from .arrow import Arrow, Layout
 from .common import commons_of, needs_full
-from .full import Guess, full_paths
+from .full import full_paths
 from .gauge import gauge_blocks
+from .guess import Guess, Path
 from .linear import linear_paths
 from .parameters import (
     COUNT,
     LINEAR_COUNT,
     N_DELTA,
-    RUN_PARAMETERS,
     TENSION,
     TOW_POINT,
     Y_DELTA,
@@ -90,6 +90,8 @@ class Problem:
     hold : derivatives (indices) that keep their start value
     extra : more knowledge of derivatives, (index, value, sd), beside the priors
     rough : paths of the full form by longer steps
+    path : near which the full form's first path is looked for
+    apart : what the runs share is held, and each run's own are looked for by themselves
     """
 
     def __init__(
@@ -100,6 +102,8 @@ class Problem:
         hold: tuple[int, ...] = (),
         extra: tuple[tuple[int, float, float], ...] = (),
         rough: bool = False,
+        path: Path | None = None,
+        apart: bool = False,
     ) -> None:
         self.runs, self.form, self.speed = runs, form, speed_m_s
         self.hold, self.extra, self.rough = hold, extra, rough
@@ -119,13 +123,15 @@ class Problem:
         k2 = next((p for d in runs if (p := d.priors.derivatives.k2_m2) is not None), None)
         self.gyration = None if k2 is None else (k2.value, k2.std)
         self.free = self._free()
-        wanted = (set(range(10)) - set(hold)) | {RUN_PARAMETERS.index(c.name) for c in self._moving if c.sd.any()}
-        if any(self.free[self.own_at(i) + 6] for i in range(len(runs))):
-            wanted.add(TENSION)
-        if any(d.priors.tow_point_sd_m for d in runs):
-            wanted.add(TOW_POINT)
-        self.wanted = tuple(sorted(wanted))
-        self._guess: Guess | None = None
+        if apart:
+            self.free[self.layout.shared] = False
+        self.wanted = self._wanted()
+        self._guess = path
+
+    @property
+    def path(self) -> Path | None:
+        """The last one found, near which another problem's may be looked for; None: none, and for the linear form."""
+        return self._guess.path if isinstance(self._guess, Guess) else self._guess
 
     def own_at(self, run: int) -> int:
         """Where the run's own parameters begin."""
@@ -194,7 +200,7 @@ class Problem:
         guess = None
         if self.form == "full":
             paths, guess = full_paths(self.runs, values, self.speed, self.wanted, self._guess, self.rough)
-            if np.isfinite(guess.path).all():
+            if np.isfinite(guess.states).all():
                 self._guess = guess
         else:
             paths = linear_paths(self.runs, values, self.speed, self.wanted)
@@ -204,7 +210,9 @@ class Problem:
         """What ``evaluate`` leaves, (2, n) of every run, without its slopes."""
         values = self.run_values(theta)
         if self.form == "full":
-            paths, _ = full_paths(self.runs, values, self.speed, (), self._guess, self.rough)
+            paths, guess = full_paths(self.runs, values, self.speed, (), self._guess, self.rough)
+            if self._guess is None and np.isfinite(guess.states).all():
+                self._guess = guess
         else:
             paths = linear_paths(self.runs, values, self.speed, ())
         return [
@@ -280,7 +288,7 @@ class Problem:
             columns.append(own + 7)
             parts.append(sensitivity[:, place[TOW_POINT], None])
         for common in self._moving:
-            if common.sd.any():
+            if self.free[self.common_at[common.name]]:
                 columns.append(self.common_at[common.name])
                 parts.append(sensitivity[:, place[common.place], None] * common.slope(values)[index])
         return columns, parts
@@ -303,7 +311,8 @@ class Problem:
         if scale is not None:
             at = self.common_at[scale.name]
             factor = float(np.exp(-theta[at] * scale.sd[index]))
-            slope[columns.index(at)] -= tension * scale.sd[index]
+            if at in columns:
+                slope[columns.index(at)] -= tension * scale.sd[index]
         whole = np.zeros((width, len(tension)))
         whole[:count] = slope * factor
         return blocks.white @ (blocks.tension_n - tension * factor), whole @ blocks.white.T
@@ -348,6 +357,16 @@ class Problem:
         for common in self.commons:
             free[self.common_at[common.name]] = common in self._moving and bool(common.sd.any())
         return free
+
+    def _wanted(self) -> tuple[int, ...]:
+        """The runs' parameters whose sensitivities are asked for, rising."""
+        wanted = {*np.flatnonzero(self.free[:6]).tolist(), *range(6, 10)}
+        wanted |= {c.place for c in self._moving if self.free[self.common_at[c.name]]}
+        if any(self.free[self.own_at(i) + 6] for i in range(len(self.runs))):
+            wanted.add(TENSION)
+        if any(d.priors.tow_point_sd_m for d in self.runs):
+            wanted.add(TOW_POINT)
+        return tuple(sorted(wanted))
 
     def _tension_known(self, data: RunData) -> bool:
         """Its own tension has a prior: it is stated, or a guess like every other run's."""

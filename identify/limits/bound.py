@@ -38,11 +38,11 @@ def information(runs: list[RunData], six: Array, form: str, speed_m_s: float) ->
     """
     weights = [stated(d.covariance, d.t_s) for d in runs]
     still = tuple(range(6))
-    theta, _ = rough_optimum(runs, speed_m_s, form, start=six, hold=still)
-    fixed = Problem(runs, form, speed_m_s, still)
-    theta = np.concatenate([theta, np.zeros(fixed.size - len(theta))])
+    begin = rough_optimum(runs, speed_m_s, form, start=six, hold=still)
+    fixed = Problem(runs, form, speed_m_s, still, path=begin.path)
+    theta = np.concatenate([begin.theta, np.zeros(fixed.size - len(begin.theta))])
     theta = minimise(fixed, theta, weights).theta
-    problem = Problem(runs, form, speed_m_s)
+    problem = Problem(runs, form, speed_m_s, path=fixed.path)
     matrix, _, _ = normal(problem, theta, problem.evaluate(theta), weights)
     return matrix.dense(), problem
 

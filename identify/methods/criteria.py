@@ -76,9 +76,9 @@ def fit_criterion(
     if criterion not in CRITERIA:
         raise EstimationError(f"criterion {criterion!r}; expected {', '.join(CRITERIA)}")
     speed = check_runs(runs, form, speed_m_s)
-    theta, _ = rough_optimum(runs, speed, form)
-    problem = Problem(runs, form, speed)
-    theta = np.concatenate([theta, np.zeros(problem.size - len(theta))])
+    begin = rough_optimum(runs, speed, form)
+    problem = Problem(runs, form, speed, path=begin.path)
+    theta = np.concatenate([begin.theta, np.zeros(problem.size - len(begin.theta))])
     stated = np.mean([d.covariance.mean(axis=0) for d in runs], axis=0)
     weight = np.linalg.inv(stated) if s is None else np.asarray(s, dtype=float)
     if not np.allclose(weight, weight.T) or np.linalg.eigvalsh(weight)[0] <= 0:

@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ...record.errors import EstimationError
 from ...simulate.model import Array
@@ -82,6 +81,8 @@ def output_error(
         stated(np.broadcast_to(usual, (len(t), 2, 2)) if c is None else c, t) for c, t in zip(own, t_s, strict=True)
     ]
     weight: list[Weight] = list(plain) if whiten is None else whiten
+    from scipy.optimize import least_squares  # takes long to load, and the joint fit does without
+
     pull = np.zeros(len(start)) if prior is None else np.asarray(prior, dtype=float)
     held = np.diag(pull)[pull > 0]
     theta = np.asarray(start, dtype=float)

@@ -12,7 +12,8 @@ import numpy as np
 
 from ...simulate.model import Array
 from ..data import RunData
-from ..joint.full import Guess, full_paths
+from ..joint.full import full_paths
+from ..joint.guess import Guess
 from ..joint.parameters import COUNT, LINE_LENGTH, SPEED, STEEPEST_RAD, TENSION, TOW_POINT
 from .information import Course, Grid, Towed, commons, grid_of, planned_record, unit_tow
 from .setting import Setting, TowPlan

@@ -17,6 +17,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
+from ...record.each import Tell, in_turn
 from ...record.errors import TowlineError
 from .processes import end_with, undisturbed
 
@@ -62,6 +63,28 @@ def side_by_side(work: Callable[[Item], Answer], items: Sequence[Item], known: S
     answers: list[Any] = [None] * len(items)
     answers[0::2], answers[1::2] = own, others
     return answers
+
+
+def with_a_copy(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], tell: Tell | None = None) -> list[Any]:
+    """``Each`` by this process and a copy of it.
+
+    Parameters
+    ----------
+    call : what is called
+    arguments : of each call
+    tell : is told how far it is; the copy is taken to be as far as this process
+    """
+    here, done = os.getpid(), 0
+
+    def work(one: tuple[Any, ...]) -> Any:
+        nonlocal done
+        answer = call(*one)
+        if tell is not None and os.getpid() == here:
+            done += 1
+            tell(min(2 * done, len(arguments)))
+        return answer
+
+    return side_by_side(work, arguments) if len(arguments) > 1 and _two_cores() else in_turn(call, arguments, tell)
 
 
 def _two_cores() -> bool:
@@ -115,4 +138,4 @@ class _Unpickler(pickle.Unpickler):
         return self._known[pid]
 
 
-__all__ = ["side_by_side"]
+__all__ = ["side_by_side", "with_a_copy"]

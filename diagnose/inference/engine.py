@@ -256,7 +256,7 @@ def _refined(inference: Inference, fitted: Sequence[Fitted]) -> list[Fitted]:
     shares = (1.0, SMALL_FORCES)
     starts = [(f, share) for f in fitted for share in shares]
     forces = [f.forces.scaled(share) for f, share in starts]
-    ends = inference.fit([f.hypothesis for f, _ in starts], forces, REFIT_STEPS, ())
+    ends = inference.fit([f.hypothesis for f, _ in starts], forces, REFIT_STEPS, (), begun=[f for f, _ in starts])
     answers = []
     for k, old in enumerate(fitted):
         both = [old, *ends[k * len(shares) : (k + 1) * len(shares)]]

@@ -37,6 +37,9 @@ GROUPS = 2
 """Hypotheses are fitted in so many groups, which may run at the same time."""
 NEAR = 25.0
 """At the end the noise is estimated once more for hypotheses whose log evidence is within this of the best."""
+SETTLED = 0.02
+"""A fit whose next step promises less log evidence is at its end, and not stepped any more: its numbers are within a fifth of their
+standard deviations of where the step leads, and what it reports has that step in it already."""
 STEEP = 1e60
 """A slope beyond this belongs to a motion that grows beyond bounds."""
 LARGEST_SD = 3.0
@@ -294,24 +297,27 @@ class Inference:
         steps: int,
         noise_turns: Sequence[int] = (),
         open_turns: int = 0,
+        begun: Sequence[Fitted] = (),
     ) -> list[Fitted]:
-        """Fit several hypotheses side by side; a step that makes one worse is shortened.
+        """Fit several hypotheses side by side; a step that makes one worse is shortened, and one at its end takes none.
 
         Parameters
         ----------
         forces : start of the noise
-        steps : Gauss-Newton steps
+        steps : Gauss-Newton steps, at most
         noise_turns : steps after which the noise is estimated anew; it is again at the end, for all that come near the best
         open_turns : the first steps, in which paths stay open and every step is taken
+        begun : fits of these hypotheses, whose linear problems are the first turn's; none: it makes them
         """
         count = len(hypotheses)
         if not count:
             return []
         groups = [
-            (hypotheses[k::GROUPS], forces[k::GROUPS], steps, noise_turns, open_turns, count == 1)
+            (hypotheses[k::GROUPS], forces[k::GROUPS], steps, noise_turns, open_turns, count == 1, begun[k::GROUPS])
             for k in range(min(GROUPS, count))
         ]
         known = [self._noise, *(e for h in hypotheses for e in h.effects)]
+        known += [part for f in begun for part in (f.hypothesis, f.linear, f.grams)]
         found = self.spread(lambda group: self._turns(*group), groups, known)
         return self._with_noise([found[k % GROUPS][k // GROUPS] for k in range(count)])
 
@@ -323,15 +329,21 @@ class Inference:
         noise_turns: Sequence[int],
         open_turns: int,
         all_times: bool,
+        begun: Sequence[Fitted],
     ) -> list[Fitted]:
         current, sizes = list(hypotheses), list(forces)
         answers: list[Fitted | None] = [None] * len(hypotheses)
         shares = [1.0] * len(hypotheses)
+        first, going = max([open_turns, *noise_turns]), list(range(len(hypotheses)))
         for turn in range(steps + 1):
             estimate = turn in noise_turns and turn < steps
-            linears = self.linear(current, 0 if turn < open_turns else MOST_CLOSINGS)
-            for index, linear in enumerate(linears):
-                fitted, old = self._one_fitted(linear, sizes[index], estimate, all_times), answers[index]
+            if turn == 0 and begun:
+                problems = [(f.linear, f.grams) for f in begun]
+            else:
+                closings = 0 if turn < open_turns else MOST_CLOSINGS
+                problems = [(linear, None) for linear in self.linear([current[k] for k in going], closings)]
+            for index, (linear, grams) in zip(tuple(going), problems, strict=True):
+                fitted, old = self._one_fitted(linear, sizes[index], estimate, all_times, grams), answers[index]
                 free = turn <= open_turns or turn in noise_turns
                 if fitted is not None and (old is None or free or fitted.solved.here >= old.solved.here):
                     answers[index], shares[index] = fitted, 1.0
@@ -341,8 +353,12 @@ class Inference:
                 kept = answers[index]
                 if kept is None:
                     raise EstimationError("the motion simulated from the first fit grows beyond bounds")
-                if turn < steps:
+                if kept is fitted and turn >= first and abs(kept.promised) < SETTLED:
+                    going.remove(index)
+                elif turn < steps:
                     current[index] = self.stepped(kept, shares[index])
+            if not going:
+                break
         return [a for a in answers if a is not None]
 
     def _with_noise(self, found: Sequence[Fitted]) -> list[Fitted]:
@@ -364,12 +380,14 @@ class Inference:
                 answers[k] = self._fitted(found[k].linear, found[k].grams, *noise)
         return answers
 
-    def _one_fitted(self, linear: Linear, forces: Forces, estimate: bool, all_times: bool) -> Fitted | None:
+    def _one_fitted(
+        self, linear: Linear, forces: Forces, estimate: bool, all_times: bool, grams: Grams | None = None
+    ) -> Fitted | None:
         """The linear problem solved; the noise estimated where wished. None: it has no solution."""
         if not self._bounded(linear):
             return None
         h = linear.hypothesis
-        grams = Grams(linear.columns, self._noise or self.simulator.noise(h))
+        grams = grams or Grams(linear.columns, self._noise or self.simulator.noise(h))
         try:
             solved = self.solve(grams, h, forces)
             if estimate:

@@ -34,6 +34,9 @@ BASE_STEPS, OPEN_STEPS, REFIT_STEPS, GROSS_STEPS = 8, 3, 3, 5
 where scores are very large."""
 AT_MOST = 0.9
 """A fit whose random forces exceed this share of the largest that counts as noise explains nothing."""
+FOLLOWED = 0.2
+"""A first fit whose random forces stay below this share of the largest that counts as noise has followed the runs: no other start
+is tried. In eleven of 14 campaigns it stayed below, and the others ended no better. A choice, for time."""
 SMALL_FORCES = 0.05
 """A refinement also starts from random forces of this share of those estimated."""
 SCANNED, SCANNED_BELOW = 4, 12.0
@@ -187,7 +190,11 @@ def _first_fit(simulator: Simulator, spread: Spread) -> tuple[Hypothesis, Forces
         # of where it stands, not of where its next step points to: an end that is still on its way is none
         return found.log_evidence - found.promised, found.hypothesis, found.forces
 
-    found = [end for end in spread(ended, simulator.starts()) if end is not None]
+    first, *others = simulator.starts()
+    end = ended(first)
+    found = [end] if end is not None else []
+    if end is None or max(end[2].side_n, end[2].moment_n_m) > FOLLOWED * simulator.most_force:
+        found += [end for end in spread(ended, others) if end is not None]
     if not found:
         raise EstimationError(
             "the simulator without effects cannot follow these runs at all: its motion grows beyond bounds; for a tow: is it "

@@ -25,7 +25,7 @@ from .data import TowRun, corrected
 from .numbers import shared_numbers
 from .rates import OWN, Fields, Numbers, TowRates, tow_of
 from .seen import TowSeen
-from .variations import PROBE_N, PROBES, Variations, joined
+from .variations import PROBE_N, Variations, joined
 
 BEYOND = 4
 """Blocks after the end of the longest run: a clock that runs off may need them."""
@@ -132,9 +132,9 @@ class TowModel:
             return stepped(self._rates(numbers), self.node_s[:-1, None, None], path[:, :-1], self._half)
 
     def _slopes_of_rates(self, numbers: Numbers, path: Array) -> Array:
-        """Rates at every node, a stretch of nodes at a time: (states, nodes, runs, columns)."""
-        rates, answer = self._rates(numbers), np.empty_like(path)
-        stretch = max(1, AT_ONCE // (path.shape[2] * path.shape[3]))
+        """Rates at every node, some nodes at a time: (states, nodes, runs, columns); the path has columns or one for all."""
+        rates, answer = self._rates(numbers), np.empty((*path.shape[:3], numbers.width))
+        stretch = max(1, AT_ONCE // (path.shape[2] * numbers.width))
         with np.errstate(all="ignore"):
             for k in range(0, path.shape[1], stretch):
                 here = slice(k, k + stretch)
@@ -183,31 +183,37 @@ class TowModel:
         alone, _ = joined([g.columns((), 0) for g in groups], lags)
         whole = np.stack(paths, axis=-1)
         missed = self._step(alone, whole) - whole[:, 1:]
-        tried = [g.pushing() if numbers_too else () for g in groups]
-        blocks = [g.columns(t, size, probed=numbers_too) for g, t in zip(groups, tried, strict=True)]
-        numbers, begins = joined(blocks, lags)
-        rates = self._slopes_of_rates(numbers, _with_each_state_stepped(whole, begins, [b.width for b in blocks]))
+        base, begins = joined([g.columns((), size) for g in groups], lags)
+        rates = self._slopes_of_rates(base, _with_each_state_stepped(whole, begins, [1 + size] * len(groups)))
         most = max(g.size for g in groups) if numbers_too else 0
         shape = (len(self.node_s) - 1, len(groups), len(self.runs), size)
         transition, push = np.empty((*shape, size)), np.zeros((*shape, most + 1))
         push[..., 0] = missed.transpose(1, 3, 2, 0)
         start = np.zeros((len(groups), len(self.runs), size, most + 1))
-        for k, (group, begin, few, path) in enumerate(zip(groups, begins, tried, paths, strict=True)):
-            here, at = rates[..., begin, None], begin + 1 + size
-            by_state = ((rates[..., begin + 1 : at] - here) / STATE_STEP).transpose(1, 2, 0, 3)
-            transition[:, k], early, late = between(by_state, self._half)
+        for k, (group, begin, path) in enumerate(zip(groups, begins, paths, strict=True)):
+            by_state = (rates[..., begin + 1 : begin + 1 + size] - rates[..., begin, None]) / STATE_STEP
+            transition[:, k], early, late = between(by_state.transpose(1, 2, 0, 3), self._half)
             if not numbers_too:
                 continue
-            change = np.zeros((*by_state.shape[:3], group.size))
-            own = (rates[..., at : at + len(few)] - here) / group.steps[None, None][..., few]
-            change[..., few] = own.transpose(1, 2, 0, 3)
-            at += len(few)
-            by_force = ((rates[..., at : at + PROBES] - here) / PROBE_N).transpose(1, 2, 0, 3)
-            self._pushes(group, path, lags, by_force, change)
+            change = self._by_numbers(group, path, lags)
             push[:, k, :, :, 1 : 1 + group.size] = early @ change[:-1] + late @ change[1:]
             start[k, :, :, 0] = (group.start(lags)[0] - path[:, 0]).T
             start[k, :, :, 1 : 1 + group.size] = group.start(lags)[1].transpose(1, 0, 2)
         return transition, push, start
+
+    def _by_numbers(self, group: Variations, path: Array, lags: tuple[float, ...]) -> Array:
+        """How every number of a hypothesis changes the rates along its path: (nodes, runs, states, numbers).
+
+        The state is the same in all columns: what depends on it alone is worked out once.
+        """
+        few = group.pushing()
+        numbers, _ = joined([group.columns(few, 0, probed=True)], lags)
+        rates = self._slopes_of_rates(numbers, path[..., None])
+        change = np.zeros((*rates.shape[1:3], len(rates), group.size))
+        moved = (rates[..., 1:] - rates[..., :1]).transpose(1, 2, 0, 3)
+        change[..., few] = moved[..., : len(few)] / group.steps[None, :, None][..., few]
+        self._pushes(group, path, lags, moved[..., len(few) :] / PROBE_N, change)
+        return change
 
     def _pushes(self, group: Variations, path: Array, lags: tuple[float, ...], by_force: Array, change: Array) -> None:
         """Put in how the numbers of effects that push or pull change the rates."""

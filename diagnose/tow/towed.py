@@ -14,10 +14,10 @@ from ..effects import Effect
 from ..inference.apart import Apart
 from ..inference.grams import reduced
 from ..inference.hypothesis import FREE, Hypothesis
-from ..inference.noise import Noise
+from ..inference.noise import Noise, RunNoise
 from .data import TowRun
 from .model import TowModel
-from .noise import tow_noise
+from .noise import measured_noise, tow_noise
 from .numbers import SIX, shared_numbers
 from .rates import OWN
 from .shifts import shift_effects
@@ -78,6 +78,7 @@ class TowSimulator(TowModel):
         self.free, self.gone, self.force_scale = 6, 5.0, 1.0
         self.least: float | Array = self._shared.least
         self.modes = _modes(runs)
+        self._measured: list[RunNoise] | None = None
         self.most_force = LARGEST_FORCE_SHARE * float(np.mean([straight_pull(run)[0] for run in runs]))
 
     def starts(self) -> Sequence[Hypothesis]:
@@ -104,7 +105,9 @@ class TowSimulator(TowModel):
 
     def noise(self, hypothesis: Hypothesis) -> Noise:
         """Measurement noise, and slow random side forces and moments."""
-        return tow_noise(self.runs, hypothesis, self.speed_m_s)
+        if self._measured is None:
+            self._measured = measured_noise(self.runs)
+        return tow_noise(self.runs, hypothesis, self.speed_m_s, self._measured)
 
     def usable(self, library: Sequence[Effect]) -> tuple[list[Effect], dict[str, str]]:
         """Effects that these runs can show, and why the others cannot be judged."""

@@ -18,7 +18,7 @@ from ..effects import Effect
 from .diagnosable import Diagnosable
 from .evidence import Fitted, Inference, on_its_side
 from .grams import Grams
-from .hypothesis import Hypothesis, with_effects
+from .hypothesis import Hypothesis, form_of, with_effects
 from .noise import Forces
 from .scan import Leftover, leftover, standing_out
 from .simulator import Simulator
@@ -285,35 +285,43 @@ def screened(
     effects : to look at
     shares : of the base's random forces
     """
-    halves = [effects[k::2] for k in range(min(2, len(effects)))]
+    alike: dict[tuple[object, ...], list[Effect]] = {}
+    for effect in effects:
+        alike.setdefault(form_of(effect), []).append(effect)
+    groups = list(alike.values())
+    halves = [groups[k::2] for k in range(min(2, len(groups)))]
     answers: dict[str, float] = {}
     for part in inference.spread(lambda half: _scores(inference, base, half, shares), halves):
         answers.update(part)
     return answers
 
 
-def _scores(inference: Inference, base: Fitted, effects: Sequence[Effect], shares: Sequence[float]) -> dict[str, float]:
-    here = base.hypothesis
-    linear = inference.linear([with_effects(here, list(effects))])[0]
+def _scores(
+    inference: Inference, base: Fitted, groups: Sequence[Sequence[Effect]], shares: Sequence[float]
+) -> dict[str, float]:
+    """Of groups of effects that differ by how large they usually are alone: one slope stands for all."""
+    here, firsts = base.hypothesis, [group[0] for group in groups]
+    linear = inference.linear([with_effects(here, firsts)])[0]
     grams = Grams(linear.columns, inference.noise)
     fixed = inference.fixed(here) + here.size
     answers: dict[str, float] = {}
     # an effect's own prior stands in its score; what was measured of it is data
     prior = inference.priors(linear.hypothesis)
-    in_score = np.concatenate([np.zeros(fixed), *([q.sd**-2.0 for q in e.parameters] for e in effects)])
+    in_score = np.concatenate([np.zeros(fixed), *([q.sd**-2.0 for q in e.parameters] for e in firsts)])
     for share in shares:
         part = inference.reduced(grams, linear.hypothesis, base.forces.scaled(share))
         matrix, right = part.matrix + np.diag(prior.precision - in_score), part.right + prior.pull
         inverse = inverse_of_normal(matrix[:fixed, :fixed])
         at = fixed
-        for effect in effects:
-            own = slice(at, at + len(effect.parameters))
+        for group in groups:
+            own = slice(at, at + len(group[0].parameters))
             at = own.stop
             cross = matrix[own, :fixed] @ inverse
             left = matrix[own, own] - cross @ matrix[:fixed, own]
             pull = right[own] - cross @ right[:fixed]
-            value = _score(effect, left, pull)
-            answers[effect.label] = max(answers.get(effect.label, -np.inf), value)
+            for effect in group:
+                value = _score(effect, left, pull)
+                answers[effect.label] = max(answers.get(effect.label, -np.inf), value)
     return answers
 
 

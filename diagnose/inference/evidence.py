@@ -141,6 +141,10 @@ def on_its_side(z: float) -> float:
     return float(np.log(2) + log_ndtr(z))
 
 
+def _settled(fitted: Fitted) -> bool:
+    return abs(fitted.promised) < SETTLED
+
+
 class Inference:
     """Fits hypotheses to one campaign.
 
@@ -305,7 +309,8 @@ class Inference:
         ----------
         forces : start of the noise
         steps : Gauss-Newton steps, at most
-        noise_turns : steps after which the noise is estimated anew; it is again at the end, for all that come near the best
+        noise_turns : steps after which the noise is estimated anew, or sooner where a fit is at its end; it is again at the end,
+            for all that come near the best
         open_turns : the first steps, in which paths stay open and every step is taken
         begun : fits of these hypotheses, whose linear problems are the first turn's; none: it makes them
         """
@@ -334,17 +339,25 @@ class Inference:
         current, sizes = list(hypotheses), list(forces)
         answers: list[Fitted | None] = [None] * len(hypotheses)
         shares = [1.0] * len(hypotheses)
-        first, going = max([open_turns, *noise_turns]), list(range(len(hypotheses)))
+        going, estimated = list(range(len(hypotheses))), [not noise_turns] * len(hypotheses)
         for turn in range(steps + 1):
-            estimate = turn in noise_turns and turn < steps
             if turn == 0 and begun:
                 problems = [(f.linear, f.grams) for f in begun]
             else:
                 closings = 0 if turn < open_turns else MOST_CLOSINGS
                 problems = [(linear, None) for linear in self.linear([current[k] for k in going], closings)]
             for index, (linear, grams) in zip(tuple(going), problems, strict=True):
+                estimate = turn in noise_turns and turn < steps and not estimated[index]
                 fitted, old = self._one_fitted(linear, sizes[index], estimate, all_times, grams), answers[index]
-                free = turn <= open_turns or turn in noise_turns
+                if (
+                    fitted is not None
+                    and turn >= open_turns
+                    and not (estimated[index] or estimate)
+                    and _settled(fitted)
+                ):
+                    estimate, fitted = True, self._one_fitted(linear, sizes[index], True, all_times, fitted.grams)
+                estimated[index] |= estimate
+                free = turn <= open_turns or estimate
                 if fitted is not None and (old is None or free or fitted.solved.here >= old.solved.here):
                     answers[index], shares[index] = fitted, 1.0
                     sizes[index] = fitted.forces
@@ -353,7 +366,7 @@ class Inference:
                 kept = answers[index]
                 if kept is None:
                     raise EstimationError("the motion simulated from the first fit grows beyond bounds")
-                if kept is fitted and turn >= first and abs(kept.promised) < SETTLED:
+                if kept is fitted and turn >= open_turns and estimated[index] and _settled(kept):
                     going.remove(index)
                 elif turn < steps:
                     current[index] = self.stepped(kept, shares[index])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtrs
 
 from ...simulate.model import Array
 from .noise import Forces, Noise
@@ -43,7 +43,7 @@ class Grams:
         self._whole = np.array([m.T @ m + s.T @ s for m, s in parts])
         self._measured = np.array([noise.runs[i].log for i in self.runs])
         self._shown: dict[int, list[Array]] = {}
-        self._rest: dict[tuple[int, tuple[int, ...]], Array] = {}
+        self._stretches: dict[tuple[int, tuple[int, ...]], _Stretch] = {}
         self._last: tuple[Forces, Array, Array] | None = None
 
     def at(self, forces: Forces) -> tuple[Array, Array]:
@@ -53,21 +53,53 @@ class Grams:
         return self._last[1:]
 
     def _at(self, forces: Forces) -> tuple[Array, Array]:
-        time = forces.time
-        spaces = [self._noise.space(i, time) for i in self.runs]
-        if time not in self._shown:
-            self._shown[time] = [s.base.T @ moving for s, moving in zip(spaces, self._moving, strict=True)]
-        wide = tuple(s.wide(forces) for s in spaces)
-        shown = [p[:k] for p, k in zip(self._shown[time], wide, strict=True)]
-        if (time, wide) not in self._rest:
-            self._rest[time, wide] = self._whole - np.array([p.T @ p for p in shown])
-        whole, logs = self._rest[time, wide].copy(), self._measured.copy()
-        for k, space in enumerate(spaces):
-            lower = np.linalg.cholesky(space.covariance(forces))
-            logs[k] += 2 * float(np.log(np.diag(lower)).sum())
-            white = solve_triangular(lower, shown[k], lower=True, check_finite=False)
+        stretch = self._stretched(forces)
+        total = forces.side_n**2 * stretch.by_force[0] + forces.moment_n_m**2 * stretch.by_force[1]
+        total.reshape(len(total), -1)[:, :: total.shape[1] + 1] += 1.0
+        lower = np.linalg.cholesky(total)
+        logs = self._measured + 2 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
+        whole = stretch.rest.copy()
+        for k, (one, shown) in enumerate(zip(lower, stretch.shown, strict=True)):
+            white = _forward(one, shown)
             whole[k] += white.T @ white
         return whole, logs
+
+    def _stretched(self, forces: Forces) -> _Stretch:
+        """Where forces of this size show, of all runs side by side."""
+        time, spaces = forces.time, [self._noise.space(i, forces.time) for i in self.runs]
+        wide = tuple(s.wide(forces) for s in spaces)
+        if (time, wide) not in self._stretches:
+            if time not in self._shown:
+                self._shown[time] = [s.base.T @ moving for s, moving in zip(spaces, self._moving, strict=True)]
+            shown = np.zeros((len(spaces), max(wide), self._whole.shape[1]))
+            by_force = np.zeros((2, len(spaces), max(wide), max(wide)))
+            for i, (space, k) in enumerate(zip(spaces, wide, strict=True)):
+                shown[i, :k] = self._shown[time][i][:k]
+                by_force[:, i, :k, :k] = space.by_force[:, :k, :k]
+            self._stretches[time, wide] = _Stretch(shown, by_force, self._whole - shown.transpose(0, 2, 1) @ shown)
+        return self._stretches[time, wide]
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """The first directions in which forces of one time constant show, of all runs; nothing stands in those that a run needs not.
+
+    Attributes
+    ----------
+    shown : (runs, k, m), the columns there
+    by_force : (2, runs, k, k), covariance by a unit side force and a unit moment
+    rest : (runs, m, m), inner products of what does not show there
+    """
+
+    shown: Array
+    by_force: Array
+    rest: Array
+
+
+def _forward(lower: Array, right: Array) -> Array:
+    """Solve ``lower`` x = ``right``; the two are not looked at for what is no number."""
+    answer, _ = dtrtrs(lower.T, right, lower=0, trans=1)
+    return answer
 
 
 @dataclass(frozen=True)

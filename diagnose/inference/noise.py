@@ -79,7 +79,7 @@ class Space:
         """(k, k) of all that shows there, the measurement's own part (1) with it."""
         k = self.wide(forces)
         total = forces.side_n**2 * self.by_force[0, :k, :k] + forces.moment_n_m**2 * self.by_force[1, :k, :k]
-        total[np.diag_indices(k)] += 1.0
+        total.flat[:: k + 1] += 1.0
         return total
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from ...simulate.model import Array
 from ..effects import Effect
@@ -29,6 +30,8 @@ from .variations import PROBE_N, Variations, joined
 
 BEYOND = 4
 """Blocks after the end of the longest run: a clock that runs off may need them."""
+BEGUN_STEPS = 4
+"""Nodes to a step of a path that is closed afterwards."""
 AT_ONCE = 8000
 """Numbers of an array in the steps: what a processor's cache holds."""
 
@@ -118,6 +121,19 @@ class TowModel:
         lags = _lags(hypotheses)
         numbers, _ = joined([Variations(h, len(self.runs), self.shared_names).columns((), 0) for h in hypotheses], lags)
         return self._seen.values(numbers, np.stack(self._paths(hypotheses, lags, MOST_CLOSINGS), axis=-1))
+
+    def begun(self, h: Hypothesis) -> Hypothesis:
+        """The hypothesis with a path near its own, integrated by steps four times as long, for ``linear`` to close."""
+        lags, step = _lags([h]), BEGUN_STEPS * self._half
+        numbers, _ = joined([Variations(h, len(self.runs), self.shared_names).columns((), 0)], lags)
+        rates, count = self._rates(numbers), -(-(len(self.node_s) - 1) // BEGUN_STEPS) + 1
+        path = integrated(rates, numbers.start(), count, step)
+        t_s = step * np.arange(count)
+        with np.errstate(all="ignore"):
+            slope = rates(t_s[:, None, None], path)
+        if not (np.isfinite(path).all() and np.isfinite(slope).all()):
+            return replace(h, path=None)
+        return replace(h, path=Path(lags, CubicHermiteSpline(t_s, path, slope, axis=1)(self.node_s)[..., 0]))
 
     @property
     def _half(self) -> float:

@@ -30,6 +30,8 @@ SHORTER = 0.3
 """A step that does not improve is tried again at this share of its length."""
 FORCE_TRIALS = 16
 """Evaluations of the search for the random forces' sizes, for each of their times: a choice, for time."""
+WIDE, NARROW = 0.7, 0.1
+"""Its first steps, in logarithms of the sizes: of a search, and of one about what was found already."""
 SMALLER_TRIED, LEAST_TRIED = (1.0, 0.25, 0.06, 0.015), 3e-4
 """Where that search may begin: at these shares of the forces given, those below the second number (N or N m) left out."""
 ALL_TIMES = tuple(range(len(TIMES_S)))
@@ -101,6 +103,7 @@ class Fitted:
     solved : the last linear problem
     linear : the linearisation behind it
     grams : its inner products
+    estimated : whether the forces' sizes are those of this very linear problem
     """
 
     hypothesis: Hypothesis
@@ -109,6 +112,7 @@ class Fitted:
     solved: Solved
     linear: Linear
     grams: Grams
+    estimated: bool = False
 
     @property
     def promised(self) -> float:
@@ -263,8 +267,12 @@ class Inference:
         rest = table[:, :, 0] - table[:, :, 1:] @ np.concatenate([shared, own])
         return self.noise.whitened(run, forces, [rest])[0]
 
-    def best_forces(self, grams: Grams, h: Hypothesis, first: Forces, times: Sequence[int]) -> tuple[Forces, Solved]:
-        """Sizes and time constant (of ``times``) of the random forces by the restricted likelihood."""
+    def best_forces(
+        self, grams: Grams, h: Hypothesis, first: Forces, times: Sequence[int], near: bool = False
+    ) -> tuple[Forces, Solved]:
+        """Sizes and time constant (of ``times``) of the random forces by the restricted likelihood; ``near``: ``first`` was found
+        so about here, and its own time needs a narrow search only.
+        """
 
         def cost(logs: Array, time: int) -> float:
             forces = Forces(max(np.exp(logs[0]), SMALLEST), max(np.exp(logs[1]), SMALLEST), time)
@@ -280,12 +288,13 @@ class Inference:
             for share in SMALLER_TRIED
             if share == 1.0 or share * max(first.side_n, first.moment_n_m) > LEAST_TRIED
         ]
-        start = min(tried, key=lambda logs: cost(logs, times[0]))
+        near = near and times[0] == first.time
+        start = begun if near else min(tried, key=lambda logs: cost(logs, times[0]))
         best: tuple[float, Array, int] | None = None
         for time in times:
             found = minimize(
                 cost, start, args=(time,), method="Nelder-Mead", options={"xatol": 0.1, "fatol": 0.05, "maxfev": FORCE_TRIALS,
-                "initial_simplex": start + np.array([[0, 0], [0.7, 0], [0, 0.7]])},
+                "initial_simplex": start + (NARROW if near and time == first.time else WIDE) * np.array([[0, 0], [1, 0], [0, 1]])},
             )  # fmt: skip
             if best is None or found.fun < best[0]:
                 best = (float(found.fun), found.x, time)
@@ -382,7 +391,7 @@ class Inference:
             first = found[k].forces
             times = sorted(ALL_TIMES, key=lambda k: k != first.time)
             try:
-                return self.best_forces(found[k].grams, found[k].hypothesis, first, times)
+                return self.best_forces(found[k].grams, found[k].hypothesis, first, times, found[k].estimated)
             except np.linalg.LinAlgError:  # it stays with the noise that it has
                 return None
 
@@ -405,7 +414,7 @@ class Inference:
             solved = self.solve(grams, h, forces)
             if estimate:
                 forces, solved = self.best_forces(grams, h, forces, ALL_TIMES if all_times else (forces.time,))
-            return self._fitted(linear, grams, forces, solved)
+            return replace(self._fitted(linear, grams, forces, solved), estimated=estimate)
         except np.linalg.LinAlgError:
             return None
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dtrtrs
+from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from ...simulate.model import Array
 from .noise import Forces, Noise
@@ -42,8 +42,8 @@ class Grams:
         self._moving = [moving for moving, _ in parts]
         self._whole = np.array([m.T @ m + s.T @ s for m, s in parts])
         self._measured = np.array([noise.runs[i].log for i in self.runs])
-        self._shown: dict[int, list[Array]] = {}
-        self._stretches: dict[tuple[int, tuple[int, ...]], _Stretch] = {}
+        self._shown: dict[tuple[int, int], Array] = {}
+        self._stretches: dict[tuple[int, int, int], _Stretch] = {}
         self._last: tuple[Forces, Array, Array] | None = None
 
     def at(self, forces: Forces) -> tuple[Array, Array]:
@@ -53,53 +53,50 @@ class Grams:
         return self._last[1:]
 
     def _at(self, forces: Forces) -> tuple[Array, Array]:
-        stretch = self._stretched(forces)
-        total = forces.side_n**2 * stretch.by_force[0] + forces.moment_n_m**2 * stretch.by_force[1]
-        total.reshape(len(total), -1)[:, :: total.shape[1] + 1] += 1.0
-        lower = np.linalg.cholesky(total)
-        logs = self._measured + 2 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
-        whole = stretch.rest.copy()
-        for k, (one, shown) in enumerate(zip(lower, stretch.shown, strict=True)):
-            white = _forward(one, shown)
-            whole[k] += white.T @ white
+        whole, logs = np.empty_like(self._whole), self._measured.copy()
+        for k, part in enumerate(self._stretched(forces)):
+            # one run after the other: each fits a processor's cache
+            total = forces.side_n**2 * part.by_force[0]
+            total += forces.moment_n_m**2 * part.by_force[1]
+            total.flat[:: len(total) + 1] += 1.0
+            lower, failed = dpotrf(total.T, lower=0, overwrite_a=1, clean=0)
+            if failed:
+                raise np.linalg.LinAlgError("the noise's covariance is not positive definite")
+            logs[k] += 2 * float(np.log(np.diagonal(lower)).sum())
+            white, _ = dtrtrs(lower, part.shown, lower=0, trans=1)
+            np.add(part.rest, white.T @ white, out=whole[k])
         return whole, logs
 
-    def _stretched(self, forces: Forces) -> _Stretch:
-        """Where forces of this size show, of all runs side by side."""
-        time, spaces = forces.time, [self._noise.space(i, forces.time) for i in self.runs]
-        wide = tuple(s.wide(forces) for s in spaces)
-        if (time, wide) not in self._stretches:
-            if time not in self._shown:
-                self._shown[time] = [s.base.T @ moving for s, moving in zip(spaces, self._moving, strict=True)]
-            shown = np.zeros((len(spaces), max(wide), self._whole.shape[1]))
-            by_force = np.zeros((2, len(spaces), max(wide), max(wide)))
-            for i, (space, k) in enumerate(zip(spaces, wide, strict=True)):
-                shown[i, :k] = self._shown[time][i][:k]
-                by_force[:, i, :k, :k] = space.by_force[:, :k, :k]
-            self._stretches[time, wide] = _Stretch(shown, by_force, self._whole - shown.transpose(0, 2, 1) @ shown)
-        return self._stretches[time, wide]
+    def _stretched(self, forces: Forces) -> list[_Stretch]:
+        """Where forces of this size show in each run."""
+        found = []
+        for i, moving, whole in zip(self.runs, self._moving, self._whole, strict=True):
+            space = self._noise.space(i, forces.time)
+            key = (i, forces.time, space.wide(forces))
+            if key not in self._stretches:
+                if key[:2] not in self._shown:
+                    self._shown[key[:2]] = space.base.T @ moving
+                shown = self._shown[key[:2]][: key[2]]
+                by_force = np.ascontiguousarray(space.by_force[:, : key[2], : key[2]])
+                self._stretches[key] = _Stretch(np.asfortranarray(shown), by_force, whole - shown.T @ shown)
+            found.append(self._stretches[key])
+        return found
 
 
 @dataclass(frozen=True)
 class _Stretch:
-    """The first directions in which forces of one time constant show, of all runs; nothing stands in those that a run needs not.
+    """The first directions in which forces of one time constant show in a run.
 
     Attributes
     ----------
-    shown : (runs, k, m), the columns there
-    by_force : (2, runs, k, k), covariance by a unit side force and a unit moment
-    rest : (runs, m, m), inner products of what does not show there
+    shown : (k, m), the columns there
+    by_force : (2, k, k), covariance by a unit side force and a unit moment
+    rest : (m, m), inner products of what does not show there
     """
 
     shown: Array
     by_force: Array
     rest: Array
-
-
-def _forward(lower: Array, right: Array) -> Array:
-    """Solve ``lower`` x = ``right``; the two are not looked at for what is no number."""
-    answer, _ = dtrtrs(lower.T, right, lower=0, trans=1)
-    return answer
 
 
 @dataclass(frozen=True)

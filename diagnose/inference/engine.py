@@ -241,11 +241,13 @@ def _converged(inference: Inference, candidates: list[Candidate], base: Fitted) 
     few = [c for c in candidates[:3] if c.log_evidence > max(CLEAR, candidates[0].log_evidence - WORTH_PAIRS_BELOW)]
     if not few:
         return candidates
-    fitted = [c.fitted for c in few]
+    fitted, moving = [c.fitted for c in few], list(range(len(few)))
     for _ in range(MOST_REFINEMENTS):
-        before = [f.log_evidence for f in fitted]
-        fitted = _refined(inference, fitted)
-        if all(f.log_evidence - old < CONVERGED_GAIN for f, old in zip(fitted, before, strict=True)):
+        before = list(fitted)
+        for k, better in zip(moving, _refined(inference, [fitted[k] for k in moving]), strict=True):
+            fitted[k] = better
+        moving = [k for k in moving if fitted[k].log_evidence - before[k].log_evidence >= CONVERGED_GAIN]
+        if not moving:
             break
     better = [
         replace(c, fitted=f, log_evidence=f.log_evidence - base.log_evidence) for c, f in zip(few, fitted, strict=True)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dtrtrs
+from scipy.linalg import get_lapack_funcs
 
 from ...simulate.model import Array
 from .noise import Forces, Noise
@@ -54,16 +54,17 @@ class Grams:
 
     def _at(self, forces: Forces) -> tuple[Array, Array]:
         whole, logs = np.empty_like(self._whole), self._measured.copy()
+        potrf, trtrs = get_lapack_funcs(("potrf", "trtrs"), dtype=float)
         for k, part in enumerate(self._stretched(forces)):
             # one run after the other: each fits a processor's cache
             total = forces.side_n**2 * part.by_force[0]
             total += forces.moment_n_m**2 * part.by_force[1]
             total.flat[:: len(total) + 1] += 1.0
-            lower, failed = dpotrf(total.T, lower=0, overwrite_a=1, clean=0)
+            lower, failed = potrf(total.T, lower=0, overwrite_a=1, clean=0)
             if failed:
                 raise np.linalg.LinAlgError("the noise's covariance is not positive definite")
             logs[k] += 2 * float(np.log(np.diagonal(lower)).sum())
-            white, _ = dtrtrs(lower, part.shown, lower=0, trans=1)
+            white, _ = trtrs(lower, part.shown, lower=0, trans=1)
             np.add(part.rest, white.T @ white, out=whole[k])
         return whole, logs
 

@@ -380,7 +380,9 @@ class TowRates:
         for a in active:
             key = (a.columns.start, a.columns.stop, a.effect.lag_s)
             if key not in parts:
-                parts[key] = columns_of(self._lagging(base, a.effect, state), a.columns)
+                part = self._lagging(base, a.effect, state)
+                whole = a.columns == slice(0, self._width)
+                parts[key] = part if whole else columns_of(part, a.columns)
             yield a, parts[key]
 
     def _situation(self, t: Any, now: _Moment, y: Array | None = None) -> Situation:

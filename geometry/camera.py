@@ -86,9 +86,8 @@ class Lens:
 
     def distort(self, ideal: Array) -> Array:
         """Normalised ideal coordinates ``(n, 2)`` -> pixels ``(n, 2)``."""
-        x, y = ideal[:, 0], ideal[:, 1]
-        distorted, _ = _distorted(x, y, self.distortion)
-        return np.column_stack([self.fx_px * distorted[0] + self.cx_px, self.fy_px * distorted[1] + self.cy_px])
+        u, v = _bent(ideal[:, 0], ideal[:, 1], self.distortion)
+        return np.column_stack([self.fx_px * u + self.cx_px, self.fy_px * v + self.cy_px])
 
     def normalise(self, pixel_px: Array) -> tuple[Array, Array]:
         """Pixels ``(n, 2)`` -> normalised ideal coordinates and their derivative.
@@ -107,27 +106,46 @@ class Lens:
         pixel_px = np.asarray(pixel_px, dtype=float).reshape(-1, 2)
         target = (pixel_px - [self.cx_px, self.cy_px]) / [self.fx_px, self.fy_px]
         ideal = target.copy()
-        usable = np.isfinite(target).all(axis=1)
+        usable: Array = np.isfinite(target).all(axis=1)
         slope = np.tile(np.eye(2), (len(ideal), 1, 1))
         for _ in range(_NEWTON_STEPS):
             value, slope = _distorted(ideal[:, 0], ideal[:, 1], self.distortion)
             gap = value.T - target
-            determinant = np.linalg.det(slope[usable]) if usable.any() else np.ones(1)
-            if (determinant <= 0.05).any():
-                where = pixel_px[usable][int(np.argmin(determinant))]
+            (a, b), (c, d) = slope[:, 0].T, slope[:, 1].T
+            determinant = a * d - b * c
+            if (determinant[usable] <= 0.05).any():
+                where = pixel_px[usable][int(np.argmin(determinant[usable]))]
                 raise GeometryError(
                     f"camera.distortion: the lens model folds over at pixel ({where[0]:.0f}, {where[1]:.0f}); "
                     "k1, k2, k3 cannot be right there"
                 )
-            step = np.zeros_like(gap)
-            step[usable] = np.linalg.solve(slope[usable], gap[usable][:, :, None])[:, :, 0]
-            ideal = ideal - step
+            with np.errstate(invalid="ignore"):
+                step = (
+                    np.stack([d * gap[:, 0] - b * gap[:, 1], a * gap[:, 1] - c * gap[:, 0]], 1) / determinant[:, None]
+                )
+            ideal = ideal - np.where(usable[:, None], step, 0.0)
             if not usable.any() or np.abs(step[usable]).max() < _NEWTON_TOLERANCE:
                 break
         _, slope = _distorted(ideal[:, 0], ideal[:, 1], self.distortion)
         jacobian = np.full_like(slope, np.nan)
-        jacobian[usable] = np.linalg.inv(slope[usable]) / np.array([self.fx_px, self.fy_px])[None, None, :]
+        jacobian[usable] = inverse_2x2(slope[usable]) / np.array([self.fx_px, self.fy_px])[None, None, :]
         return ideal, jacobian
+
+
+def inverse_2x2(matrices: Array) -> Array:
+    """Inverse of ``(..., 2, 2)``; NaN passes through (LAPACK would raise or be slow on it).
+
+    Parameters
+    ----------
+    matrices : to invert
+    """
+    a, b, c, d = matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 0], matrices[..., 1, 1]
+    answer = np.empty_like(matrices)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = 1 / (a * d - b * c)
+        answer[..., 0, 0], answer[..., 0, 1] = d * scale, -b * scale
+        answer[..., 1, 0], answer[..., 1, 1] = -c * scale, a * scale
+    return answer
 
 
 def _distorted(x: Array, y: Array, coefficients: Array) -> tuple[Array, Array]:
@@ -136,14 +154,22 @@ def _distorted(x: Array, y: Array, coefficients: Array) -> tuple[Array, Array]:
     square = x * x + y * y
     radial = 1 + square * (k1 + square * (k2 + square * k3))
     by_square = k1 + square * (2 * k2 + 3 * square * k3)
-    u = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x)
-    v = y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y
     slope = np.empty((len(x), 2, 2))
     slope[:, 0, 0] = radial + 2 * x * x * by_square + 2 * p1 * y + 6 * p2 * x
     slope[:, 0, 1] = 2 * x * y * by_square + 2 * p1 * x + 2 * p2 * y
     slope[:, 1, 0] = slope[:, 0, 1]
     slope[:, 1, 1] = radial + 2 * y * y * by_square + 6 * p1 * y + 2 * p2 * x
-    return np.stack([u, v]), slope
+    return np.stack(_bent(x, y, coefficients)), slope
+
+
+def _bent(x: Array, y: Array, coefficients: Array) -> tuple[Array, Array]:
+    """OpenCV's distortion alone, (n,) each."""
+    k1, k2, p1, p2, k3 = coefficients
+    square = x * x + y * y
+    radial = 1 + square * (k1 + square * (k2 + square * k3))
+    u = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x)
+    v = y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y
+    return u, v
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
 
-from .camera import Array, Lens
+from .camera import Array, Lens, inverse_2x2
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,10 @@ class ProjectiveMapping:
     matrix_modes: Array
     lens_modes: Array = field(default_factory=lambda: np.zeros((0, 9)))
 
+    def exact(self) -> ProjectiveMapping:
+        """The same camera without its uncertainty: places have no modes, and cost a third."""
+        return replace(self, matrix_modes=self.matrix_modes[:0], lens_modes=self.lens_modes[:0])
+
     def to_pixel(self, tank_m: Array) -> Array:
         """Tank points ``(n, 3)`` -> pixels ``(n, 2)``."""
         seen = _homogeneous(np.asarray(tank_m, dtype=float).reshape(-1, 3)) @ self.matrix.T
@@ -90,21 +94,14 @@ class ProjectiveMapping:
         seen = point @ self.matrix.T
         scale = seen[:, 2]
         forward = (plane[None, :2, :2] - ideal[:, :, None] * plane[None, 2:, :2]) / scale[:, None, None]
-        inverse = _inverse_2x2(forward)
-        moved = np.einsum("kij,nj->kni", self.matrix_modes, point)
+        inverse = inverse_2x2(forward)
+        moved = point @ self.matrix_modes.transpose(0, 2, 1)
         moved = (moved[:, :, :2] - ideal[None] * moved[:, :, 2:]) / scale[None, :, None]
         if len(self.lens_modes):
             # a pixel stands still while the lens moves: its ideal place moves the other way
             _, per_ideal, per_lens = self.lens.slopes(ideal)
-            moved += np.einsum("nij,njl,kl->kni", _inverse_2x2(per_ideal), per_lens, self.lens_modes)
+            moved += np.einsum("nij,njl,kl->kni", inverse_2x2(per_ideal), per_lens, self.lens_modes)
         return Places(xy, inverse @ ideal_per_px, -np.einsum("nij,knj->kni", inverse, moved))
-
-
-def _inverse_2x2(matrices: Array) -> Array:
-    """Inverse of ``(n, 2, 2)``; NaN passes through (LAPACK would raise or be slow on it)."""
-    a, b, c, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.stack([np.stack([d, -b], -1), np.stack([-c, a], -1)], -2) / (a * d - b * c)[:, None, None]
 
 
 def _homogeneous(points: Array) -> Array:

@@ -61,6 +61,26 @@ class Poses:
     notes: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class Framed:
+    """Tracks by frame, in pixels: what no other camera, depth or place changes.
+
+    Attributes
+    ----------
+    frames, t_s : (n,)
+    pixel_px, sigma_px : (n, m, 2) of all marks; NaN where not measured
+    lags : (k, n, m, 2), pulls of the codec
+    notes : assumptions, for the user
+    """
+
+    frames: Array
+    t_s: Array
+    pixel_px: Array
+    sigma_px: Array
+    lags: Array
+    notes: tuple[str, ...]
+
+
 def poses_from_tracks(
     run: Run,
     tracks: pd.DataFrame,
@@ -85,6 +105,22 @@ def poses_from_tracks(
     ------
     InputError : the tracks hold no marker of run.toml, or never two at once; or run.toml has one alone on the model
     """
+    return poses_of(run, framed(run, tracks, fit, datum_tracks), mapping, pulled)
+
+
+def framed(
+    run: Run, tracks: pd.DataFrame, fit: DatumFit | None = None, datum_tracks: pd.DataFrame | None = None
+) -> Framed:
+    """Put the tracks of all marks side by side, the camera's turns taken out.
+
+    Parameters
+    ----------
+    run, tracks, fit, datum_tracks : as ``poses_from_tracks`` takes
+
+    Raises
+    ------
+    InputError : the tracks hold no marker of run.toml, or it has one alone on the model
+    """
     everyone = run.file.marker
     if (missing := missing_with_one(run)) is not None:
         raise InputError(run.folder / RUN_FILE, "marker", missing)
@@ -97,6 +133,23 @@ def poses_from_tracks(
     if any(p.track for p in run.file.datum) and fit is not None:
         pixel, sigma, note = _without_shake(datum_tracks, run, fit, frames, pixel, sigma)
         notes.append(note)
+    return Framed(frames, times, pixel, sigma, lags, tuple(notes))
+
+
+def poses_of(run: Run, tracks: Framed, mapping: Mapping, pulled: bool = False) -> Poses:
+    """Map what ``framed`` gives into the tank and fit the rigid model in every frame.
+
+    Parameters
+    ----------
+    run, mapping, pulled : as ``poses_from_tracks`` takes
+    tracks : by frame
+
+    Raises
+    ------
+    InputError : never two marks at once
+    """
+    everyone = run.file.marker
+    pixel, sigma, frames, times, lags = tracks.pixel_px, tracks.sigma_px, tracks.frames, tracks.t_s, tracks.lags
     place, covariance, modes, per_px = _places(run, mapping, everyone, pixel, sigma, lags)
     on_model = np.array([m.on == "model" for m in everyone])
     markers = tuple(m for m in everyone if m.on == "model")
@@ -133,7 +186,7 @@ def poses_from_tracks(
         rigid,
         pose_modes,
         slow,
-        tuple(notes),
+        tracks.notes,
     )
 
 
@@ -252,7 +305,8 @@ def _places(
         spread = found.per_px * sigma[:, index][:, None, :]
         covariance[:, index] = spread @ spread.transpose(0, 2, 1)
         shared.append(found.modes_m)
-        lagging[:, :, index] = np.einsum("nij,knj->kni", found.per_px, lags[:, :, index])
+        if len(lags):
+            lagging[:, :, index] = np.einsum("nij,knj->kni", found.per_px, lags[:, :, index])
         if depth_sd:
             lower = mapping.to_tank(pixel[:, index], marker.depth_m + _DEPTH_STEP_M).xy_m
             mode = np.zeros((1, n, len(markers), 2))
@@ -271,4 +325,13 @@ def _body_modes(run: Run, rigid: RigidFit, body: Array) -> Array:
     return modes * run.file.priors.marker_place_sd_m
 
 
-__all__ = ["LAG_COLUMN", "Poses", "missing_with_one", "poses_from_tracks", "without_lags"]
+__all__ = [
+    "LAG_COLUMN",
+    "Framed",
+    "Poses",
+    "framed",
+    "missing_with_one",
+    "poses_from_tracks",
+    "poses_of",
+    "without_lags",
+]

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .camera import Array
+from .camera import Array, inverse_2x2
 
 _STEPS = 6
-"""Gauss-Newton steps from the Procrustes start, always all of them: convergence is quadratic, as no residual is
-large."""
+"""Gauss-Newton steps from the Procrustes start, at most: convergence is quadratic, as no residual is large."""
+_SMALLEST_STEP = 1e-12
+"""m and rad: the next step would be its square."""
 
 
 @dataclass(frozen=True)
@@ -55,21 +56,29 @@ def fit_rigid(place_m: Array, covariance_m2: Array, body_m: Array) -> RigidFit:
     mask = good[usable]
     place = np.where(mask[:, :, None], place_m[usable], 0.0)
     matrix = np.where(mask[:, :, None, None], covariance_m2[usable], np.eye(2))
-    weight = np.linalg.inv(matrix) * mask[:, :, None, None]
+    weight = inverse_2x2(matrix) * mask[:, :, None, None]
     state = _procrustes(place, mask, body_m)
     for _ in range(_STEPS):
-        gap, slope = _residual(state, place, body_m)
-        normal = np.einsum("nmia,nmij,nmjb->nab", slope, weight, slope)
-        right = np.einsum("nmia,nmij,nmj->na", slope, weight, gap)
-        state = state + np.linalg.solve(normal, right[:, :, None])[:, :, 0]
-    gap, slope = _residual(state, place, body_m)
-    normal = np.einsum("nmia,nmij,nmjb->nab", slope, weight, slope)
+        normal, right, _, _ = _normal(state, place, body_m, weight)
+        step = np.linalg.solve(normal, right)[:, :, 0]
+        state = state + step
+        if np.abs(step).max() < _SMALLEST_STEP:
+            break
+    normal, _, gap, pull = _normal(state, place, body_m, weight)
     inverse = np.linalg.inv(normal)
     pose[usable] = state
     covariance[usable] = inverse
-    gain[usable] = np.einsum("nab,nmib,nmij->namj", inverse, slope, weight)
-    chi_square[usable] = np.einsum("nmi,nmij,nmj->n", gap, weight, gap)
+    gain[usable] = (inverse @ pull).reshape(-1, 3, len(body_m), 2)
+    chi_square[usable] = (gap * (weight @ gap[..., None])[..., 0]).sum(axis=(1, 2))
     return RigidFit(pose, covariance, gain, chi_square, seen)
+
+
+def _normal(state: Array, place: Array, body: Array, weight: Array) -> tuple[Array, Array, Array, Array]:
+    """Normal matrix (n, 3, 3), its right side (n, 3, 1), gaps (n, m, 2) and weighted slopes (n, 3, 2m)."""
+    gap, slope = _residual(state, place, body)
+    rows = slope.reshape(len(gap), -1, 3)
+    pull = (weight @ slope).reshape(rows.shape).transpose(0, 2, 1)
+    return pull @ rows, pull @ gap.reshape(len(gap), -1, 1), gap, pull
 
 
 def _residual(state: Array, place: Array, body: Array) -> tuple[Array, Array]:

@@ -100,7 +100,7 @@ class Hull:
         ratio = speed_m_s / self.speed_m_s
         damping = {name: getattr(self, name) * ratio for name in ("y_v", "y_r_minus_mu", "n_v", "n_r")}
         force = {name: getattr(self, name) for name in ("y_delta", "n_delta", "y_bias_n", "n_bias_n_m")}
-        force = {name: value * ratio**2 for name, value in force.items() if np.any(value)}
+        force = {name: value * ratio**2 for name, value in force.items() if not _nothing(value)}
         return replace(self, speed_m_s=speed_m_s, **damping, **force)
 
 
@@ -169,6 +169,11 @@ class Tow:
 Kind = TypeVar("Kind", "Hull", "Tow")
 
 
+def _nothing(value: Any) -> bool:
+    """Whether a number, or every one of an array, is 0: terms of it are left out."""
+    return value == 0.0 if isinstance(value, float) else not np.any(value)
+
+
 def side_by_side(kind: type[Kind], **numbers: Any) -> Kind:
     """A ``Hull`` or a ``Tow`` of many runs at once: its numbers may be arrays that broadcast, which every equation here takes.
 
@@ -207,7 +212,7 @@ def sway_yaw_acceleration(hull: Hull, v, r, side_force, moment):
 
 def accelerated(hull: Hull, side_force, moment):
     """v' and r' under the whole side force and moment; added masses and their cross terms only."""
-    if not np.any(hull.y_rdot) and not np.any(hull.n_vdot):
+    if _nothing(hull.y_rdot) and _nothing(hull.n_vdot):
         return side_force / hull.m_minus_y_vdot, moment / hull.i_minus_n_rdot
     determinant = hull.m_minus_y_vdot * hull.i_minus_n_rdot - hull.y_rdot * hull.n_vdot
     return (
@@ -249,19 +254,31 @@ def surge_force(hull: Hull, resistance_n, speed_ratio, v, r):
     return -resistance_n * speed_ratio * size + v * (hull.x_vv_kg_m * v + hull.x_vr_kg * r) + hull.x_rr_kg_m * r * r
 
 
-def line_angle_rate(tow: Tow, beta, v, r, cosine, post_rate: Array | float = 0.0):
-    """a' = (v + X_T r + U sin b - y_o' cos b)/(L cos(a+b)) (theory.md 9.1), rad/s; ``cosine`` of alpha + beta."""
-    return (v + tow.tow_point_m * r + tow.speed_m_s * np.sin(beta) - post_rate * np.cos(beta)) / (
-        tow.line_length_m * cosine
-    )
+def line_angle_rate(tow: Tow, beta, v, r, cosine, post_rate: Array | float = 0.0, heading=None):
+    """a' = (v + X_T r + U sin b - y_o' cos b)/(L cos(a+b)) (theory.md 9.1), rad/s; ``cosine`` of alpha + beta.
+
+    ``heading``: sin b and cos b, where they are known already.
+    """
+    sin_b = np.sin(beta) if heading is None else heading[0]
+    across = v + tow.tow_point_m * r + tow.speed_m_s * sin_b
+    if not _nothing(post_rate):
+        across = across - post_rate * (np.cos(beta) if heading is None else heading[1])
+    return across / (tow.line_length_m * cosine)
 
 
 def forward_speed(tow: Tow, alpha, beta, v, r, post_rate: Array | float = 0.0, turn=None):
     """u of a model on a line that keeps its length: U cos b + L a' sin(a+b) + Y_T r + y_o' sin b (theory.md 10), m/s."""
+    sine, cosine, heading = np.sin(alpha + beta), np.cos(alpha + beta), (np.sin(beta), np.cos(beta))
     if turn is None:
-        turn = line_angle_rate(tow, beta, v, r, np.cos(alpha + beta), post_rate)
-    along = tow.speed_m_s * np.cos(beta) + post_rate * np.sin(beta)
-    return along + tow.line_length_m * turn * np.sin(alpha + beta) + tow.tow_point_offset_m * r
+        turn = line_angle_rate(tow, beta, v, r, cosine, post_rate, heading)
+    return _forward_speed(tow, r, turn, sine, heading, post_rate)
+
+
+def _forward_speed(tow: Tow, r, turn, sine, heading, post_rate):
+    along = tow.speed_m_s * heading[1] + tow.line_length_m * turn * sine
+    for part, of in ((tow.tow_point_offset_m, r), (post_rate, heading[0])):
+        along = along if _nothing(part) else along + part * of
+    return along
 
 
 @dataclass(frozen=True)
@@ -296,24 +313,34 @@ def full_state(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = None
     """
     alpha, beta, v, r = state
     _, post_rate = tow.post_motion(t_s)
-    sine, cosine = np.sin(alpha + beta), np.cos(alpha + beta)
-    turn = line_angle_rate(tow, beta, v, r, cosine, post_rate)
+    angle, heading = alpha + beta, (np.sin(beta), np.cos(beta))
+    sine, cosine = np.sin(angle), np.cos(angle)
+    turn = line_angle_rate(tow, beta, v, r, cosine, post_rate, heading)
     more = (0.0, 0.0) if extra is None else extra(t_s, full_y_cg(t_s, alpha, beta, tow), beta, v, r, alpha)
     if tow.line == "constant":
         tension, u = tow.tension(alpha), tow.speed_m_s
         side, moment = line_force(tow, tension, sine, cosine)
         y_0, n_0 = constant_force(hull, tow.rudder_rad)
         v_rate, r_rate = sway_yaw_acceleration(hull, v, r, side + y_0 + more[0], moment + n_0 + more[1])
-        return Taut(np.array([turn, r, v_rate, r_rate]), tension, u)
-    u = forward_speed(tow, alpha, beta, v, r, post_rate, turn)
+        return Taut(_together(turn, r, v_rate, r_rate), tension, u)
+    u = _forward_speed(tow, r, turn, sine, heading, post_rate)
     v_free, r_free, push = _coasting(hull, tow, u, v, r, more)
     v_pull, r_pull = accelerated(hull, *line_force(tow, 1.0, sine, cosine))
-    by_v, by_r = sine / cosine, tow.tow_point_m * sine / cosine + tow.tow_point_offset_m
+    by_v = sine / cosine
+    by_r = tow.tow_point_m * by_v + tow.tow_point_offset_m
     mass = surge_mass(hull)
-    needed = surge_rate_of_line(t_s, state, turn, sine, cosine, tow, post_rate) + by_v * v_free + by_r * r_free
+    needed = surge_rate_of_line(t_s, state, turn, by_v, cosine, tow, post_rate, heading) + by_v * v_free + by_r * r_free
     tension = (mass * needed - push) / (cosine - mass * (by_v * v_pull + by_r * r_pull))
-    rates = np.array([turn, r, v_free + tension * v_pull, r_free + tension * r_pull])
+    rates = _together(turn, r, v_free + tension * v_pull, r_free + tension * r_pull)
     return Taut(rates, tension, u)
+
+
+def _together(turn, r, v_rate, r_rate) -> Array:
+    """(4, ...): r is a state, and may have fewer columns than what follows from it."""
+    shape = np.broadcast_shapes(np.shape(turn), np.shape(r), np.shape(v_rate), np.shape(r_rate))
+    rates = np.empty((4, *shape), dtype=np.result_type(turn, r, v_rate, r_rate))
+    rates[0], rates[1], rates[2], rates[3] = turn, r, v_rate, r_rate
+    return rates
 
 
 def full_rates(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = None):
@@ -329,13 +356,16 @@ def _coasting(hull: Hull, tow: Tow, u, v, r, more):
     return v_free, r_free, surge_force(hull, tow.resistance, u / hull.speed_m_s, v, r) + hull.mass_kg * v * r
 
 
-def surge_rate_of_line(t_s, state, turn, sine, cosine, tow: Tow, post_rate):
-    """K_0: u' of a line that keeps its length, at v' = r' = 0 (theory.md 10), m/s2; ``turn``: alpha'."""
-    _, beta, _, r = state
-    sin_b, cos_b, speed, by_v = np.sin(beta), np.cos(beta), tow.speed_m_s, sine / cosine
-    found = tow.speed_rate_m_s2 * (cos_b + by_v * sin_b) + speed * r * (by_v * cos_b - sin_b)
-    found = found + tow.line_length_m * turn * (turn + r) / cosine
-    if np.any(post_rate) or np.any(tow.post_amplitude_m):
+def surge_rate_of_line(t_s, state, turn, by_v, cosine, tow: Tow, post_rate, heading):
+    """K_0: u' of a line that keeps its length, at v' = r' = 0 (theory.md 10), m/s2.
+
+    ``turn``: alpha'; ``by_v``: tan(alpha + beta); ``heading``: sin and cos of beta.
+    """
+    r, (sin_b, cos_b) = state[3], heading
+    found = tow.speed_m_s * r * (by_v * cos_b - sin_b) + tow.line_length_m * turn * (turn + r) / cosine
+    if not _nothing(tow.speed_rate_m_s2):
+        found = found + tow.speed_rate_m_s2 * (cos_b + by_v * sin_b)
+    if not _nothing(post_rate) or not _nothing(tow.post_amplitude_m):
         gust = tow.post_acceleration(t_s)
         found = found + gust * (sin_b - by_v * cos_b) + post_rate * r * (cos_b + by_v * sin_b)
     return found

@@ -30,6 +30,8 @@ SHORTER = 0.3
 """A step that does not improve is tried again at this share of its length."""
 FORCE_TRIALS = 16
 """Evaluations of the search for the random forces' sizes, for each of their times: a choice, for time."""
+WIDE, NARROW = 0.7, 0.1
+"""Its first steps, in logarithms of the sizes: of a search, and of one about what was found already."""
 SMALLER_TRIED, LEAST_TRIED = (1.0, 0.25, 0.06, 0.015), 3e-4
 """Where that search may begin: at these shares of the forces given, those below the second number (N or N m) left out."""
 ALL_TIMES = tuple(range(len(TIMES_S)))
@@ -37,6 +39,9 @@ GROUPS = 2
 """Hypotheses are fitted in so many groups, which may run at the same time."""
 NEAR = 25.0
 """At the end the noise is estimated once more for hypotheses whose log evidence is within this of the best."""
+SETTLED = 0.02
+"""A fit whose next step promises less log evidence is at its end, and not stepped any more: its numbers are within a fifth of their
+standard deviations of where the step leads, and what it reports has that step in it already."""
 STEEP = 1e60
 """A slope beyond this belongs to a motion that grows beyond bounds."""
 LARGEST_SD = 3.0
@@ -102,6 +107,7 @@ class Fitted:
     solved : the last linear problem
     linear : the linearisation behind it
     grams : its inner products
+    estimated : whether the forces' sizes are those of this very linear problem
     """
 
     hypothesis: Hypothesis
@@ -110,6 +116,7 @@ class Fitted:
     solved: Solved
     linear: Linear
     grams: Grams
+    estimated: bool = False
 
     @property
     def promised(self) -> float:
@@ -140,6 +147,10 @@ def on_its_side(z: float) -> float:
     deviations on its side, is there.
     """
     return float(np.log(2) + log_ndtr(z))
+
+
+def _settled(fitted: Fitted) -> bool:
+    return abs(fitted.promised) < SETTLED
 
 
 class Inference:
@@ -284,8 +295,12 @@ class Inference:
         rest = table[:, :, 0] - table[:, :, 1:] @ np.concatenate([shared, own])
         return self.noise.whitened(run, forces, [rest])[0]
 
-    def best_forces(self, grams: Grams, h: Hypothesis, first: Forces, times: Sequence[int]) -> tuple[Forces, Solved]:
-        """Sizes and time constant (of ``times``) of the random forces by the restricted likelihood."""
+    def best_forces(
+        self, grams: Grams, h: Hypothesis, first: Forces, times: Sequence[int], near: bool = False
+    ) -> tuple[Forces, Solved]:
+        """Sizes and time constant (of ``times``) of the random forces by the restricted likelihood; ``near``: ``first`` was found
+        so about here, and its own time needs a narrow search only.
+        """
 
         def cost(logs: Array, time: int) -> float:
             forces = Forces(max(np.exp(logs[0]), SMALLEST), max(np.exp(logs[1]), SMALLEST), time)
@@ -301,12 +316,13 @@ class Inference:
             for share in SMALLER_TRIED
             if share == 1.0 or share * max(first.side_n, first.moment_n_m) > LEAST_TRIED
         ]
-        start = min(tried, key=lambda logs: cost(logs, times[0]))
+        near = near and times[0] == first.time
+        start = begun if near else min(tried, key=lambda logs: cost(logs, times[0]))
         best: tuple[float, Array, int] | None = None
         for time in times:
             found = minimize(
                 cost, start, args=(time,), method="Nelder-Mead", options={"xatol": 0.1, "fatol": 0.05, "maxfev": FORCE_TRIALS,
-                "initial_simplex": start + np.array([[0, 0], [0.7, 0], [0, 0.7]])},
+                "initial_simplex": start + (NARROW if near and time == first.time else WIDE) * np.array([[0, 0], [1, 0], [0, 1]])},
             )  # fmt: skip
             if best is None or found.fun < best[0]:
                 best = (float(found.fun), found.x, time)
@@ -322,24 +338,28 @@ class Inference:
         steps: int,
         noise_turns: Sequence[int] = (),
         open_turns: int = 0,
+        begun: Sequence[Fitted] = (),
     ) -> list[Fitted]:
-        """Fit several hypotheses side by side; a step that makes one worse is shortened.
+        """Fit several hypotheses side by side; a step that makes one worse is shortened, and one at its end takes none.
 
         Parameters
         ----------
         forces : start of the noise
-        steps : Gauss-Newton steps
-        noise_turns : steps after which the noise is estimated anew; it is again at the end, for all that come near the best
+        steps : Gauss-Newton steps, at most
+        noise_turns : steps after which the noise is estimated anew, or sooner where a fit is at its end; it is again at the end,
+            for all that come near the best
         open_turns : the first steps, in which paths stay open and every step is taken
+        begun : fits of these hypotheses, whose linear problems are the first turn's; none: it makes them
         """
         count = len(hypotheses)
         if not count:
             return []
         groups = [
-            (hypotheses[k::GROUPS], forces[k::GROUPS], steps, noise_turns, open_turns, count == 1)
+            (hypotheses[k::GROUPS], forces[k::GROUPS], steps, noise_turns, open_turns, count == 1, begun[k::GROUPS])
             for k in range(min(GROUPS, count))
         ]
         known = [self._noise, *(e for h in hypotheses for e in h.effects)]
+        known += [part for f in begun for part in (f.hypothesis, f.linear, f.grams)]
         found = self.spread(lambda group: self._turns(*group), groups, known)
         return self._with_noise([found[k % GROUPS][k // GROUPS] for k in range(count)])
 
@@ -351,16 +371,30 @@ class Inference:
         noise_turns: Sequence[int],
         open_turns: int,
         all_times: bool,
+        begun: Sequence[Fitted],
     ) -> list[Fitted]:
         current, sizes = list(hypotheses), list(forces)
         answers: list[Fitted | None] = [None] * len(hypotheses)
         shares = [1.0] * len(hypotheses)
+        going, estimated = list(range(len(hypotheses))), [not noise_turns] * len(hypotheses)
         for turn in range(steps + 1):
-            estimate = turn in noise_turns and turn < steps
-            linears = self.linear(current, 0 if turn < open_turns else MOST_CLOSINGS)
-            for index, linear in enumerate(linears):
-                fitted, old = self._one_fitted(linear, sizes[index], estimate, all_times), answers[index]
-                free = turn <= open_turns or turn in noise_turns
+            if turn == 0 and begun:
+                problems = [(f.linear, f.grams) for f in begun]
+            else:
+                closings = 0 if turn < open_turns else MOST_CLOSINGS
+                problems = [(linear, None) for linear in self.linear([current[k] for k in going], closings)]
+            for index, (linear, grams) in zip(tuple(going), problems, strict=True):
+                estimate = turn in noise_turns and turn < steps and not estimated[index]
+                fitted, old = self._one_fitted(linear, sizes[index], estimate, all_times, grams), answers[index]
+                if (
+                    fitted is not None
+                    and turn >= open_turns
+                    and not (estimated[index] or estimate)
+                    and _settled(fitted)
+                ):
+                    estimate, fitted = True, self._one_fitted(linear, sizes[index], True, all_times, fitted.grams)
+                estimated[index] |= estimate
+                free = turn <= open_turns or estimate
                 if fitted is not None and (old is None or free or fitted.solved.here >= old.solved.here):
                     answers[index], shares[index] = fitted, 1.0
                     sizes[index] = fitted.forces
@@ -369,8 +403,12 @@ class Inference:
                 kept = answers[index]
                 if kept is None:
                     raise EstimationError("the motion simulated from the first fit grows beyond bounds")
-                if turn < steps:
+                if kept is fitted and turn >= open_turns and estimated[index] and _settled(kept):
+                    going.remove(index)
+                elif turn < steps:
                     current[index] = self.stepped(kept, shares[index])
+            if not going:
+                break
         return [a for a in answers if a is not None]
 
     def _with_noise(self, found: Sequence[Fitted]) -> list[Fitted]:
@@ -381,7 +419,7 @@ class Inference:
             first = found[k].forces
             times = sorted(ALL_TIMES, key=lambda k: k != first.time)
             try:
-                return self.best_forces(found[k].grams, found[k].hypothesis, first, times)
+                return self.best_forces(found[k].grams, found[k].hypothesis, first, times, found[k].estimated)
             except np.linalg.LinAlgError:  # it stays with the noise that it has
                 return None
 
@@ -392,17 +430,19 @@ class Inference:
                 answers[k] = self._fitted(found[k].linear, found[k].grams, *noise)
         return answers
 
-    def _one_fitted(self, linear: Linear, forces: Forces, estimate: bool, all_times: bool) -> Fitted | None:
+    def _one_fitted(
+        self, linear: Linear, forces: Forces, estimate: bool, all_times: bool, grams: Grams | None = None
+    ) -> Fitted | None:
         """The linear problem solved; the noise estimated where wished. None: it has no solution."""
         if not self._bounded(linear):
             return None
         h = linear.hypothesis
-        grams = Grams(linear.columns, self._noise or self.simulator.noise(h))
+        grams = grams or Grams(linear.columns, self._noise or self.simulator.noise(h))
         try:
             solved = self.solve(grams, h, forces)
             if estimate:
                 forces, solved = self.best_forces(grams, h, forces, ALL_TIMES if all_times else (forces.time,))
-            return self._fitted(linear, grams, forces, solved)
+            return replace(self._fitted(linear, grams, forces, solved), estimated=estimate)
         except np.linalg.LinAlgError:
             return None
 

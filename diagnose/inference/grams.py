@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import get_lapack_funcs
 
 from ...simulate.model import Array
 from .noise import Forces, Noise
@@ -42,8 +42,8 @@ class Grams:
         self._moving = [moving for moving, _ in parts]
         self._whole = np.array([m.T @ m + s.T @ s for m, s in parts])
         self._measured = np.array([noise.runs[i].log for i in self.runs])
-        self._shown: dict[int, list[Array]] = {}
-        self._rest: dict[tuple[int, tuple[int, ...]], Array] = {}
+        self._shown: dict[tuple[int, int], Array] = {}
+        self._stretches: dict[tuple[int, int, int], _Stretch] = {}
         self._last: tuple[Forces, Array, Array] | None = None
 
     def at(self, forces: Forces) -> tuple[Array, Array]:
@@ -53,21 +53,51 @@ class Grams:
         return self._last[1:]
 
     def _at(self, forces: Forces) -> tuple[Array, Array]:
-        time = forces.time
-        spaces = [self._noise.space(i, time) for i in self.runs]
-        if time not in self._shown:
-            self._shown[time] = [s.base.T @ moving for s, moving in zip(spaces, self._moving, strict=True)]
-        wide = tuple(s.wide(forces) for s in spaces)
-        shown = [p[:k] for p, k in zip(self._shown[time], wide, strict=True)]
-        if (time, wide) not in self._rest:
-            self._rest[time, wide] = self._whole - np.array([p.T @ p for p in shown])
-        whole, logs = self._rest[time, wide].copy(), self._measured.copy()
-        for k, space in enumerate(spaces):
-            lower = np.linalg.cholesky(space.covariance(forces))
-            logs[k] += 2 * float(np.log(np.diag(lower)).sum())
-            white = solve_triangular(lower, shown[k], lower=True, check_finite=False)
-            whole[k] += white.T @ white
+        whole, logs = np.empty_like(self._whole), self._measured.copy()
+        potrf, trtrs = get_lapack_funcs(("potrf", "trtrs"), dtype=float)
+        for k, part in enumerate(self._stretched(forces)):
+            # one run after the other: each fits a processor's cache
+            total = forces.side_n**2 * part.by_force[0]
+            total += forces.moment_n_m**2 * part.by_force[1]
+            total.flat[:: len(total) + 1] += 1.0
+            lower, failed = potrf(total.T, lower=0, overwrite_a=1, clean=0)
+            if failed:
+                raise np.linalg.LinAlgError("the noise's covariance is not positive definite")
+            logs[k] += 2 * float(np.log(np.diagonal(lower)).sum())
+            white, _ = trtrs(lower, part.shown, lower=0, trans=1)
+            np.add(part.rest, white.T @ white, out=whole[k])
         return whole, logs
+
+    def _stretched(self, forces: Forces) -> list[_Stretch]:
+        """Where forces of this size show in each run."""
+        found = []
+        for i, moving, whole in zip(self.runs, self._moving, self._whole, strict=True):
+            space = self._noise.space(i, forces.time)
+            key = (i, forces.time, space.wide(forces))
+            if key not in self._stretches:
+                if key[:2] not in self._shown:
+                    self._shown[key[:2]] = space.base.T @ moving
+                shown = self._shown[key[:2]][: key[2]]
+                by_force = np.ascontiguousarray(space.by_force[:, : key[2], : key[2]])
+                self._stretches[key] = _Stretch(np.asfortranarray(shown), by_force, whole - shown.T @ shown)
+            found.append(self._stretches[key])
+        return found
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """The first directions in which forces of one time constant show in a run.
+
+    Attributes
+    ----------
+    shown : (k, m), the columns there
+    by_force : (2, k, k), covariance by a unit side force and a unit moment
+    rest : (m, m), inner products of what does not show there
+    """
+
+    shown: Array
+    by_force: Array
+    rest: Array
 
 
 @dataclass(frozen=True)

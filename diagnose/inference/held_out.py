@@ -98,8 +98,7 @@ def shrink(
         residuals[run] = tuple(aside(inference, f, forces, run, others) for f in (base, best))  # pyright: ignore
     before, after = (_gap([r[k] for r in residuals.values()], free) for k in (0, 1))
     parts = [_sums(b, a, lengths[i]) for i, (b, a) in residuals.items()]
-    draws = [_drawn(parts, free, rng) for _ in range(DRAWS)]
-    values = np.array([removed_share(b, a) for b, a in draws])
+    values = np.array([removed_share(b, a) for b, a in _drawn(parts, free, rng)])
     interval = (float(np.percentile(values, LOW)), float(np.percentile(values, HIGH)))
     return Shrink(before, after, removed_share(before, after), interval, residuals)
 
@@ -130,15 +129,16 @@ def _sums(before: Array, after: Array, n: int) -> tuple[Array, int, int]:
     return np.concatenate([np.zeros((2, 1)), np.cumsum(squares, axis=1)], axis=1), before.size, n
 
 
-def _drawn(parts: Sequence[tuple[Array, int, int]], free: int, rng: np.random.Generator) -> tuple[float, float]:
-    """A bootstrap draw over runs, and stretches of time within them; parts are of ``_sums``."""
-    chosen = rng.integers(len(parts), size=len(parts))
-    sums, total = np.zeros(2), 0
-    for index in chosen:
-        up_to, values, n = parts[index]
-        begin = rng.integers(0, max(n - BLOCKS_TOGETHER, 1), size=max(n // BLOCKS_TOGETHER, 1))
+def _drawn(parts: Sequence[tuple[Array, int, int]], free: int, rng: np.random.Generator) -> Array:
+    """(DRAWS, 2) bootstrap draws over runs, and stretches of time within them; parts are of ``_sums``."""
+    chosen = rng.integers(len(parts), size=(DRAWS, len(parts)))
+    sums, total = np.zeros((DRAWS, 2)), np.zeros(DRAWS)
+    for index, (up_to, values, n) in enumerate(parts):
+        # a run that is drawn twice is so with stretches of its own
+        draw = np.nonzero(chosen == index)[0]
+        begin = rng.integers(0, max(n - BLOCKS_TOGETHER, 1), size=(len(draw), max(n // BLOCKS_TOGETHER, 1)))
         end = np.minimum(begin + BLOCKS_TOGETHER, n)
-        sums += (up_to[:, end] - up_to[:, begin]).sum(axis=1) * n / (end - begin).sum()
-        total += values - free
-    before, after = np.sqrt(sums / max(total, 1))
-    return float(before), float(after)
+        found = (up_to[:, end] - up_to[:, begin]).sum(axis=2) * (n / (end - begin).sum(axis=1))
+        np.add.at(sums, draw, found.T)
+        np.add.at(total, draw, values - free)
+    return np.sqrt(sums / np.maximum(total, 1)[:, None])

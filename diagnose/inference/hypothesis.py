@@ -91,4 +91,16 @@ def with_effects(h: Hypothesis, effects: Sequence[Effect]) -> Hypothesis:
     return replace(h, effects=(*h.effects, *effects), numbers=(*h.numbers, *numbers))
 
 
-__all__ = ["EFFECT_STEP", "FREE", "Hypothesis", "Path", "Slopes", "with_effects"]
+def form_of(effect: Effect) -> tuple[object, ...]:
+    """What an effect changes and where its numbers begin: effects that share it have the same slopes.
+
+    Parameters
+    ----------
+    effect : of a library, or a free form
+    """
+    e = effect
+    works = (e.force, e.tension, e.keeps, e.coupling, e.speed, e.length, e.offset, e.stretch, e.clock, e.observe)
+    return (*works, e.correct, e.when, e.lag_s, e.remembers, *((q.name, q.none) for q in e.parameters))
+
+
+__all__ = ["EFFECT_STEP", "FREE", "Hypothesis", "Path", "Slopes", "form_of", "with_effects"]

@@ -79,7 +79,7 @@ class Space:
         """(k, k) of all that shows there, the measurement's own part (1) with it."""
         k = self.wide(forces)
         total = forces.side_n**2 * self.by_force[0, :k, :k] + forces.moment_n_m**2 * self.by_force[1, :k, :k]
-        total[np.diag_indices(k)] += 1.0
+        total.flat[:: k + 1] += 1.0
         return total
 
 
@@ -134,11 +134,14 @@ class Noise:
     Parameters
     ----------
     measured : of each run
+    runs : ``run_noise`` of each, where it is known already
     """
 
-    def __init__(self, measured: Sequence[Measured]) -> None:
+    def __init__(self, measured: Sequence[Measured], runs: Sequence[RunNoise] | None = None) -> None:
         self.measured = list(measured)
-        self.runs = [_run_noise(run) for run in measured]
+        self.runs = (
+            [run_noise(run.good, run.covariance, run.moving) for run in measured] if runs is None else list(runs)
+        )
         self._spaces: dict[tuple[int, int], Space] = {}
 
     def by_force(self, index: int, time: int) -> Array:
@@ -180,20 +183,25 @@ def _space(white: Array, roots: Sequence[Array]) -> Space:
     return Space(base, np.array([part @ part.T for part in (base.T @ root for root in shown)]), size[::-1])
 
 
-def _run_noise(run: Measured) -> RunNoise:
-    good = run.good
+def run_noise(good: Array, covariance: Array, moving: int) -> RunNoise:
+    """What forces do not change of a run's noise.
+
+    Parameters
+    ----------
+    good, covariance, moving : as ``Measured`` has them
+    """
     n, channels = good.shape
-    covariance = run.covariance.copy()
+    covariance = covariance.copy()
     for channel in range(channels):
         lost = ~good[:, channel]
         covariance[channel][np.ix_(lost, np.arange(n))] = 0.0
         covariance[channel][np.ix_(np.arange(n), lost)] = 0.0
         usual = float(np.diag(covariance[channel]).max()) or 1.0
         covariance[channel][lost, lost] = usual
-    measured: Array = np.asarray(block_diag(*covariance[: run.moving]))
+    measured: Array = np.asarray(block_diag(*covariance[:moving]))
     white, log = _inverse_root(measured)
     still: list[Array | None] = []
-    for channel in range(run.moving, channels):
+    for channel in range(moving, channels):
         if not good[:, channel].any():
             still.append(None)
             continue
@@ -223,4 +231,4 @@ def forced(response: Array, colour_s: float, lag_s: Array) -> Array:
     return np.concatenate([toeplitz(column, np.zeros(n)) @ colour for column in response.T])
 
 
-__all__ = ["SMALLEST", "TIMES_S", "Forces", "Measured", "Noise", "forced"]
+__all__ = ["SMALLEST", "TIMES_S", "Forces", "Measured", "Noise", "RunNoise", "forced", "run_noise"]

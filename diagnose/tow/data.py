@@ -7,14 +7,15 @@ all that a tow does and make the noise's covariance small enough to be held whol
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ...geometry import DatumFit
-from ...geometry.poses import poses_from_tracks, without_lags
+from ...geometry.mapping import ProjectiveMapping
+from ...geometry.poses import Framed, Poses, framed, poses_from_tracks, poses_of, without_lags
 from ...identify.data import RunData, run_data
 from ...identify.still import scatter
 from ...record.run import Run
@@ -43,15 +44,15 @@ class Marks:
     Attributes
     ----------
     run, tracks, fit : run, its tracks, its datum
-    few : about one frame of each block
-    seen : times (k,) and values (k, 4) of those
+    few : about one frame of each block, side by side
+    seen : values (k, 4) of those
     """
 
     run: Run
     tracks: pd.DataFrame
     fit: DatumFit
-    few: pd.DataFrame
-    seen: tuple[Array, Array] = (np.zeros(0), np.zeros((0, 4)))
+    few: Framed
+    seen: Array
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,15 @@ class TowRun:
 
 
 @dataclass(frozen=True)
+class _Turned:
+    """Unit vectors (n, 2) from the second mark to the first and from the post to the tow point, and from LCG to it, m."""
+
+    along: Array
+    pull: Array
+    arm: Array
+
+
+@dataclass(frozen=True)
 class _Series:
     """Channels of a run or of its static record, frame by frame."""
 
@@ -130,16 +140,13 @@ def tow_run(
     marks = None
     if tracks is not None and fit is not None:
         tracks = without_lags(tracks)  # left to the slow errors of _covariances
-        few = _few(tracks, step_s)
-        there = _from_pixels(Marks(run, few, fit, few))
-        marks = Marks(run, tracks, fit, few, (there.t_s, there.values))
-    series = _from_pixels(marks) if marks is not None else _from_motion(run, data, motion)
+        few = framed(run, _few(tracks, step_s), fit)
+        marks = Marks(run, tracks, fit, few, _places_of(run, poses_of(run, few, fit.mapping.exact()))[0])
+    series = _from_pixels(run, marks.tracks, marks.fit) if marks is not None else _from_motion(run, data, motion)
     start = float(series.t_s[0])
     centre, spread, values, count = _blocks(series.t_s - start, series.values, step_s)
     variance = _mean(series.t_s - start, series.variance, step_s)[: len(centre)] / np.maximum(count, 1)[:, None]
-    still = (
-        _from_pixels(replace(marks, tracks=without_lags(static))) if marks is not None and static is not None else None
-    )
+    still = _from_pixels(run, without_lags(static), marks.fit) if marks is not None and static is not None else None
     water = run.file.water
     width = water.tank_width_m if water is not None else None
     modes = series.modes
@@ -179,12 +186,12 @@ def corrected(tow: TowRun, run: Run, mapping: Any) -> Array:
     mapping : pixel -> tank
     """
     assert tow.marks is not None
-    marks, (t_s, before) = tow.marks, tow.marks.seen
-    after = _from_pixels(replace(marks, tracks=marks.few, run=run, fit=replace(marks.fit, mapping=mapping)))
-    t_s = t_s - tow.start_s
-    change = after.values - before
+    mapping = mapping.exact() if isinstance(mapping, ProjectiveMapping) else mapping
+    after, _ = _places_of(run, poses_of(run, tow.marks.few, mapping))
+    change = after - tow.marks.seen
     good = np.isfinite(change).all(axis=1)
-    return np.column_stack([np.interp(tow.centre_s, t_s[good], c) for c in change[good].T])
+    t_s = tow.marks.few.t_s[good] - tow.start_s
+    return np.column_stack([np.interp(tow.centre_s, t_s, c) for c in change[good].T])
 
 
 def _few(tracks: pd.DataFrame, step_s: float) -> pd.DataFrame:
@@ -197,17 +204,13 @@ def _few(tracks: pd.DataFrame, step_s: float) -> pd.DataFrame:
     return rows[rows["frame"].isin(chosen)].reset_index(drop=True)
 
 
-def _from_pixels(marks: Marks) -> _Series:
-    run = marks.run
-    found = poses_from_tracks(run, marks.tracks, marks.fit.mapping, marks.fit)
-    tow = run.tow
-    pose = found.rigid.pose
-    first, second = found.place_m[:, 0], found.place_m[:, 1]
-    bow, stern = found.markers[0], found.markers[1]
-    apart = first - second
+def _places_of(run: Run, found: Poses) -> tuple[Array, _Turned]:
+    """Values (n, 4) of poses, and what they turn with."""
+    tow, pose = run.tow, found.rigid.pose
+    apart = found.place_m[:, 0] - found.place_m[:, 1]
     far = np.linalg.norm(apart, axis=1)
+    bow, stern = found.markers[0], found.markers[1]
     stated = float(np.hypot(*(np.array(bow.body_m) - np.array(stern.body_m))))
-    along = apart / far[:, None]
     cosine, sine = np.cos(pose[:, 2]), np.sin(pose[:, 2])
     x_t, y_t = float(tow.tow_point_m or 0.0), tow.tow_point_offset_m
     arm = np.column_stack([x_t * cosine - y_t * sine, x_t * sine + y_t * cosine])
@@ -216,8 +219,15 @@ def _from_pixels(marks: Marks) -> _Series:
     values = np.column_stack(
         [pose[:, 1] - tow.post_m[1], pose[:, 2], radius - float(tow.line_length_m or 0.0), far - stated]
     )
+    return values, _Turned(apart / far[:, None], off / radius[:, None], arm)
+
+
+def _from_pixels(run: Run, tracks: pd.DataFrame, fit: DatumFit) -> _Series:
+    found = poses_from_tracks(run, tracks, fit.mapping, fit)
+    pose = found.rigid.pose
+    values, turned = _places_of(run, found)
+    along, pull, arm = turned.along, turned.pull, turned.arm
     # line and distance by (x, y, beta) and by the marks
-    pull = off / radius[:, None]
     turn = -pull[:, 0] * arm[:, 1] + pull[:, 1] * arm[:, 0]
     by_pose = np.zeros((len(pose), 4, 3))
     by_pose[:, 0, 1] = by_pose[:, 1, 2] = 1.0

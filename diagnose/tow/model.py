@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from ...simulate.model import Array
 from ..effects import Effect
@@ -25,10 +26,12 @@ from .data import TowRun, corrected
 from .numbers import shared_numbers
 from .rates import OWN, Fields, Numbers, TowRates, tow_of
 from .seen import TowSeen
-from .variations import PROBE_N, PROBES, Variations, joined
+from .variations import PROBE_N, Variations, joined
 
 BEYOND = 4
 """Blocks after the end of the longest run: a clock that runs off may need them."""
+BEGUN_STEPS = 4
+"""Nodes to a step of a path that is closed afterwards."""
 AT_ONCE = 8000
 """Numbers of an array in the steps: what a processor's cache holds."""
 
@@ -96,13 +99,13 @@ class TowModel:
             what the linearised motion would leave
         """
         lags = _lags(hypotheses)
-        paths = self._paths(hypotheses, lags, closings)
         groups = [Variations(h, len(self.runs), self.shared_names) for h in hypotheses]
-        transition, push, start = self._steps(groups, paths, lags)
+        courses = self._courses(hypotheses, groups, lags, closings)
+        transition, push, start = self._steps(groups, courses, lags)
         moved = carried(transition, push, start)  # (nodes, hypotheses, runs, states, 1 + numbers)
         result = []
         for k, (h, group) in enumerate(zip(hypotheses, groups, strict=True)):
-            path = np.clip(paths[k] + moved[:, k, ..., 0].transpose(2, 0, 1), -BLOW_UP, BLOW_UP)
+            path = np.clip(courses[k].path + moved[:, k, ..., 0].transpose(2, 0, 1), -BLOW_UP, BLOW_UP)
             changes = moved[:, k, ..., 1 : 1 + group.size]
             rows = []
             for (value, slope), run, measured in zip(
@@ -116,8 +119,24 @@ class TowModel:
     def values(self, hypotheses: Sequence[Hypothesis]) -> list[list[Array]]:
         """What hypotheses say would be measured: per hypothesis and run (n, 4)."""
         lags = _lags(hypotheses)
-        numbers, _ = joined([Variations(h, len(self.runs), self.shared_names).columns((), 0) for h in hypotheses], lags)
-        return self._seen.values(numbers, np.stack(self._paths(hypotheses, lags, MOST_CLOSINGS), axis=-1))
+        groups = [Variations(h, len(self.runs), self.shared_names) for h in hypotheses]
+        numbers, _ = joined([g.columns((), 0) for g in groups], lags)
+        courses = self._courses(hypotheses, groups, lags, MOST_CLOSINGS)
+        paths = np.stack([c.path for c in courses], axis=-1) + _closing(courses, numbers.start())
+        return self._seen.values(numbers, paths)
+
+    def begun(self, h: Hypothesis) -> Hypothesis:
+        """The hypothesis with a path near its own, integrated by steps four times as long, for ``linear`` to close."""
+        lags, step = _lags([h]), BEGUN_STEPS * self._half
+        numbers, _ = joined([Variations(h, len(self.runs), self.shared_names).columns((), 0)], lags)
+        rates, count = self._rates(numbers), -(-(len(self.node_s) - 1) // BEGUN_STEPS) + 1
+        path = integrated(rates, numbers.start(), count, step)
+        t_s = step * np.arange(count)
+        with np.errstate(all="ignore"):
+            slope = rates(t_s[:, None, None], path)
+        if not (np.isfinite(path).all() and np.isfinite(slope).all()):
+            return replace(h, path=None)
+        return replace(h, path=Path(lags, CubicHermiteSpline(t_s, path, slope, axis=1)(self.node_s)[..., 0]))
 
     @property
     def _half(self) -> float:
@@ -132,82 +151,87 @@ class TowModel:
             return stepped(self._rates(numbers), self.node_s[:-1, None, None], path[:, :-1], self._half)
 
     def _slopes_of_rates(self, numbers: Numbers, path: Array) -> Array:
-        """Rates at every node, a stretch of nodes at a time: (states, nodes, runs, columns)."""
-        rates, answer = self._rates(numbers), np.empty_like(path)
-        stretch = max(1, AT_ONCE // (path.shape[2] * path.shape[3]))
+        """Rates at every node, some nodes at a time: (states, nodes, runs, columns); the path has columns or one for all."""
+        rates, answer = self._rates(numbers), np.empty((*path.shape[:3], numbers.width))
+        stretch = max(1, AT_ONCE // (path.shape[2] * numbers.width))
         with np.errstate(all="ignore"):
             for k in range(0, path.shape[1], stretch):
                 here = slice(k, k + stretch)
                 answer[:, here] = rates(self.node_s[here, None, None], path[:, here])
         return answer
 
-    def _paths(self, hypotheses: Sequence[Hypothesis], lags: tuple[float, ...], closings: int) -> list[Array]:
-        """A motion (states, nodes, runs) of every hypothesis, closed as far as ``closings`` allow."""
-        numbers, _ = joined([Variations(h, len(self.runs), self.shared_names).columns((), 0) for h in hypotheses], lags)
+    def _courses(
+        self, hypotheses: Sequence[Hypothesis], groups: Sequence[Variations], lags: tuple[float, ...], closings: int
+    ) -> list[_Course]:
+        """A motion of every hypothesis, closed to CLOSE as far as ``closings`` allow, and how changes are carried along it."""
+        numbers, _ = joined([g.columns((), 0) for g in groups], lags)
         if any(h.path is None for h in hypotheses):
             whole = integrated(self._rates(numbers), numbers.start(), len(self.node_s), self._half)
-            return list(np.moveaxis(whole, 3, 0))
+            return self._along(groups, whole, lags)
         paths = np.stack([_with_lags(h.path, lags) for h in hypotheses if h.path is not None], axis=-1)
-        start = numbers.start()
-        going, lost = np.full(len(hypotheses), closings > 0), np.zeros(len(hypotheses), dtype=bool)
-        for _ in range(closings):
-            some = [int(k) for k in np.flatnonzero(going)]
-            step = self._newton([hypotheses[i] for i in some], lags, paths[..., some], start[..., some])
-            paths[..., some] = np.clip(paths[..., some] + step, -BLOW_UP, BLOW_UP)
+        start, going, lost = numbers.start(), list(range(len(hypotheses))), list[int]()
+        courses = dict[int, _Course](zip(going, self._along(groups, paths, lags), strict=True))
+        for turn in range(closings):
+            step = _closing([courses[k] for k in going], start[..., going])
             size = np.abs(step).max(axis=(0, 1, 2))
-            lost[some] = ~(size < HOPELESS)
-            going[some] = (size >= CLOSE) & (size < HOPELESS)
-            if not going.any():
+            lost += [k for k, one in zip(going, size, strict=True) if not one < HOPELESS]
+            kept = (size >= CLOSE) & (size < HOPELESS)
+            going = [k for k, one in zip(going, kept, strict=True) if one]
+            if not going or turn == closings - 1:
                 break
-        lost |= going
-        if lost.any():
-            some = [replace(h, path=None) for h, far in zip(hypotheses, lost, strict=True) if far]
-            paths[..., lost] = np.stack(self._paths(some, lags, 0), axis=-1)
-        return list(np.moveaxis(paths, 3, 0))
+            paths[..., going] = np.clip(paths[..., going] + step[..., kept], -BLOW_UP, BLOW_UP)
+            courses.update(zip(going, self._along([groups[k] for k in going], paths[..., going], lags), strict=True))
+        lost += going if closings else []
+        if lost:
+            some = [replace(hypotheses[k], path=None) for k in lost]
+            courses.update(zip(lost, self._courses(some, [groups[k] for k in lost], lags, 0), strict=True))
+        return [courses[k] for k in range(len(hypotheses))]
 
-    def _newton(self, hypotheses: Sequence[Hypothesis], lags: tuple[float, ...], paths: Array, start: Array) -> Array:
-        """The step that closes the paths, (states, nodes, runs, hypotheses)."""
-        groups = [Variations(h, len(self.runs), self.shared_names) for h in hypotheses]
-        transition, push, _ = self._steps(groups, list(np.moveaxis(paths, 3, 0)), lags, False)
-        first = (start - paths[:, 0])[..., None].transpose(2, 1, 0, 3)
-        return carried(transition, push, first)[..., 0].transpose(3, 0, 2, 1)
-
-    def _steps(
-        self, groups: Sequence[Variations], paths: Sequence[Array], lags: tuple[float, ...], numbers_too: bool = True
-    ) -> tuple[Array, Array, Array]:
-        """How changes are carried from node to node, what every number adds there, and where it begins (``carried``'s).
+    def _along(self, groups: Sequence[Variations], paths: Array, lags: tuple[float, ...]) -> list[_Course]:
+        """How changes are carried along paths (states, nodes, runs, hypotheses).
 
         From the rates' slopes at the nodes; between them these are taken as straight lines.
         """
-        size = 4 + 2 * len(lags)
+        size = len(paths)
         alone, _ = joined([g.columns((), 0) for g in groups], lags)
-        whole = np.stack(paths, axis=-1)
-        missed = self._step(alone, whole) - whole[:, 1:]
-        tried = [g.pushing() if numbers_too else () for g in groups]
-        blocks = [g.columns(t, size, probed=numbers_too) for g, t in zip(groups, tried, strict=True)]
-        numbers, begins = joined(blocks, lags)
-        rates = self._slopes_of_rates(numbers, _with_each_state_stepped(whole, begins, [b.width for b in blocks]))
-        most = max(g.size for g in groups) if numbers_too else 0
-        shape = (len(self.node_s) - 1, len(groups), len(self.runs), size)
-        transition, push = np.empty((*shape, size)), np.zeros((*shape, most + 1))
-        push[..., 0] = missed.transpose(1, 3, 2, 0)
+        missed = (self._step(alone, paths) - paths[:, 1:]).transpose(3, 1, 2, 0)
+        base, begins = joined([g.columns((), size) for g in groups], lags)
+        rates = self._slopes_of_rates(base, _with_each_state_stepped(paths, begins, [1 + size] * len(groups)))
+        courses = []
+        for k, begin in enumerate(begins):
+            by_state = (rates[..., begin + 1 : begin + 1 + size] - rates[..., begin, None]) / STATE_STEP
+            carry = between(by_state.transpose(1, 2, 0, 3), self._half)
+            courses.append(_Course(np.ascontiguousarray(paths[..., k]), missed[k], *carry))
+        return courses
+
+    def _steps(
+        self, groups: Sequence[Variations], courses: Sequence[_Course], lags: tuple[float, ...]
+    ) -> tuple[Array, Array, Array]:
+        """How changes are carried from node to node, what every number adds there, and where it begins (``carried``'s)."""
+        size, most = 4 + 2 * len(lags), max(g.size for g in groups)
+        push = np.zeros((len(self.node_s) - 1, len(groups), len(self.runs), size, most + 1))
         start = np.zeros((len(groups), len(self.runs), size, most + 1))
-        for k, (group, begin, few, path) in enumerate(zip(groups, begins, tried, paths, strict=True)):
-            here, at = rates[..., begin, None], begin + 1 + size
-            by_state = ((rates[..., begin + 1 : at] - here) / STATE_STEP).transpose(1, 2, 0, 3)
-            transition[:, k], early, late = between(by_state, self._half)
-            if not numbers_too:
-                continue
-            change = np.zeros((*by_state.shape[:3], group.size))
-            own = (rates[..., at : at + len(few)] - here) / group.steps[None, None][..., few]
-            change[..., few] = own.transpose(1, 2, 0, 3)
-            at += len(few)
-            by_force = ((rates[..., at : at + PROBES] - here) / PROBE_N).transpose(1, 2, 0, 3)
-            self._pushes(group, path, lags, by_force, change)
-            push[:, k, :, :, 1 : 1 + group.size] = early @ change[:-1] + late @ change[1:]
-            start[k, :, :, 0] = (group.start(lags)[0] - path[:, 0]).T
+        for k, (group, course) in enumerate(zip(groups, courses, strict=True)):
+            change = self._by_numbers(group, course.path, lags)
+            push[:, k, :, :, 0] = course.missed
+            push[:, k, :, :, 1 : 1 + group.size] = course.early @ change[:-1] + course.late @ change[1:]
+            start[k, :, :, 0] = (group.start(lags)[0] - course.path[:, 0]).T
             start[k, :, :, 1 : 1 + group.size] = group.start(lags)[1].transpose(1, 0, 2)
-        return transition, push, start
+        return np.stack([c.transition for c in courses], axis=1), push, start
+
+    def _by_numbers(self, group: Variations, path: Array, lags: tuple[float, ...]) -> Array:
+        """How every number of a hypothesis changes the rates along its path: (nodes, runs, states, numbers).
+
+        The state is the same in all columns: what depends on it alone is worked out once.
+        """
+        few = group.pushing()
+        numbers, _ = joined([group.columns(few, 0, probed=True)], lags)
+        rates = self._slopes_of_rates(numbers, path[..., None])
+        change = np.zeros((*rates.shape[1:3], len(rates), group.size))
+        moved = (rates[..., 1:] - rates[..., :1]).transpose(1, 2, 0, 3)
+        change[..., few] = moved[..., : len(few)] / group.steps[None, :, None][..., few]
+        self._pushes(group, path, lags, moved[..., len(few) :] / PROBE_N, change)
+        return change
 
     def _pushes(self, group: Variations, path: Array, lags: tuple[float, ...], by_force: Array, change: Array) -> None:
         """Put in how the numbers of effects that push or pull change the rates."""
@@ -235,6 +259,32 @@ class TowModel:
                     moved[k] += step
                     slope[:, :, at + k] = -(self._correction(tow, effect, moved) - here) / step
             at += len(numbers)
+
+
+@dataclass(frozen=True)
+class _Course:
+    """A motion of one hypothesis, and how changes are carried along it.
+
+    Attributes
+    ----------
+    path : (states, nodes, runs)
+    missed : (nodes - 1, runs, states), by how much it misses itself
+    transition, early, late : (nodes - 1, runs, states, states), of ``between``
+    """
+
+    path: Array
+    missed: Array
+    transition: Array
+    early: Array
+    late: Array
+
+
+def _closing(courses: Sequence[_Course], start: Array) -> Array:
+    """The Newton step (states, nodes, runs, hypotheses) that closes paths; they begin at ``start`` (states, runs, hypotheses)."""
+    transition = np.stack([c.transition for c in courses], axis=1)
+    push = np.stack([c.missed for c in courses], axis=1)[..., None]
+    first = np.stack([(start[..., k] - c.path[:, 0]).T for k, c in enumerate(courses)])[..., None]
+    return carried(transition, push, first)[..., 0].transpose(3, 0, 2, 1)
 
 
 def _with_each_state_stepped(paths: Array, begins: Sequence[int], widths: Sequence[int]) -> Array:

@@ -69,7 +69,7 @@ def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | No
     count = len(model.shared_names)
     one, two = (_taken_over(f.hypothesis, settings) for f in (first, second))
     try:
-        linear = trial.linear([_without_camera(one), _without_camera(two)])
+        linear = trial.linear([trial.begun(_without_camera(h)) for h in (one, two)])
     except (FloatingPointError, np.linalg.LinAlgError):
         return None
     best: Design | None = None

@@ -9,16 +9,38 @@ from scipy.linalg import expm
 
 from ...simulate.model import Array, Hull, linear_system
 from ..inference.hypothesis import Hypothesis
-from ..inference.noise import TIMES_S, Measured, Noise, Roots, forced
+from ..inference.noise import TIMES_S, Measured, Noise, Roots, RunNoise, forced, run_noise
 from .data import TowRun
 from .numbers import SIX
 from .rates import OWN
 
+MOVING = 2
+"""Channels that forces move: y and heading."""
 SMALLEST_N = 1e-3
 """A tension below this is taken as this: the linear form of a tow needs one."""
 
 
-def tow_noise(runs: Sequence[TowRun], hypothesis: Hypothesis, speed_m_s: float) -> Noise:
+def measured_noise(runs: Sequence[TowRun]) -> list[RunNoise]:
+    """What no hypothesis changes of the runs' noise; of runs that were measured alike (designs of one pattern) it is made once.
+
+    Parameters
+    ----------
+    runs : as the diagnosis sees them
+    """
+    found: dict[tuple[int, bytes], RunNoise] = {}
+    answer = []
+    for run in runs:
+        good = np.isfinite(run.values)
+        key = (id(run.covariance), good.tobytes())
+        if key not in found:
+            found[key] = run_noise(good, run.covariance, MOVING)
+        answer.append(found[key])
+    return answer
+
+
+def tow_noise(
+    runs: Sequence[TowRun], hypothesis: Hypothesis, speed_m_s: float, measured: Sequence[RunNoise] | None = None
+) -> Noise:
     """Measurement noise of the runs, and random side forces and moments.
 
     Parameters
@@ -26,14 +48,15 @@ def tow_noise(runs: Sequence[TowRun], hypothesis: Hypothesis, speed_m_s: float) 
     runs : as the diagnosis sees them
     hypothesis : with its numbers
     speed_m_s : of the hypothesis's derivatives
+    measured : of ``measured_noise``, where it is known already
     """
+    six = hypothesis.shared[: len(SIX)]
     return Noise(
         [
-            Measured(
-                np.isfinite(run.values), run.covariance, 2, _roots(run, hypothesis.shared[: len(SIX)], own, speed_m_s)
-            )
+            Measured(np.isfinite(run.values), run.covariance, MOVING, _roots(run, six, own, speed_m_s))
             for run, own in zip(runs, hypothesis.own, strict=True)
-        ]
+        ],
+        measured_noise(runs) if measured is None else measured,
     )
 
 
@@ -65,4 +88,4 @@ def _roots(run: TowRun, six: Array, own: Array, speed_m_s: float) -> Roots:
     return roots
 
 
-__all__ = ["tow_noise"]
+__all__ = ["measured_noise", "tow_noise"]

@@ -244,7 +244,7 @@ class TowRates:
 
     def __init__(self, fields: Fields, numbers: Numbers, tow: Tow) -> None:
         self._fields, self._lags, self._tow = fields, list(numbers.lags_s), tow
-        self._reference = _hull_of(fields, numbers)
+        self._width, self._reference = numbers.width, _hull_of(fields, numbers)
         self._hull = self._reference.at_speed(tow.speed_m_s)
         self._pushing = [a for a in numbers.active if a.effect.force is not None]
         self._pulling = [a for a in numbers.active if a.effect.tension is not None]
@@ -260,12 +260,16 @@ class TowRates:
             core = self._pulled(t, state, now, taut)
         if not self._lags:
             return core
-        more = [
-            (state[source] - state[4 + 2 * i + j]) / lag
-            for i, lag in enumerate(self._lags)
-            for j, source in ((0, 2), (1, 3))
-        ]
-        return np.concatenate([core, np.stack(more)])
+        rates = np.empty((len(state), *core.shape[1:]))
+        rates[:4] = core
+        for i, lag in enumerate(self._lags):
+            for j, source in ((0, 2), (1, 3)):
+                rates[4 + 2 * i + j] = (state[source] - state[4 + 2 * i + j]) / lag
+        return rates
+
+    def _zeros(self, state: Array) -> Array:
+        """One number for each column, whether or not the state is the same in all."""
+        return np.zeros((*state.shape[:-1], self._width))
 
     def beyond(self, t: Any, state: Array) -> Array:
         """T beyond the straight tow's that the line has without effects on it, N."""
@@ -312,7 +316,7 @@ class TowRates:
 
     def _speed(self, t: Any, now: _Moment) -> tuple[Array, Array]:
         """The carriage's speed at this time, and its rate."""
-        own, nothing = now.tow.speed_m_s, 0.0 * now.core[0]
+        own, nothing = now.tow.speed_m_s, self._zeros(now.core[0])
         pace, gain = self._fields.pace(t) if self._fields.driven else (1.0, 0.0)
         speed, rate = own * pace + nothing, own * gain + nothing
         if self._speeding:
@@ -329,7 +333,7 @@ class TowRates:
         """``full_state`` with the effects' forces, by each run's own line."""
 
         def extra(t, y, beta, v, r, alpha):
-            side, moment = np.zeros_like(v), np.zeros_like(v)
+            side, moment = self._zeros(v), self._zeros(v)
             base = self._situation(t, now, y)
             for a, part in self._parts(self._pushing, base, state):
                 assert a.effect.force is not None
@@ -348,7 +352,7 @@ class TowRates:
         if len(found) == 1:
             return found[lines[0]]
         # how far each run, in each column, keeps its tension
-        share = np.where(self._fields.surge, 0.0, 1.0) + 0.0 * now.core[2]
+        share = np.where(self._fields.surge, 0.0, 1.0) + self._zeros(now.core[2])
         for a in self._keeping:
             assert a.effect.keeps is not None
             share[..., a.columns] += np.where(self._fields.surge, a.effect.keeps(*a.numbers), 0.0)
@@ -358,7 +362,7 @@ class TowRates:
 
     def _pulled(self, t: Any, state: Array, now: _Moment, taut: Taut) -> Array:
         """The rates where effects change T: beyond what keeps the line's length, which they do not ask."""
-        change = np.zeros_like(now.core[2])
+        change = self._zeros(now.core[2])
         base = self._on_line(self._situation(t, now), now, taut)
         for a, part in self._parts(self._pulling, base, state):
             assert a.effect.tension is not None
@@ -376,7 +380,9 @@ class TowRates:
         for a in active:
             key = (a.columns.start, a.columns.stop, a.effect.lag_s)
             if key not in parts:
-                parts[key] = columns_of(self._lagging(base, a.effect, state), a.columns)
+                part = self._lagging(base, a.effect, state)
+                whole = a.columns == slice(0, self._width)
+                parts[key] = part if whole else columns_of(part, a.columns)
             yield a, parts[key]
 
     def _situation(self, t: Any, now: _Moment, y: Array | None = None) -> Situation:

@@ -58,26 +58,29 @@ class TowSeen:
         small = ALONG_SHARE * group.steps[None, :, None, :]
         along = small * changes if group.remembers else None
         size, direct = len(path) if along is None else group.size, group.seen()
-        numbers, _ = joined([group.columns(direct, size)], lags_s)
+        numbers, _ = joined([group.columns((), size)], lags_s)
         whole = np.repeat(path[..., None], numbers.width, axis=3)
         if along is None:
             for s in range(size):
                 whole[s, ..., 1 + s] += STATE_STEP
         else:
-            whole[..., 1 : 1 + size] += along.transpose(2, 0, 1, 3)
+            whole[..., 1:] += along.transpose(2, 0, 1, 3)
+        beside, _ = joined([group.columns(direct, 0)], lags_s)
         with np.errstate(all="ignore"):
             series = self._series(numbers, whole)
-            moved = (series[..., 1 : 1 + size] - series[..., :1]).transpose(0, 2, 1, 3)
+            moved = (series[..., 1:] - series[..., :1]).transpose(0, 2, 1, 3)
             # (nodes, runs, 4, numbers)
             slope = moved / STATE_STEP @ changes if along is None else moved / small
-            own = (series[..., 1 + size :] - series[..., :1]) / group.steps[None, None][..., direct]
+            # the motion is the same in these columns
+            shown = self._series(beside, path[..., None])
+            own = (shown[..., 1:] - shown[..., :1]) / group.steps[None, None][..., direct]
             slope[..., direct] += own.transpose(0, 2, 1, 3)
         answers = []
         for i, run in enumerate(self._runs):
-            late = _late(numbers, run)
+            late = _late(beside, run)
             mean = _Mean(run.centre_s + late[:, 0], run.spread_s2, self._step_s / 2, len(series))
             change, rate = mean(slope[:, i]), mean.rate(series[:, :, i, 0])
-            for column, k in enumerate(direct, start=1 + size):
+            for column, k in enumerate(direct, start=1):
                 change[:, :, k] += rate * (late[:, column, None] - late[:, :1]) / group.steps[i, k]
             answers.append((mean(series[:, :, i, 0]), change))
         return answers

@@ -166,12 +166,14 @@ def ring_fit(t_s: Array, rest: Array, decay_s: float, rate_rad_s: float) -> tupl
     size : complex amplitude; the oscillation is the real part of size exp((-decay_s + i rate_rad_s) t_s)
     """
     left, angle = np.exp(-decay_s * t_s), rate_rad_s * t_s
-    columns = np.column_stack([np.ones_like(t_s), t_s - t_s.mean(), left * np.cos(angle), left * np.sin(angle)])
-    plain = columns[:, :2]
-    before = rest - plain @ np.linalg.lstsq(plain, rest, rcond=None)[0]
-    numbers = np.linalg.lstsq(columns, rest, rcond=None)[0]
-    after = rest - columns @ numbers
-    return float(before @ before - after @ after), complex(float(numbers[2]), -float(numbers[3]))
+    waves = left * np.array([np.cos(angle), np.sin(angle)])
+    # what constant and trend, which are at right angles, do not hold
+    plain = np.array([np.ones_like(t_s), t_s - t_s.mean()])
+    plain /= np.linalg.norm(plain, axis=1)[:, None]
+    waves = waves - (waves @ plain.T) @ plain
+    right = waves @ rest
+    numbers = np.linalg.lstsq(waves @ waves.T, right, rcond=None)[0]
+    return float(right @ numbers), complex(float(numbers[0]), -float(numbers[1]))
 
 
 __all__ = ["springing_effects"]

@@ -14,10 +14,10 @@ from ..effects import Effect
 from ..inference.apart import Apart
 from ..inference.grams import reduced
 from ..inference.hypothesis import FREE, Hypothesis
-from ..inference.noise import Noise
+from ..inference.noise import Noise, RunNoise
 from .data import TowRun
 from .model import TowModel
-from .noise import tow_noise
+from .noise import measured_noise, tow_noise
 from .numbers import SIX, shared_numbers
 from .rates import OWN
 from .shifts import shift_effects
@@ -35,7 +35,8 @@ LARGEST_FORCE_SHARE = 0.05
 """Of the line's pull: random forces above this are a gap, not noise."""
 SMALLEST_SD = 0.003
 """Of a reference derivative, relative: no simulator is surer of itself."""
-
+SAME_HULL = 1e-3
+"""Derivatives that differ by less answer random forces alike: their sizes, which are fitted, hold the difference."""
 
 TENSION_SCALE = ("", ("tension scale", "all derivatives together"))
 CLOCK = ("frame_rate", ("frame_rate", "carriage speed"))
@@ -78,6 +79,8 @@ class TowSimulator(TowModel):
         self.free, self.gone, self.force_scale = 6, 5.0, 1.0
         self.least: float | Array = self._shared.least
         self.modes = _modes(runs)
+        self._measured: list[RunNoise] | None = None
+        self._last: tuple[Array, Noise] | None = None
         self.most_force = LARGEST_FORCE_SHARE * float(np.mean([straight_pull(run)[0] for run in runs]))
 
     def starts(self) -> Sequence[Hypothesis]:
@@ -103,8 +106,14 @@ class TowSimulator(TowModel):
         return bool(sd[0] < WEIGHED * abs(h.shared[0]))
 
     def noise(self, hypothesis: Hypothesis) -> Noise:
-        """Measurement noise, and slow random side forces and moments."""
-        return tow_noise(self.runs, hypothesis, self.speed_m_s)
+        """Measurement noise, and slow random side forces and moments; hulls that hardly differ (SAME_HULL) share it."""
+        six = hypothesis.shared[: len(SIX)]
+        if self._last is not None and np.allclose(six, self._last[0], rtol=SAME_HULL, atol=0.0):
+            return self._last[1]
+        if self._measured is None:
+            self._measured = measured_noise(self.runs)
+        self._last = (six, tow_noise(self.runs, hypothesis, self.speed_m_s, self._measured))
+        return self._last[1]
 
     def usable(self, library: Sequence[Effect]) -> tuple[list[Effect], dict[str, str]]:
         """Effects that these runs can show, and why the others cannot be judged."""

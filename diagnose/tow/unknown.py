@@ -114,11 +114,12 @@ def free_forms(runs: int, shaken_hz: Sequence[float]) -> tuple[Effect, ...]:
             ),
             "A force on the hull that no effect of the library has.",
             "Look at when and where it shows.",
-            force=_force_of(shapes, count),
+            force=force,
             sizes=(1.0,),
             variant=f"{size:g} N",
         )
         for kind, (shapes, count) in SHAPES.items()
+        for force in (_force_of(shapes, count),)
         for size in SIZES_N
     )
     sights = tuple(
@@ -138,23 +139,16 @@ def free_forms(runs: int, shaken_hz: Sequence[float]) -> tuple[Effect, ...]:
         )
         for size in SIZES_M
     )
-    shakes = tuple(_shaken(runs, hz, size_m) for hz in shaken_hz[:SHAKES] for size_m in SIZES_M)
-    return (*forces, *sights, *shakes)
+    return (*forces, *sights, *(shake for hz in shaken_hz[:SHAKES] for shake in _shaken(runs, hz)))
 
 
 def _unit(channel: str) -> str:
     return "rad" if channel == "b" else "m"
 
 
-def _shaken(runs: int, hz: float, size_m: float) -> Effect:
-    """Something swings at one frequency, in every run as it likes: it pushes the hull, and moves what stands still."""
-    what = (
-        ("side", "N", SIZES_N[1]),
-        ("moment", "N m", SIZES_N[1]),
-        ("x", "m", size_m),
-        ("y", "m", size_m),
-        ("post", "m", 5 * size_m),
-    )
+def _shaken(runs: int, hz: float) -> list[Effect]:
+    """Something swings at one frequency, in every run as it likes: it pushes the hull, and moves what stands still; by size."""
+    what = (("side", "N"), ("moment", "N m"), ("x", "m"), ("y", "m"), ("post", "m"))
     width = 2 * len(what)
 
     def waves(t_s: Any, numbers: Sequence[Any], which: int) -> Any:
@@ -173,27 +167,31 @@ def _shaken(runs: int, hz: float, size_m: float) -> Effect:
         nothing = 0.0 * seen.side
         return waves(seen.t_s, numbers, 2) + ahead, waves(seen.t_s, numbers, 3), nothing, nothing
 
-    return Effect(
-        "unknown shake",
-        "line",
-        (
-            *(
-                Parameter(f"{name}{run}{wave}", unit, size)
-                for run in range(runs)
-                for name, unit, size in what
-                for wave in ("sin", "cos")
+    def sized(size_m: float) -> Effect:
+        sizes = (SIZES_N[1], SIZES_N[1], size_m, size_m, 5 * size_m)
+        return Effect(
+            "unknown shake",
+            "line",
+            (
+                *(
+                    Parameter(f"{name}{run}{wave}", unit, size)
+                    for run in range(runs)
+                    for (name, unit), size in zip(what, sizes, strict=True)
+                    for wave in ("sin", "cos")
+                ),
+                Parameter("off_hz", "Hz", OFF_HZ),
             ),
-            Parameter("off_hz", "Hz", OFF_HZ),
-        ),
-        "Something swings at one frequency, whatever the model does.",
-        "Look for what shakes at that frequency: carriage, camera, the tank's own wave.",
-        force=force,
-        observe=observe,
-        sizes=(1.0,),
-        bound=True,
-        variant=f"{hz:.3f} Hz, {1e3 * size_m:g} mm",
-        cost=float(np.log(SHAKES * len(SIZES_M))),
-    )
+            "Something swings at one frequency, whatever the model does.",
+            "Look for what shakes at that frequency: carriage, camera, the tank's own wave.",
+            force=force,
+            observe=observe,
+            sizes=(1.0,),
+            bound=True,
+            variant=f"{hz:.3f} Hz, {1e3 * size_m:g} mm",
+            cost=float(np.log(SHAKES * len(SIZES_M))),
+        )
+
+    return [sized(size_m) for size_m in SIZES_M]
 
 
 __all__ = ["free_forms"]

@@ -26,6 +26,10 @@ HALF_SURE, WIDTH = 0.70, 0.05
 blind check whose truth was known (seeds 991 and 4001) what was in no library was taken to at most 0.62, what was in another form to
 0.77 and more.
 """
+LEAST_FORM = 0.01
+"""Effects whose own form leaves less than this over are in no other form: geometry is exact, and a course that was read off the
+residual takes whatever there is.
+"""
 LOOKED_AT = 3
 """Candidates that may be the one: the best single effects and the best pair. A choice, for time."""
 WORTH = 0.01
@@ -122,7 +126,8 @@ def share_of(inference: Inference, ranking: Ranking, candidate: Candidate) -> fl
 
 
 def _looked_at(candidates: tuple[Candidate, ...]) -> list[int]:
-    order = sorted(range(len(candidates)), key=lambda k: -candidates[k].log_evidence)
+    formed = [k for k, c in enumerate(candidates) if min(e.form for e in c.effects) >= LEAST_FORM]
+    order = sorted(formed, key=lambda k: -candidates[k].log_evidence)
     singles = [k for k in order if len(candidates[k].effects) == 1]
     pairs = [k for k in order if len(candidates[k].effects) > 1]
     return [*singles[:1], *pairs[:1], *singles[1 : LOOKED_AT - 1]]

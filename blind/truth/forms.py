@@ -307,7 +307,7 @@ _MORE: dict[str, tuple[str, dict[str, Form]]] = {
         {
             "aside": {"aside_m": (0.003, 0.012, "either")},
             "ahead": {"ahead_m": (0.003, 0.02, "either")},
-            "since a run": {"ahead_m": (0.002, 0.012, "either"), "aside_m": (0.003, 0.012, "either")},
+            "since a run": {"ahead_m": (0.003, 0.016, "either"), "aside_m": (0.004, 0.016, "either")},
         },
     ),
     "frame_rate": (
@@ -330,7 +330,7 @@ _MORE: dict[str, tuple[str, dict[str, Form]]] = {
                 "jump_s": (0.1, 0.5, "either"),
                 "change_s": (8.0, 35.0, "even"),
             },
-            "each run": {"delay_s": (0.08, 0.5, "either")},
+            "each run": {"delay_s": (0.06, 0.5, "either")},
         },
     ),
     "rolling_shutter": (

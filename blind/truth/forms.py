@@ -50,6 +50,7 @@ KEPT_SHARE = 0.4
 CHOICES = ("all", "known", "kept", "classic")
 """Which forms campaigns are drawn from: all, those not kept out, those kept out alone, the first of each alone."""
 
+# ranges that several forms of an effect share: choices, as those of ``sizes``
 _ROLL: Form = {"period_s": (0.7, 1.8, "even"), "damping": (0.08, 0.3, "log")}
 _STRIPS: Form = {"tilt": (-0.4, 0.4, "even"), "ends": (-0.5, 0.8, "even")}
 _SOFT: Form = {"damping": (0.02, 0.1, "log"), "shock": (0.0, 0.6, "even")}

@@ -50,6 +50,7 @@ KEPT_SHARE = 0.4
 CHOICES = ("all", "known", "kept", "classic")
 """Which forms campaigns are drawn from: all, those not kept out, those kept out alone, the first of each alone."""
 
+# ranges that several forms of an effect share: choices, as those of ``sizes``
 _ROLL: Form = {"period_s": (0.7, 1.8, "even"), "damping": (0.08, 0.3, "log")}
 _STRIPS: Form = {"tilt": (-0.4, 0.4, "even"), "ends": (-0.5, 0.8, "even")}
 _SOFT: Form = {"damping": (0.02, 0.1, "log"), "shock": (0.0, 0.6, "even")}
@@ -307,7 +308,7 @@ _MORE: dict[str, tuple[str, dict[str, Form]]] = {
         {
             "aside": {"aside_m": (0.003, 0.012, "either")},
             "ahead": {"ahead_m": (0.003, 0.02, "either")},
-            "since a run": {"ahead_m": (0.002, 0.012, "either"), "aside_m": (0.003, 0.012, "either")},
+            "since a run": {"ahead_m": (0.003, 0.016, "either"), "aside_m": (0.004, 0.016, "either")},
         },
     ),
     "frame_rate": (
@@ -330,7 +331,7 @@ _MORE: dict[str, tuple[str, dict[str, Form]]] = {
                 "jump_s": (0.1, 0.5, "either"),
                 "change_s": (8.0, 35.0, "even"),
             },
-            "each run": {"delay_s": (0.08, 0.5, "either")},
+            "each run": {"delay_s": (0.06, 0.5, "either")},
         },
     ),
     "rolling_shutter": (

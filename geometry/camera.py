@@ -106,7 +106,7 @@ class Lens:
         pixel_px = np.asarray(pixel_px, dtype=float).reshape(-1, 2)
         target = (pixel_px - [self.cx_px, self.cy_px]) / [self.fx_px, self.fy_px]
         ideal = target.copy()
-        usable: Array = np.isfinite(target).all(axis=1)
+        usable = np.asarray(np.isfinite(target).all(axis=1))
         slope = np.tile(np.eye(2), (len(ideal), 1, 1))
         for _ in range(_NEWTON_STEPS):
             value, slope = _distorted(ideal[:, 0], ideal[:, 1], self.distortion)

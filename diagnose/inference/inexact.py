@@ -115,9 +115,8 @@ def share_of(inference: Inference, ranking: Ranking, candidate: Candidate) -> fl
     """
     if candidate.log_evidence <= 0:
         return 0.0
-    best = max(
-        [*ranking.candidates, *([ranking.free] if ranking.free is not None else [])], key=lambda c: c.log_evidence
-    )
+    free: list[Candidate] = [ranking.free] if ranking.free is not None else []
+    best = max([*ranking.candidates, *free], key=lambda c: c.log_evidence)
     own, most = candidate.fitted.forces, QUIET * inference.simulator.most_force
     forces = Forces(min(own.side_n, most), min(own.moment_n_m, most), own.time)
     before, after, least = (size_of(inference, f, forces) for f in (ranking.base, candidate.fitted, best.fitted))

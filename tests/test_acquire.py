@@ -121,7 +121,7 @@ def test_a_mark_on_its_plates_corner_is_taken_for_one_like_its_fellows(
 def test_marks_of_a_pixel_or_two_are_judged_by_pixels_enough(
     footage: ModuleType, footage_scenes: ModuleType, seed: int
 ) -> None:
-    """Within 2.6 of their widths lie five pixels, which four parameters fit nearly without a residual."""
+    """Within 2.6 of the widths that their fits gave lay five pixels, which four parameters fit nearly without a residual."""
     one = footage_scenes.scene(seed)
     found = footage.ours(one, list(one.frames()))
     assert found["wrong"] == 0

@@ -12,7 +12,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from .candidates import Array
-from .fit import LEAST_DISC_PX
 from .model import expected
 from .refine import LADDER, LEAST_SURE_PX, Refined, Refiner, Stack
 
@@ -22,6 +21,8 @@ MOSTLY = 0.8
 """Of the frames in which a mark must be found as one like its fellow: a choice."""
 MIDDLE_WIDTHS = 2.0
 """A mark's middle ends here, in widths: where a Gaussian has fallen to an eighth, what lies beside the mark has more to say."""
+LEAST_MIDDLE_PX = 2.1
+"""... or at this radius: 13 pixels."""
 AS_WELL = 1.25
 """What is left over about its middle is at most this many times what the wider mark leaves there, or what its fellow leaves about
 its own: of 8 frames with 9 degrees of freedom each (13 pixels less ground, height and place) the ratio has a standard deviation of
@@ -62,7 +63,7 @@ def like_their_fellows(seen: Mapping[int, Seen]) -> dict[int, tuple[Refiner, Ref
 
 def _middle_px(known: Refiner) -> float:
     """Radius of a mark's middle."""
-    return max(MIDDLE_WIDTHS * known.width_px, LEAST_DISC_PX)
+    return max(MIDDLE_WIDTHS * known.width_px, LEAST_MIDDLE_PX)
 
 
 def _left_over(refiner: Refiner, stack: Stack, found: Refined, middle: Array, reach: float) -> Array:

@@ -45,9 +45,9 @@ SHARPEST = 12.0
 """Largest power of a flat top (1: a Gaussian): beyond it its edge is sharper than a pixel can show."""
 WHITE_MARGIN_DN = 1.5
 """A pixel so near to white is taken as clipped: rounding, and a codec's ringing."""
-LEAST_DISC_PX = 2.1
-"""The disc by which a fit is judged has at least this radius: 13 pixels or more, of which a mark narrower than a pixel would leave
-none that its parameters have not taken up."""
+LEAST_DISC_PX = 1.6
+"""The disc by which a fit is judged has at least this radius: nine pixels, of which a mark narrower than a pixel would leave none
+that its parameters have not taken up."""
 LEAST_PIXELS = 20
 """A fit on fewer usable pixels of a window does not count: a choice."""
 

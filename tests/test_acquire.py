@@ -96,14 +96,47 @@ def test_marks_on_photographs_are_acquired_and_held(footage: ModuleType, footage
 
 
 @pytest.mark.parametrize("seed", [4013, 9038, 9141])
-def test_a_ground_that_may_move_a_mark_too_far_loses_it(
+def test_a_mark_whose_ground_may_move_it_too_far_is_nowhere_rather_than_elsewhere(
     footage: ModuleType, footage_scenes: ModuleType, seed: int
 ) -> None:
     """Marks of 1 to 2 px on a plate's corner, whose places were more than a pixel off."""
     one = footage_scenes.scene(seed)
     found = footage.ours(one, list(one.frames()))
     assert found["wrong"] == 0
-    assert set(found["reasons"]) & {"uneven ground", "covered"}
+    assert found["held"] > 0.95 or found["reasons"]
+
+
+@pytest.mark.parametrize("seed", [7132, 20062, 20416, 20830, 21193, 21528])
+def test_a_mark_on_its_plates_corner_is_taken_for_one_like_its_fellows(
+    footage: ModuleType, footage_scenes: ModuleType, seed: int
+) -> None:
+    """It looks half as wide again as the others at first, or more, and was up to 3 px off, or lost for its ground."""
+    one = footage_scenes.scene(seed)
+    found = footage.ours(one, list(one.frames()))
+    assert found["wrong"] == 0
+    assert found["held"] > 0.98
+
+
+@pytest.mark.parametrize("seed", [20050, 21022, 21188, 21627])
+def test_marks_of_a_pixel_or_two_are_judged_by_pixels_enough(
+    footage: ModuleType, footage_scenes: ModuleType, seed: int
+) -> None:
+    """Within 2.6 of the widths that their fits gave lay five pixels, which four parameters fit nearly without a residual."""
+    one = footage_scenes.scene(seed)
+    found = footage.ours(one, list(one.frames()))
+    assert found["wrong"] == 0
+    assert found["held"] > 0.98
+
+
+@pytest.mark.parametrize("seed", [20005, 21000, 21053, 21226])
+def test_marks_before_strong_print_or_gravel_are_found(
+    footage: ModuleType, footage_scenes: ModuleType, seed: int
+) -> None:
+    """Weaker than what stands behind: before more noise than their plate has, or best but by their contrast."""
+    one = footage_scenes.scene(seed)
+    found = footage.ours(one, list(one.frames()))
+    assert found["wrong"] == 0
+    assert found["held"] > 0.95
 
 
 def turning(count: int, seeded: bool) -> tuple[str, list[Frame]]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from towline.geometry import run_datum
 from towline.record import read_run
@@ -137,6 +138,20 @@ def test_flicker_and_a_step_of_the_exposure(tmp_path: Path) -> None:
     hall = Hall(light=light)
     found = hall.track(tmp_path)
     assert min(found.measured.values()) >= 118
+    check_none_wrong(hall, found, 0.25)
+
+
+def test_a_lens_that_breathes_loses_no_mark(tmp_path: Path) -> None:
+    """All marks become a fifth wider and as much lower at once: as much light as before, and no step of the exposure."""
+
+    def soften(index: int, picture: np.ndarray, places: dict) -> None:
+        away = max(0.0, np.sin(2 * np.pi * index / 200)) * 1.1
+        if away > 0.1:
+            picture[:] = ndimage.gaussian_filter(picture, away)
+
+    hall = Hall(change=soften, frames=160)
+    found = hall.track(tmp_path)
+    assert min(found.measured.values()) >= 158
     check_none_wrong(hall, found, 0.25)
 
 

@@ -45,6 +45,9 @@ SHARPEST = 12.0
 """Largest power of a flat top (1: a Gaussian): beyond it its edge is sharper than a pixel can show."""
 WHITE_MARGIN_DN = 1.5
 """A pixel so near to white is taken as clipped: rounding, and a codec's ringing."""
+LEAST_DISC_PX = 1.6
+"""The disc by which a fit is judged has at least this radius: nine pixels, of which a mark narrower than a pixel would leave none
+that its parameters have not taken up."""
 LEAST_PIXELS = 20
 """A fit on fewer usable pixels of a window does not count: a choice."""
 
@@ -294,7 +297,7 @@ class _Problem:
         x, y = np.tile(np.arange(self.n), self.n), np.repeat(np.arange(self.n), self.n)
         dx, dy = x - (theta[:, U] - self.corner[:, 0])[:, None], y - (theta[:, V] - self.corner[:, 1])[:, None]
         q = theta[:, P_UU, None] * dx**2 + 2 * theta[:, P_UV, None] * dx * dy + theta[:, P_VV, None] * dy**2
-        inside = (q < DISC_WIDTHS**2) & self.usable
+        inside = ((q < DISC_WIDTHS**2) | (dx**2 + dy**2 < LEAST_DISC_PX**2)) & self.usable
         variance = self.noise[0] + self.noise[1] * np.maximum(self.backend.numpy(self.data) - gap, 0.0)
         freedom = np.maximum(inside.sum(axis=1) - len(self.free), 1.0)
         return (inside * gap**2 / np.maximum(variance, 1e-6)).sum(axis=1) / freedom, freedom

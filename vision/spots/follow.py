@@ -17,11 +17,12 @@ from ...record.run import Run
 from ...record.schema import Marker
 from ..backend import Backend
 from ..recording import Frame
+from .alike import Seen, like_their_fellows
 from .candidates import Array, Candidates
 from .identity import CLEAR_COST, SEEN_SD_PX, Assignment
 from .judge import JUMP_PX, Rigid, judge, largest_sigma_px, seen_sigma_px
 from .live import LiveMark
-from .refine import WIDEST_PX, Refiner, Stack, wide_as_seemed
+from .refine import WIDEST_PX, Refined, Refiner, Stack, wide_as_seemed
 from .search import Search
 from .stretch import Found, Mark, Stretch, table_of
 
@@ -45,11 +46,17 @@ SECOND_PX_S = 300.0
 """How fast a mark may be in the second frame in which it is seen, standard deviation: a choice, 10 px a frame of usual film."""
 UNCLEAR = 10
 """After so many frames in which marks could be taken for one another, nothing is expected of more: a choice."""
+SURE_COST = 16.0
+"""A set of spots that costs more than this (four standard deviations) is not taken at first sight, however clear of others it is:
+the marks themselves may not be among the spots."""
 UNCLEAR_MARGIN = 2.0
 """One set of spots that moves on through all of these frames, and fits better than any other by a cost of so much in their mean
 (odds of e to 1 in each), is taken: a choice."""
 SECOND_TURN_RAD = np.radians(30.0)
 """No model turns by more than this from the first to the second frame in which it is seen: a choice."""
+MOST_RETRIES, RETRY_COST = 2, 2 * CLEAR_COST
+"""A frame in which a set of spots that did not hold was taken for the marks is looked at again for the next best, so often, as
+long as that costs no more than the first by so much: choices."""
 CONFIRMED = 0.6
 """Of the frames of its probation a mark must be measured in this share."""
 ACQUIRE_EVERY_FRAME = 20
@@ -106,7 +113,10 @@ class SpotFollower:
         self.ambiguous = False
         self.unclear = 0
         self.waiting: list[tuple[Frame, Candidates]] = []
-        self.steady = Steady()
+        self.steady = self.steady_moving = Steady()
+        self.tries: list[Frame] = []
+        self.taken: list[Array | None] = []
+        self.taken_cost = np.inf
         self.on_probation, self.proven = True, 0
         self.first_sight = False
         self.looks: list[tuple[float, float] | None] = [None] * len(markers)
@@ -124,6 +134,8 @@ class SpotFollower:
         """Take one frame."""
         self.size_px = frame.luma.shape[1], frame.luma.shape[0]
         damaged = frame.damaged
+        if self.tries:
+            self.tries.append(frame)
         self.stretch.frames.append((frame.index, frame.t_s, damaged))
         if damaged:
             pass
@@ -139,7 +151,7 @@ class SpotFollower:
             self.flush()
         if not damaged and any(self.marks) and self._search_due(frame):
             self.flush()
-            if any(self.marks):
+            if any(self.marks) and not len(self.stretch):
                 self.searched = frame.index
                 self._recover(frame)
 
@@ -201,20 +213,25 @@ class SpotFollower:
         near, near_sd = self._seen_by_user(frame.t_s)
         chosen, every = self.search.anywhere(frame, near, near_sd)
         candidates = every
-        if not chosen.accepted:
+        again = any(index == frame.index for index, _ in self.search.refused)
+        if not chosen.accepted or (again and chosen.cost > self.taken_cost + RETRY_COST):
             return
-        told = all(place is not None for place in near) and frame.t_s == self.began_s
-        if chosen.ambiguous and not told and not chosen.turned:  # what stands still is not towed
+        told = all(place is not None for place in near) and frame.t_s == self.began_s and not self._doubtful(chosen)
+        settled = False
+        if self._unclear(chosen) and not told and not chosen.turned:  # what stands still is not towed
             moving = self.search.moving(candidates, near, near_sd)
-            if moving is not None and moving[0].accepted and moving[0].cost < chosen.cost + CLEAR_COST:
-                chosen, candidates = moving
-        if chosen.ambiguous and (chosen.turned or not told):  # the user's pick is the nearest that fits
+            if moving is not None and moving[0].accepted:
+                self.steady_moving = self.steady_moving.with_next(*moving, frame.t_s)
+                settled = self.steady_moving.settled
+                if moving[0].cost < chosen.cost + CLEAR_COST or settled:
+                    chosen, candidates = moving
+        if self._unclear(chosen) and (chosen.turned or not told):  # the user's pick is the nearest that fits
             self.unclear += 1
             self.waiting.append((frame, every))
             if chosen.turned and self.unclear >= UNCLEAR:
                 raise TrackingError(self.search.why_unclear())
             self.steady = self.steady.with_next(chosen, candidates, frame.t_s)
-            if chosen.turned or not self.steady.settled:
+            if chosen.turned or not (self.steady.settled or settled):
                 return
             self.ambiguous = True
             self.waiting.pop()
@@ -232,6 +249,9 @@ class SpotFollower:
         self.on_probation = self.first_sight = True
         self.proven = 0
         self.looks = looks
+        self.tries = [frame]
+        self.taken = [candidates.centre_px[spot] if spot >= 0 else None for spot in chosen.chosen]
+        self.taken_cost = self.taken_cost if again else chosen.cost
         earlier = self._earlier({index: place for index, (_, place) in begun.items()})
         # frames before these hold nothing: they are written as they are, so that probation counts from here
         before, now = self.stretch.frames[: -1 - len(earlier)], self.stretch.frames[-1 - len(earlier) :]
@@ -249,6 +269,14 @@ class SpotFollower:
             times = [seen.t_s for seen, _ in [*earlier, (frame, None)]]
             for index, (mark, place) in begun.items():
                 mark.began([*(places[index] for _, places in earlier), place], times)
+
+    def _doubtful(self, chosen: Assignment) -> bool:
+        """The marks fit so badly that they may be something else."""
+        return len(self.markers) > 1 and chosen.cost > SURE_COST
+
+    def _unclear(self, chosen: Assignment) -> bool:
+        """Something else fits nearly as well, or nothing fits well."""
+        return chosen.ambiguous or self._doubtful(chosen)
 
     def _earlier(self, places: dict[int, Array]) -> list[tuple[Frame, dict[int, Array]]]:
         """Where marks that are now known stood in the frames before, in which nothing told them from other spots."""
@@ -377,12 +405,10 @@ class SpotFollower:
         width = np.full(found.brightness.shape, np.nan)
         excess = np.full(found.brightness.shape, np.nan)
         flux = np.full(found.brightness.shape, np.nan)
-        for index, mark in enumerate(self.marks):
-            kept = None if mark is None else stretch.stack(index, self.size_px)
-            if mark is None or kept is None:
-                continue
-            rows, stack, repeated = kept
-            fit = (refined := mark.refiner.refine(stack)).fit
+        for index, (rows, refined, repeated) in self._refined().items():
+            mark = self.marks[index]
+            assert mark is not None
+            fit = refined.fit
             good = fit.good
             found.reason[index, rows] = np.where(good, "", "no spot")
             found.place[index, rows[good]] = fit.centre_px[good]
@@ -395,13 +421,36 @@ class SpotFollower:
             flux[index, rows] = np.where(refined.odd, refined.flux, 1.0)
         self.rigid.check(found, judge(self.marks, found, width, excess, flux))
         if self.on_probation and self._broken(found):
+            if self._try_again(found):
+                return
             self._dismiss(found)
         else:
+            self.tries = []
             self.proven += len(found.frames)
             self.on_probation = self.on_probation and self.proven < PROBATION_FRAMES
             self._learn(found)
         self._write(found)
         stretch.clear()
+
+    def _refined(self) -> dict[int, tuple[Array, Refined, Array]]:
+        """By the mark's number: the rows of the stretch in which it was kept, its fits, whether a picture was the one before."""
+        answer: dict[int, tuple[Array, Refined, Array]] = {}
+        first: dict[bool, dict[int, Seen]] = {}
+        for index, mark in enumerate(self.marks):
+            kept = None if mark is None else self.stretch.stack(index, self.size_px)
+            if mark is None or kept is None:
+                continue
+            rows, stack, repeated = kept
+            answer[index] = rows, mark.refiner.refine(stack), repeated
+            if mark.refiner.stretches == 1:
+                first.setdefault(self._dark(index), {})[index] = mark.refiner, stack, answer[index][1]
+        for seen in first.values():
+            for index, (refiner, refined) in like_their_fellows(seen).items():
+                mark = self.marks[index]
+                assert mark is not None
+                mark.refiner = refiner
+                answer[index] = answer[index][0], refined, answer[index][2]
+        return answer
 
     def _unseen(self, frames: list[tuple[int, float, bool]]) -> Found:
         """Nothing seen in these frames, and why."""
@@ -441,11 +490,28 @@ class SpotFollower:
         measured = (found.reason[followed][:, whole] == "").mean(axis=1) if any(whole) else np.ones(1)
         return bool(measured.min() < CONFIRMED)
 
+    def _try_again(self, found: Found) -> bool:
+        """Look once more for another set of spots, from the frame on in which what did not hold was taken for the marks."""
+        tries, self.tries = self.tries, []
+        again = bool(tries) and tries[0].index == found.frames[0][0] and len(self.search.refused) < MOST_RETRIES
+        if again:
+            self.search.dismissed(found, [m is not None for m in self.marks])
+            self.search.refused.append((tries[0].index, self.taken))
+            self._forget()
+            self.stretch.clear()
+            for frame in tries:
+                self.step(frame)
+        return again
+
     def _dismiss(self, found: Found) -> None:
         """What was acquired did not hold: those frames were not the marks, and the search begins anew."""
         self.search.dismissed(found, [m is not None for m in self.marks])
         why = np.array([f"not confirmed ({r})" if r else "not confirmed" for r in found.reason.ravel()], dtype=object)
         found.reason = np.where(found.reason == "damaged frame", found.reason, why.reshape(found.reason.shape))
+        self._forget()
+
+    def _forget(self) -> None:
+        """What was followed was not the marks."""
         self.marks = [None] * len(self.markers)
         self.rigid.distances.clear()
         self.search.begun_at.clear()
@@ -467,7 +533,8 @@ class SpotFollower:
 
     def finish(self) -> pd.DataFrame:
         """All rows."""
-        self.flush()
+        while len(self.stretch):
+            self.flush()
         if self.never_found:
             raise TrackingError(self.search.why_never())
         return table_of(self.done, [m.name for m in self.markers])

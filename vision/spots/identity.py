@@ -27,7 +27,8 @@ SEEN_SD_PX = 4.0
 """How far the user's rough pick may lie from the mark, standard deviation: a choice."""
 CONTRAST_WEIGHT, CONTRAST_MOST = 4.0, 6.0
 """Cost of a dimmer spot: by the square of the logarithm, as if contrasts scattered by a factor of e^(1/2), 1.65; and at most so
-much: the brightest spot of a frame may be a lamp, or paint."""
+much: the brightest spot of a frame may be a lamp, or paint. Three marks or more have distances enough to be known by, and each
+counts less: marks are alike, and what is brighter than one of them is brighter than all."""
 ALIKE_CONTRAST, ALIKE_WIDTH = 0.5, 0.3
 """Logarithms by which the contrasts and the widths of two marks of one kind differ, standard deviations: choices."""
 STRETCH_WEIGHT = 0.5
@@ -43,6 +44,10 @@ PLATE_WIDTHS, PLATE_CONTRAST, PLATE_COST = 1.6, 0.4, 5.0
 the plate of a mark rather than a mark: what that costs."""
 CLEAR_COST = 6.0
 """An assignment stands alone where every other costs so much more: odds of 20 to 1."""
+SPOT_SD_PX = 0.5
+"""How far a spot's centroid may lie from its mark beside what the distances may be off, standard deviation: a choice."""
+MOST_PAIRS, PAIRS_AT_ONCE = 4000, 200
+"""Pairs of spots that are tried as a pair of markers, the best first, until none can be better than what was found: for time."""
 NEAR_PX = 4.0
 """Two spots so near to each other may be one; the same for a spot and where it was."""
 TINTS = {"blue": (1, 0, 0), "green": (0, 1, 0), "red": (0, 0, 1), "yellow": (0, 1, 1), "white": (1, 1, 1)}
@@ -94,6 +99,7 @@ def assign(
     near_px: Sequence[Array | None] | None = None,
     near_sd_px: Sequence[float] | None = None,
     looks: Sequence[tuple[float, float] | None] | None = None,
+    refused: Sequence[Sequence[Array | None]] = (),
 ) -> Assignment:
     """Try every pair of spots as every pair of markers; the rigid body they fix must explain all the others.
 
@@ -106,6 +112,7 @@ def assign(
     near_px : per marker where it is expected (the user's seen_at_px, or where it was seen last), or None
     near_sd_px : how far from there it may be, standard deviation (default ``SEEN_SD_PX``)
     looks : per marker the contrast and the width of the spot that it was a frame before, or None
+    refused : sets of places (one a marker, or None) that were tried before and are not the marks
     """
     body = np.array([m.body_m for m in markers])
     pairs = sorted(
@@ -113,15 +120,16 @@ def assign(
     )
     if len(candidates) < min(2, len(markers)):
         return Assignment((-1,) * len(markers), np.inf, False, False, None)
-    place = np.stack([mapping.to_tank(candidates.centre_px, m.depth_m).xy_m for m in markers])
+    tank = [mapping.to_tank(candidates.centre_px, m.depth_m) for m in markers]
+    place, px_m = np.stack([t.xy_m for t in tank]), np.stack([_px_m(t.per_px) for t in tank])
     expected = near_px or [None] * len(markers)
     loose = near_sd_px or [SEEN_SD_PX] * len(markers)
-    most = (
-        CONTRAST_MOST if len(markers) > 1 else np.inf
-    )  # one alone has no distances: its contrast is all that tells it
-    own = np.stack(
-        [_own_cost(candidates, m, near, sd, most) for m, near, sd in zip(markers, expected, loose, strict=True)]
-    )
+    # one alone has no distances: its contrast is all that tells it
+    most = CONTRAST_MOST if len(markers) > 1 else np.inf
+    share = 1 / max(len(markers) - 1, 1)
+    own = np.stack([
+        _own_cost(candidates, m, near, sd, share, most) for m, near, sd in zip(markers, expected, loose, strict=True)
+    ])  # fmt: skip
     own += PLATE_COST * holds_a_mark(candidates)
     for row, look in enumerate(looks or ()):
         if look is not None:
@@ -131,45 +139,39 @@ def assign(
             own[row] += (contrast / SAME_CONTRAST) ** 2 + (width / SAME_WIDTH) ** 2
     if len(markers) == 1:
         return _alone(candidates, own[0])
-    alike = _unlike(candidates)
+    seen = _Seen(candidates, markers, body, place, px_m, own, _unlike(candidates))
     best = (np.inf, (-1,) * len(markers))
     second = (np.inf, (-1,) * len(markers))
     nearest: tuple[float, float] | None = None
     for first, other in pairs[:3]:
         cost, heading = _pair_costs(place, own, body, first, other, run)
         if markers[first].colour == markers[other].colour:
-            cost = cost + alike
+            cost = cost + seen.alike
         stated = float(np.hypot(*(body[first] - body[other])))
         if nearest is None:
             apart = np.linalg.norm(place[first][:, None] - place[other][None], axis=2)
             flat = int(np.nanargmin(np.abs(apart - stated))) if np.isfinite(apart).any() else 0
             nearest = (float(apart.flat[flat]), stated)
-        order = np.argsort(cost, axis=None)[:200]
-        for flat in order:
-            a, b = np.unravel_index(flat, cost.shape)
-            if not np.isfinite(cost[a, b]):
+        order = np.argsort(cost, axis=None)[:MOST_PAIRS]
+        for start in range(0, len(order), PAIRS_AT_ONCE):
+            spots = np.column_stack(np.unravel_index(order[start : start + PAIRS_AT_ONCE], cost.shape))
+            alone, turn = cost[tuple(spots.T)], heading[tuple(spots.T)]
+            if not alone[0] < second[0]:
                 break
-            chosen, total = _complete(
-                int(a),
-                int(b),
-                first,
-                other,
-                float(cost[a, b]),
-                float(heading[a, b]),
-                place,
-                own,
-                alike,
-                body,
-                candidates,
-                mapping,
-                markers,
-            )
-            if total < best[0]:
-                if _differs(chosen, best[1], candidates):
-                    second = best
-                best = (total, chosen)
-            elif total < second[0] and _differs(chosen, best[1], candidates):
-                second = (total, chosen)
+            rest = seen.rest_costs(first, other, spots, turn)
+            least = alone + np.minimum(rest.min(axis=2), MISSING_COST).sum(axis=1)
+            for row in np.argsort(least):
+                if not least[row] < second[0]:
+                    break
+                chosen, total = _complete(spots[row], first, other, float(alone[row]), rest[row])
+                if any(_same_places(chosen, places, candidates) for places in refused):
+                    continue
+                if total < best[0]:
+                    if _differs(chosen, best[1], candidates):
+                        second = best
+                    best = (total, chosen)
+                elif total < second[0] and _differs(chosen, best[1], candidates):
+                    second = (total, chosen)
     ambiguous = bool(second[0] - best[0] < CLEAR_COST)
     turned = ambiguous and _turned(best[1], second[1], candidates)
     return Assignment(best[1], best[0], ambiguous, turned, nearest, float(second[0] - best[0]))
@@ -195,9 +197,11 @@ def holds_a_mark(candidates: Candidates) -> Array:
     return (inside & smaller & strong & (candidates.dark[:, None] == candidates.dark[None])).any(axis=1)
 
 
-def _own_cost(candidates: Candidates, marker: Marker, near_px: Array | None, near_sd_px: float, most: float) -> Array:
-    """Cost of each spot by itself: dimmer than the brightest of its kind (at most ``most``), stretched, of another colour, far
-    from where it is expected; infinite for a bright spot where a dark mark is meant.
+def _own_cost(
+    candidates: Candidates, marker: Marker, near_px: Array | None, near_sd_px: float, share: float, most: float
+) -> Array:
+    """Cost of each spot by itself: dimmer than the brightest of its kind (at most ``most``, of which ``share`` counts), stretched,
+    of another colour, far from where it is expected; infinite for a bright spot where a dark mark is meant.
     """
     kind = candidates.dark == (marker.colour == "dark")
     brightest = candidates.contrast_dn[kind].max() if kind.any() else 1.0
@@ -207,7 +211,7 @@ def _own_cost(candidates: Candidates, marker: Marker, near_px: Array | None, nea
     if near_px is not None:
         cost += ((candidates.centre_px - near_px) ** 2).sum(axis=1) / near_sd_px**2
     else:
-        cost += np.minimum(CONTRAST_WEIGHT * np.log(brightest / candidates.contrast_dn) ** 2, most)
+        cost += share * np.minimum(CONTRAST_WEIGHT * np.log(brightest / candidates.contrast_dn) ** 2, most)
     return np.where(kind, cost, np.inf)
 
 
@@ -253,44 +257,85 @@ def _pair_costs(place: Array, own: Array, body: Array, first: int, other: int, r
     return np.where(np.isfinite(cost), cost, np.inf), heading
 
 
-def _complete(
-    a: int,
-    b: int,
-    first: int,
-    other: int,
-    cost: float,
-    heading: float,
-    place: Array,
-    own: Array,
-    alike: Array,
-    body: Array,
-    candidates: Candidates,
-    mapping: Mapping,
-    markers: tuple[Marker, ...],
-) -> tuple[tuple[int, ...], float]:
-    """Find the other markers' spots from the body that the pair fixes: the assignment that costs least in all."""
+@dataclass(frozen=True)
+class _Seen:
+    """The spots of a frame and what each would cost as each of m markers.
+
+    Attributes
+    ----------
+    candidates, markers : c and m of them
+    body : (m, 2) m, on deck
+    place : (m, c, 2) m, in the tank, each in its marker's plane
+    px_m : (m, c), metres of a pixel there
+    own : (m, c), cost of a spot by itself
+    alike : (c, c), cost of two spots as marks of one kind
+    """
+
+    candidates: Candidates
+    markers: tuple[Marker, ...]
+    body: Array
+    place: Array
+    px_m: Array
+    own: Array
+    alike: Array
+
+    def rest_costs(self, first: int, other: int, spots: Array, heading: Array) -> Array:
+        """(p, m - 2, c) cost of each spot as each other marker of the bodies that pairs of spots fix.
+
+        Parameters
+        ----------
+        first, other : markers of the pair
+        spots : (p, 2) of each pair
+        heading : (p,), rad, of the body that it fixes
+        """
+        cosine, sine = np.cos(heading), np.sin(heading)
+        rotation = np.stack([np.stack([cosine, -sine], axis=1), np.stack([sine, cosine], axis=1)], axis=1)
+        pair = float(np.hypot(*(self.body[first] - self.body[other])))
+        costs = [np.zeros((len(spots), 0, len(self.candidates)))]
+        for index in self.rest(first, other):
+            arm = self.body[index] - self.body[first]
+            expected = self.place[first, spots[:, 0]] + rotation @ arm
+            reach = min(float(np.hypot(*arm)), float(np.hypot(*(self.body[index] - self.body[other]))))
+            sd = max(1.0, reach / pair) * (DISTANCE_SD_M + DISTANCE_SD_SHARE * reach)
+            variance = sd**2 + (SPOT_SD_PX * self.px_m[index]) ** 2
+            cost = ((self.place[index] - expected[:, None]) ** 2).sum(axis=2) / variance + self.own[index]
+            if self.markers[index].colour == self.markers[first].colour:
+                cost = cost + self.alike[spots[:, 0]]
+            np.put_along_axis(cost, spots, np.inf, axis=1)
+            costs.append(np.where(np.isfinite(cost), np.minimum(cost, 1e6), 1e6)[:, None])
+        return np.concatenate(costs, axis=1)
+
+    def rest(self, first: int, other: int) -> list[int]:
+        """The markers that are none of a pair."""
+        return [index for index in range(len(self.markers)) if index not in (first, other)]
+
+
+def _px_m(per_px: Array) -> Array:
+    """(c,) metres of a pixel, from (c, 2, 2)."""
+    return np.sqrt(np.abs(per_px[:, 0, 0] * per_px[:, 1, 1] - per_px[:, 0, 1] * per_px[:, 1, 0]))
+
+
+def _complete(spots: Array, first: int, other: int, cost: float, rest: Array) -> tuple[tuple[int, ...], float]:
+    """Find the other markers' spots beside the pair's: the assignment that costs least in all.
+
+    Parameters
+    ----------
+    spots : (2,), of markers ``first`` and ``other``, which cost ``cost``
+    rest : (m - 2, c), what each spot costs as each other marker
+    """
     from scipy.optimize import linear_sum_assignment
 
-    chosen = [-1] * len(markers)
-    chosen[first], chosen[other] = a, b
-    rest = [index for index in range(len(markers)) if index not in (first, other)]
-    if not rest:
+    chosen = [-1] * (len(rest) + 2)
+    chosen[first], chosen[other] = int(spots[0]), int(spots[1])
+    if not len(rest):
         return tuple(chosen), cost
-    rotation = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
     # a column per spot, and one per marker for having none
-    table = np.full((len(rest), len(candidates) + len(rest)), MISSING_COST)
-    for row, index in enumerate(rest):
-        expected = place[first, a] + rotation @ (body[index] - body[first])
-        pixel = mapping.to_pixel(np.array([[*expected, markers[index].depth_m]]))[0]
-        away = ((candidates.centre_px - pixel) ** 2).sum(axis=1) / NEAR_PX**2 + own[index]
-        if markers[index].colour == markers[first].colour:
-            away = away + alike[a]
-        away[[a, b]] = np.inf
-        table[row, : len(candidates)] = np.where(np.isfinite(away), np.minimum(away, 1e6), 1e6)
+    table = np.column_stack([rest, np.full((len(rest), len(rest)), MISSING_COST)])
+    others = [index for index in range(len(chosen)) if index not in (first, other)]
     rows, columns = linear_sum_assignment(table)
     for row, column in zip(rows, columns, strict=True):
-        if column < len(candidates) and table[row, column] < MISSING_COST:
-            chosen[rest[row]] = int(column)
+        if column < rest.shape[1] and table[row, column] < MISSING_COST:
+            chosen[others[row]] = int(column)
     return tuple(chosen), cost + float(np.minimum(table[rows, columns], MISSING_COST).sum())
 
 
@@ -301,6 +346,16 @@ def _turned(one: tuple[int, ...], two: tuple[int, ...], candidates: Candidates) 
         return False
     apart = np.linalg.norm(places[0][:, None] - places[1][None], axis=2)
     return bool((apart.min(axis=0) <= NEAR_PX).all() and (apart.min(axis=1) <= NEAR_PX).all())
+
+
+def _same_places(chosen: tuple[int, ...], places: Sequence[Array | None], candidates: Candidates) -> bool:
+    """No marker at a place more than a few pixels away."""
+    for spot, place in zip(chosen, places, strict=True):
+        if (spot < 0) != (place is None):
+            return False
+        if place is not None and np.hypot(*(candidates.centre_px[spot] - place)) > NEAR_PX:
+            return False
+    return True
 
 
 def _differs(one: tuple[int, ...], two: tuple[int, ...], candidates: Candidates) -> bool:

@@ -80,9 +80,11 @@ def judge(marks: Sequence[Mark | None], found: Found, width: Array, excess: Arra
         wide = np.log(width)
         same = (wide > np.log(WIDTH_RANGE[0]) - unsure) & (wide < np.log(WIDTH_RANGE[1]) + unsure)
         _put(reason, "shape", ~same | (excess > SHAPE_LIMIT))
-        common = np.where(flux == 1.0, 1.0, np.exp(_common(ratio, SAME_SPREAD))[None, :])
+        common = np.where(flux == 1.0, 0.0, _common(ratio, SAME_SPREAD)[None, :])
         unsure = FLUX_SD * share
-        light = np.log(np.maximum(flux / common, 1e-9))
+        light = np.log(np.maximum(flux, 1e-9))
+        # what all marks share is the exposure's where it took of their light, and the focus's where it only spread it
+        light = np.where(np.abs(light - common) < np.abs(light), light - common, light)
         _put(
             reason, "covered", (light < np.log(COVERED_RANGE[0]) - unsure) | (light > np.log(COVERED_RANGE[1]) + unsure)
         )

@@ -78,6 +78,8 @@ SHAPE_LIMIT = 5.0
 SAME_SHAPE = 0.1
 """What a fit leaves over below this share of the mark's height is no other shape, however little is usual: a choice, a third of
 what a mark covered to a fifth leaves."""
+LADDER = (SHARED, TAPERED, ELLIPSE, SLOPED, PLATEAU_SHARED, PLATEAU, REFLECTION_SHARED, REFLECTION, REFLECTION_FREE)
+"""All steps."""
 REFLECTED = tuple(m.name for m in (REFLECTION_SHARED, REFLECTION, REFLECTION_FREE))
 MODEL_SHARE = 0.5
 """Of the squared difference between the places that two models give to a partly covered or blurred mark."""
@@ -114,6 +116,14 @@ SMALL_PX = 2.0
 """Below this width the pixels may not tell a mark's shape from its noise: a choice."""
 UNSURE_SHARE = 0.1
 """A shape that leaves so many more of the frames without a sure place than the shared width does is not looked for: a choice."""
+LIKE_WIDTH, UNLIKE_COST = 1.8, 5.0
+"""A fit that is wider or narrower than the mark by more than this factor, beyond which none is believed, or is lost in noise, went
+to something else, or has too much that is free. Any other is taken before it that leaves less than e^5 as much."""
+TAUGHT_WIDTH = 1.15
+"""The shape of a mark that was taken for too wide a one is learnt from fits that are this near to it: it may grow as the mark comes
+nearer, by so much in a stretch, and does not take up again what is beside it."""
+NARROWEST_PX = 0.6
+"""Standard deviation of the narrowest mark: a point through a lens of 0.5 px over square pixels has 0.58."""
 LEAST_LEVEL = 1e-12
 """Of a residual variance over the noise's, where its logarithm is taken: a picture without noise leaves none."""
 GROUND_FRAMES = 8
@@ -213,6 +223,19 @@ class Refiner:
         self.stretches = 0
         self.ground_px2 = np.zeros(2)
         self.grounds: dict[str, _Ground] = {}
+        self.taught = False
+
+    @classmethod
+    def taught_by(cls, other: Refiner) -> Refiner:
+        """One for a mark that looks like another's: of its shape, whatever seems to be beside it."""
+        one = cls(other.width_px, other.dark, other.white_dn, other.backend)
+        assert other.usual is not None
+        one.usual = other.usual.copy()
+        one.flat = other.flat
+        one.ground_dn, one.height_dn, one.noise = other.ground_dn, other.height_dn, other.noise
+        one.taught = True
+        one.model = SHARED if one.usual[POWER] == 1.0 else PLATEAU_SHARED
+        return one
 
     @property
     def half_px(self) -> int:
@@ -244,7 +267,7 @@ class Refiner:
         self._learn(stack, fit, first=self.stretches == 0)
         if self.stretches == 0:  # the first stretch taught what the mark looks like: once more with that
             fit = self._fit(stack, self.model)
-        odd = self._odd(fit)
+        odd = self._odd(fit) | ~self._like_it(fit)
         if odd.any():
             fit = self._climb(stack, fit, odd, step)
         if self.model.reflects:
@@ -279,14 +302,14 @@ class Refiner:
             good = fit.good & np.isfinite(fit.theta).all(axis=1)
         if not good.any():
             return
-        self.usual = np.median(fit.theta[good], axis=0)
-        self.width_px = float(np.clip(width_of(self.usual), 0.6, WIDEST_PX))
+        self.usual = _not_narrower(np.median(fit.theta[good], axis=0))
+        self.width_px = float(np.clip(width_of(self.usual), NARROWEST_PX, WIDEST_PX))
         self.ground_dn, self.height_dn = float(self.usual[GROUND]), float(self.usual[HEIGHT])
 
     def _check(self, stack: Stack, fit: SpotFit) -> Model:
         """The step of the ladder that this stretch asks for."""
         sound = np.flatnonzero(fit.good & ~self._odd(fit))
-        if self.usual is None:
+        if self.usual is None or (self.taught and self.model is PLATEAU_SHARED):
             return self.model
         blurred = False  # too small or too faint for its shape to be told?
         if self.width_px < SMALL_PX and _sure(fit).mean() < 1 - UNSURE_SHARE:
@@ -298,14 +321,14 @@ class Refiner:
         index = sound[_spread(len(sound), CHECK_FRAMES)]
         few, fitted = stack.rows(index), {self.model.name: fit.rows(index)}
         flat = has_plateau(few.cut(few.start_px, self.radius(ELLIPSE))[0], self.dark).mean() > 0.5
-        tried = [SHARED, TAPERED] if blurred else [SHARED, TAPERED, ELLIPSE, PLATEAU if flat else SLOPED]
+        tried = [SHARED, TAPERED] if blurred or self.taught else [SHARED, TAPERED, ELLIPSE, PLATEAU if flat else SLOPED]
         cost = {m.name: self._cost(fitted.get(m.name) or self._fit(few, m), m) for m in tried}
-        if flat and np.isfinite(cost.get(PLATEAU.name, np.inf)):
+        if flat and not self.taught and np.isfinite(cost.get(PLATEAU.name, np.inf)):
             self.flat = _middle(self._fit(few, PLATEAU))
             tried.append(PLATEAU_SHARED)
             shared = fitted.get(PLATEAU_SHARED.name) or self._fit(few, PLATEAU_SHARED)
             cost[PLATEAU_SHARED.name] = self._cost(shared, PLATEAU_SHARED)
-        looked_for = self.stretches % REFLECTION_EVERY == 0 or self.model.reflects
+        looked_for = (self.stretches % REFLECTION_EVERY == 0 or self.model.reflects) and not self.taught
         if looked_for and not blurred and self._find_reflection(few):
             free = self._plausible(self._fit(few, REFLECTION_FREE), steady=True)
             if free.good.mean() > MOSTLY_GOOD:
@@ -316,8 +339,9 @@ class Refiner:
 
     def _cost(self, fit: SpotFit, model: Model) -> float:
         """What a step of the ladder leaves, and costs."""
+        like = fit.good if model.reflects else self._like_it(fit)
         if (
-            fit.good.mean() <= (MOSTLY_GOOD if model.reflects else LEAST_GOOD)
+            like.mean() <= (MOSTLY_GOOD if model.reflects else LEAST_GOOD)
             or np.median(fit.sigma_px[fit.good].max(axis=1)) > LEAST_SURE_PX
         ):
             return np.inf
@@ -410,21 +434,31 @@ class Refiner:
         level = self.level if np.isfinite(self.level) else float(np.median(fit.level))
         return ~fit.good | (fit.level > level * GATE_SHARE * (1 + GATE_SD * np.sqrt(2 / fit.disc)))
 
+    def _like_it(self, fit: SpotFit, most: float = LIKE_WIDTH) -> NDArray[np.bool_]:
+        """Fits as wide as the mark usually is, to a factor ``most``, whose place is known."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            wide = np.abs(np.log(fit.width_px / self.width_px))
+        return fit.good & (fit.sigma_px.max(axis=1) <= max(LEAST_SURE_PX, self.width_px)) & (wide < np.log(most))
+
     def _climb(self, stack: Stack, fit: SpotFit, odd: NDArray[np.bool_], step: NDArray[np.object_]) -> SpotFit:
         """Try the other steps on the frames that do not fit, and keep what fits best."""
         index = np.flatnonzero(odd)
         few = stack.rows(index)
         best = fit.rows(index)
         cost = np.where(best.good, np.log(np.maximum(best.level, LEAST_LEVEL)) + MARGIN[self.model.name], np.inf)
+        cost += np.where(self._like_it(best), 0.0, UNLIKE_COST)
         names = step[index]
         tries: list[tuple[Model, SpotFit]] = [
-            (model, self._fit(few, model)) for model in (TAPERED, ELLIPSE, SLOPED, PLATEAU) if model is not self.model
+            (model, self._fit(few, model))
+            for model in (SHARED, TAPERED, ELLIPSE, SLOPED, PLATEAU)
+            if model is not self.model
         ]
         if self.usual is not None and not self.model.reflects:
             tries.append((REFLECTION, self._plausible(self._two_lights(few))))
         for model, again in tries:
             sure = again.good & (again.sigma_px.max(axis=1) <= LEAST_SURE_PX)
             other = np.where(sure, np.log(np.maximum(again.level, LEAST_LEVEL)) + MARGIN[model.name], np.inf)
+            other += np.where(self._like_it(again), 0.0, UNLIKE_COST)
             win = other < cost
             best, cost = best.with_rows(win, again.rows(win)), np.where(win, other, cost)
             names = np.where(win, model.name, names)
@@ -504,12 +538,15 @@ class Refiner:
             return
         index = np.flatnonzero(good)[_spread(int(good.sum()), self._learn_frames)]
         few = stack.rows(index)
+        most = TAUGHT_WIDTH if self.taught else LIKE_WIDTH
         if self.model.reflects:
             shaped = self._plausible(self._fit(few, REFLECTION_FREE))
         else:
             own = {SHARED.name: ELLIPSE, TAPERED.name: SLOPED, PLATEAU_SHARED.name: PLATEAU}.get(self.model.name)
             shaped = fit.rows(index) if own is None else self._fit(few, own)
-        shaped = shaped.rows(shaped.good)
+        shaped = shaped.rows(shaped.good if self.model.reflects else self._like_it(shaped, most))
+        if len(shaped) < 3 and not self.model.reflects:  # free shapes went to the plate below it: the one that is known
+            shaped = fit.rows(index)
         if len(shaped) < 3:
             return
         share = 1.0
@@ -523,8 +560,8 @@ class Refiner:
         before = self.usual
         if before is not None and (before[HEIGHT_2] == 0) == (new[HEIGHT_2] == 0):
             new = before + share * (new - before)
-        self.usual = new
-        self.width_px = float(np.clip(width_of(new), 0.6, WIDEST_PX))
+        self.usual = new = _not_narrower(new)
+        self.width_px = float(np.clip(width_of(new), NARROWEST_PX, WIDEST_PX))
         self.ground_dn, self.height_dn = float(new[GROUND]), float(new[HEIGHT])
         self._learn_noise(few, fit.rows(index), share)
         again = fit.rows(index) if not first else self._fit(few, self.model)
@@ -580,6 +617,10 @@ class Refiner:
         slope = (
             float(np.clip((var_high - var_low) / (at_high - at_low), 0.0, MOST_SLOPE_DN)) if at_high != at_low else 0.0
         )
+        if (
+            at_high < at_low
+        ):  # where there is no light noise is not negative: the ground's pixels tell more than a dark mark's few
+            slope = min(slope, max(float(var_low) - LEAST_NOISE_DN2, 0.0) / at_low)
         floor = max(float(var_low - slope * max(at_low, 0.0)), LEAST_NOISE_DN2)
         before = self.noise
         self.noise = before[0] + share * (floor - before[0]), before[1] + share * (slope - before[1])
@@ -593,6 +634,13 @@ def wide_as_seemed(ratio: Array) -> NDArray[np.bool_]:
     ratio : of the widths
     """
     return (ratio > 1 / BEGIN_WIDTHS) & (ratio < BEGIN_WIDER)
+
+
+def _not_narrower(theta: Array) -> Array:
+    """Parameters of a spot with a width that pixels allow."""
+    answer = theta.copy()
+    answer[P_UU : P_VV + 1] *= min(1.0, float(width_of(theta)) / NARROWEST_PX) ** 2
+    return answer
 
 
 def _sure(fit: SpotFit) -> NDArray[np.bool_]:

@@ -24,9 +24,19 @@ LEAST_RISE_DN = 3.0
 """Nothing fainter is taken: a choice, a third of what ``candidates`` asks, since here it is above the ring and not the picture."""
 LEAST_RISE_SD = 4.0
 """Nor what stands out by less than this many standard deviations of the picture's own noise at that scale."""
+LEAST_NOISE_DN = 0.2
+"""Noise of a picture that has none, or that a codec has wiped out: rounding alone leaves 0.29 before the smoothing."""
+NEAR_RISE_SD = 3.5
+"""The same about a place where a mark is known to be: there is little else there that noise could make."""
 NOISE_TILE_PX, QUIET_SHARE = 32, 0.25
 """The picture's noise is that of the quietest quarter of its parts of this size: print, gravel or a net is none, and hides no mark
 on a quiet plate. Choices."""
+ON_A_SPOT_SD = 5.0
+"""A narrow spot on a wide one is the wide one's noise, and no mark on a plate, where it rises by less than this many standard
+deviations of the noise while the wide one rises by twice as many: chance raises none of a wide mark's thousand places so high."""
+SMALL_TILE_PX, QUIETER = 8, 2
+"""About a spot it may be less: a quiet plate of three parts of this size a side before gravel that fills the picture has four of
+the nine about its mark to itself. The third smallest of the nine, which chance makes 7 % too small, not 17 % as the smallest."""
 PER_SCALE, IN_ALL = 80, 150
 """The most significant candidates kept of a scale, and of all."""
 SAME_WIDTHS, SAME_PX = 0.5, 0.7
@@ -102,7 +112,8 @@ def _peaks(picture: Array, near_px: Array | None, near_reach_px: float, most: in
     import cv2
 
     noise = noise_of(picture)
-    places, widths, rises, marks = [], [], [], []
+    quiet = np.minimum(_noise_about(picture), noise)
+    places, widths, rises, marks, clears = [], [], [], [], []
     part, factor = picture, 1
     for width in WIDTHS_PX:
         while width / factor >= COARSE_PX:
@@ -118,14 +129,18 @@ def _peaks(picture: Array, near_px: Array | None, near_reach_px: float, most: in
         rise, edge = rise_of(smooth, here)
         cut = rim - edge
         rise = np.ascontiguousarray(rise[cut : rise.shape[0] - cut, cut : rise.shape[1] - cut])
-        own_noise = noise / factor / max(1.0, 2 * np.sqrt(np.pi) * blur)
-        top = (rise >= cv2.dilate(rise, np.ones((3, 3), np.uint8))) & (
-            rise > max(LEAST_RISE_DN, LEAST_RISE_SD * own_noise)
-        )
-        v, u = np.nonzero(top)
-        if not len(u):
-            continue
+        v, u = np.nonzero((rise >= cv2.dilate(rise, np.ones((3, 3), np.uint8))) & (rise > LEAST_RISE_DN))
         found = np.column_stack([u, v]) * float(factor) + 0.5 * (factor - 1)
+        tile = np.minimum(found.astype(int) // SMALL_TILE_PX, np.array(quiet.shape[::-1]) - 1)
+        own_noise = quiet[tile[:, 1], tile[:, 0]] / factor / max(1.0, 2 * np.sqrt(np.pi) * blur)
+        least = np.maximum(LEAST_RISE_DN, LEAST_RISE_SD * own_noise)
+        if near_px is not None and len(near_px):
+            near = np.linalg.norm(found[:, None] - near_px[None], axis=2).min(axis=1) < near_reach_px
+            least = np.where(near, np.maximum(LEAST_RISE_DN, NEAR_RISE_SD * own_noise), least)
+        clear = rise[v, u] > least
+        if not clear.any():
+            continue
+        u, v, found, own_noise = u[clear], v[clear], found[clear], own_noise[clear]
         worth = rise[v, u] / np.hypot(_scatter(smooth, u + rim, v + rim, here), own_noise + 0.5)
         order = np.argsort(-worth)
         kept = order[:PER_SCALE]
@@ -137,9 +152,10 @@ def _peaks(picture: Array, near_px: Array | None, near_reach_px: float, most: in
         widths.append(np.full(len(kept), width))
         rises.append(rise[v[kept], u[kept]])
         marks.append(worth[kept])
+        clears.append(rise[v[kept], u[kept]] / np.maximum(own_noise[kept], LEAST_NOISE_DN))
     if not places:
         return []
-    place, width, height, worth = (np.concatenate(part) for part in (places, widths, rises, marks))
+    place, width, height, worth, clear = (np.concatenate(part) for part in (places, widths, rises, marks, clears))
     chosen: list[int] = []
     for index in np.argsort(-worth):
         apart = np.hypot(*(place[chosen] - place[index]).T) if chosen else np.zeros(0)
@@ -148,7 +164,16 @@ def _peaks(picture: Array, near_px: Array | None, near_reach_px: float, most: in
             chosen.append(int(index))
             if len(chosen) >= most:
                 break
+    chosen = [i for i in chosen if not _noise_on(i, chosen, place, width, clear)]
     return [(place[i], float(width[i]), float(height[i])) for i in chosen]
+
+
+def _noise_on(index: int, chosen: list[int], place: Array, width: Array, clear: Array) -> bool:
+    """Whether a peak is no more than the noise of a wider one on which it lies."""
+    if clear[index] >= ON_A_SPOT_SD:
+        return False
+    on = (width[chosen] > NESTED * width[index]) & (np.hypot(*(place[chosen] - place[index]).T) < width[chosen])
+    return bool((on & (clear[chosen] > 2 * ON_A_SPOT_SD)).any())
 
 
 def noise_of(picture: Array) -> float:
@@ -158,13 +183,23 @@ def noise_of(picture: Array) -> float:
     ----------
     picture : (h, w) grey values
     """
-    part = picture[::2]
+    return float(np.quantile(_noise_in_tiles(picture[::2], NOISE_TILE_PX), QUIET_SHARE))
+
+
+def _noise_in_tiles(part: Array, side_px: int) -> Array:
+    """(rows, columns) noise in each part of a picture, of ``side_px`` or a little more a side."""
     second = np.abs(part[:, 2:] - 2 * part[:, 1:-1] + part[:, :-2])
-    down, across = (max(n // NOISE_TILE_PX, 1) for n in second.shape)
+    down, across = (max(n // side_px, 1) for n in second.shape)
     high, wide = second.shape[0] // down, second.shape[1] // across
     tiles = second[: down * high, : across * wide].reshape(down, high, across, wide).transpose(0, 2, 1, 3)
-    medians = np.median(tiles.reshape(down * across, -1), axis=1)
-    return MAD_TO_SD * float(np.quantile(medians, QUIET_SHARE)) / np.sqrt(6)
+    return MAD_TO_SD * np.median(tiles.reshape(down, across, -1), axis=2) / np.sqrt(6)
+
+
+def _noise_about(picture: Array) -> Array:
+    """(rows, columns) noise in the quieter parts next to each of a picture's small parts and in it."""
+    tiles = np.pad(_noise_in_tiles(picture, SMALL_TILE_PX), 1, mode="edge")
+    about = np.lib.stride_tricks.sliding_window_view(tiles, (3, 3)).reshape(tiles.shape[0] - 2, tiles.shape[1] - 2, 9)
+    return np.partition(about, QUIETER, axis=2)[..., QUIETER]
 
 
 def _scatter(smooth: Array, u: NDArray[Any], v: NDArray[Any], width: float) -> Array:

@@ -45,6 +45,7 @@ class Search:
         self.begun_at: dict[int, Array] = {}
         self.at_first: Array | None = None
         self.first_dismissed = ""
+        self.refused: list[tuple[int, list[Array | None]]] = []
 
     def anywhere(
         self,
@@ -53,7 +54,7 @@ class Search:
         near_sd_px: list[float] | None = None,
         looks: list[tuple[float, float] | None] | None = None,
     ) -> tuple[Assignment, Candidates]:
-        """Assign spots of whatever size to the markers."""
+        """Assign spots of whatever size to the markers, but for the sets that are refused."""
         known = [place for place in near if place is not None]
         reach = NEAR_SD * max(near_sd_px or [SEEN_SD_PX])
         parts = []
@@ -62,7 +63,8 @@ class Search:
             narrow = free_of_rims(frame.luma, narrow)
             rest = find_spots(frame.luma, dark, np.array(known) if known else None, reach)
             parts.append(narrow.and_also(rest.apart_from(narrow)))
-        return self._assigned(self._coloured(frame, parts), near, near_sd_px, looks)
+        refused = [places for index, places in self.refused if index == frame.index]
+        return self._assigned(self._coloured(frame, parts), near, near_sd_px, looks, refused)
 
     def about(
         self,
@@ -124,10 +126,11 @@ class Search:
         near: list[Array | None],
         near_sd_px: list[float] | None,
         looks: list[tuple[float, float] | None] | None = None,
+        refused: list[list[Array | None]] | None = None,
     ) -> tuple[Assignment, Candidates]:
         candidates = self._without_lamps(found)
         self.most = max(self.most, len(candidates))
-        self.last = assign(candidates, self.markers, self.mapping, self.run, near, near_sd_px, looks)
+        self.last = assign(candidates, self.markers, self.mapping, self.run, near, near_sd_px, looks, refused or ())
         return self.last, candidates
 
     def _shades(self) -> list[bool]:

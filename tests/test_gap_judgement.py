@@ -230,7 +230,7 @@ def test_the_share_of_a_gap_that_is_taken(before: float, after: float, noise: fl
 
 def test_an_effect_in_another_form_is_named_and_something_else_is_not() -> None:
     """The library's bend goes over the whole run; one with a ripple leaves something, a burst is no bend."""
-    other_form = [n + SIZE_M * (shape("bend", "") + 0.2 * np.sin(3.1 * T_S)) for n in white(3)]
+    other_form = [n + SIZE_M * (3 * shape("bend", "") + 0.7 * np.sin(3.1 * T_S)) for n in white(3)]
     found = diagnosed(campaign(other_form), [OTHER], "test", {}, rng=np.random.default_rng(0)).file
     assert (found.verdict, found.ranking[0].effects) == ("form_not_exact", ["bend"])
     first = found.ranking[0]

@@ -30,6 +30,8 @@ LEAST_FORM = 0.01
 """Effects whose own form leaves less than this over are in no other form: geometry is exact, and a course that was read off the
 residual takes whatever there is.
 """
+STILL_MOVING = 0.01
+"""Of its log evidence: a fit whose next step promises more is not at its end, and what it takes of a gap is not known."""
 LOOKED_AT = 3
 """Candidates that may be the one: the best single effects and the best pair. A choice, for time."""
 WORTH = 0.01
@@ -125,7 +127,11 @@ def share_of(inference: Inference, ranking: Ranking, candidate: Candidate) -> fl
 
 
 def _looked_at(candidates: tuple[Candidate, ...]) -> list[int]:
-    formed = [k for k, c in enumerate(candidates) if min(e.form for e in c.effects) >= LEAST_FORM]
+    formed = [
+        k
+        for k, c in enumerate(candidates)
+        if min(e.form for e in c.effects) >= LEAST_FORM and c.fitted.promised < STILL_MOVING * max(c.log_evidence, 0.0)
+    ]
     order = sorted(formed, key=lambda k: -candidates[k].log_evidence)
     singles = [k for k in order if len(candidates[k].effects) == 1]
     pairs = [k for k in order if len(candidates[k].effects) > 1]

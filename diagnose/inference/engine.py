@@ -359,8 +359,8 @@ def _score(effect: Effect, left: Array, pull: Array) -> float:
 def _at_their_limit(inference: Inference, fitted: Fitted) -> bool:
     """Whether a fit's random forces, of those that move anything, are as large as noise is never."""
     most, forces = AT_MOST * inference.simulator.most_force, fitted.forces
-    moving = inference.noise.by_force(0, forces.time).any(axis=(1, 2))
-    return any(size >= most for size, moves in zip((forces.side_n, forces.moment_n_m), moving, strict=True) if moves)
+    side, moment = inference.noise.by_force(0, forces.time)
+    return bool((forces.side_n >= most and side.any()) or (forces.moment_n_m >= most and moment.any()))
 
 
 def _of_forms(scores: dict[str, float], effects: Sequence[Effect]) -> dict[str, float]:

@@ -243,7 +243,7 @@ ROLLING = tuple(
         observe=_rolling,
         remembers=True,
         form=ROLL_FORM,
-        variant=f"of about {period:g} s",
+        variant=f"a roll of about {period:g} s",
     )
     for period in ROLLS_S
 )

@@ -15,10 +15,11 @@ from ..record.threads import one_thread
 from .effects import Effect
 from .inference.apart import Apart, measurement
 from .inference.diagnosable import Diagnosable
-from .inference.engine import CONVERGED_GAIN, TWINS, Candidate, Progress, Ranking, ranked
+from .inference.engine import CONVERGED_GAIN, TWINS, Progress, ranked
 from .inference.evidence import Fitted, Inference
 from .inference.held_out import Shrink, none_left, shrink
 from .inference.noise import TIMES_S
+from .inference.ranking import Candidate, Ranking
 from .inference.spread import Spread, one_by_one
 from .tow.next_run import next_run
 from .where import Place, where

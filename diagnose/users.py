@@ -22,9 +22,6 @@ from .starts import BEGINNINGS, ends
 
 STEP_SHARE = 1e-4
 """Of the one-sided differences by a user's numbers, as a share of the number, at least of its usual size."""
-SWALLOWING, MIDDLE, TINY = 2.0, 1, 1e-300
-"""Random forces that would move the outputs by more than so many times what the measurement errs are a gap and no noise, unless a
-limit is given: a choice; of forces that last TIMES_S[MIDDLE]."""
 Numbers = dict[str, Array]
 Simulate = Callable[["UsersRun", Numbers, dict[str, tuple[Array, ...]]], Array]
 """(run, name -> (k,) numbers, effect name -> its numbers (k,) each) -> (n, c, k): k simulations of a run, side by side."""
@@ -77,7 +74,7 @@ class UsersSimulator:
     response : (hypothesis's shared numbers, run) -> (n, c) of the outputs to a unit force that lasts one step; None: slow random
         errors stand in the outputs themselves
     usual_force : size of the random forces that stay when nothing is missing
-    most_force : above this they are a gap; None: what moves the outputs by SWALLOWING times what the measurement errs
+    most_force : above this they are a gap
     apart : effect.number -> what was measured of it apart from the runs
 
     Raises
@@ -93,7 +90,7 @@ class UsersSimulator:
         own: Sequence[UsersNumber],
         response: Callable[[Numbers, UsersRun], Array] | None = None,
         usual_force: float = FORCE_SD_N,
-        most_force: float | None = None,
+        most_force: float = np.inf,
         apart: Mapping[str, Apart] | None = None,
     ) -> None:
         if not runs:
@@ -112,7 +109,7 @@ class UsersSimulator:
         self.modes = [np.zeros((*run.values.shape, 0)) for run in runs]
         self.gone = 100 * max(float(np.nanmax(np.abs(run.values))) for run in runs)
         self.least: float | Array = np.array([n.size for n in shared])
-        self.most_force = most_force / self.force_scale if most_force is not None else self._swallowing()
+        self.most_force = most_force / self.force_scale
         self.apart: Mapping[str, Apart] = apart or {}
 
     @property
@@ -190,17 +187,6 @@ class UsersSimulator:
             raise InputError("simulate", run.name, f"gave shape {values.shape}, expected {wanted}")
         with np.errstate(all="ignore"):
             return run.values - values[..., 0], (values[..., 1:] - values[..., :1]) / steps
-
-    def _swallowing(self) -> float:
-        """Random forces that move the outputs by SWALLOWING times what the measurement errs, at the numbers' starts."""
-        noise = self.noise(Hypothesis(self._begin(self._shared)[0], self._begin(self._own)))
-        ratios = []
-        for index, run in enumerate(noise.measured):
-            good = run.good[:, : run.moving].T.ravel()
-            moved = np.diag(noise.by_force(index, MIDDLE)[0])[good]
-            errs = np.concatenate([np.diag(c) for c in run.covariance[: run.moving]])[good]
-            ratios.append(np.mean(moved / errs))
-        return SWALLOWING / float(np.sqrt(max(np.mean(ratios), TINY)))
 
     def noise(self, hypothesis: Hypothesis) -> Noise:
         """Measurement noise, and slow random forces."""

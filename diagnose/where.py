@@ -8,8 +8,8 @@ import numpy as np
 
 from ..simulate.model import Array
 from .effects import STAGES, Effect
-from .inference.engine import Candidate, Ranking
 from .inference.evidence import Fitted, Inference
+from .inference.ranking import Candidate, Ranking
 
 MOST = 0.6
 """The stated time span holds this share of the drop of chi-square, the stated band this share of the change's power: a choice."""

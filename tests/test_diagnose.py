@@ -40,7 +40,7 @@ def test_what_was_planted_is_what_is_said(
     folders = folders[:3] if planted == "deck_height" else folders
     found = diagnose_folders(folders)
     file = found.diagnosis.file
-    total = file.p_no_gap + file.p_unknown + sum(float(p) for p in found.diagnosis.ranking.probabilities)
+    total = file.p_no_gap + file.p_unknown + sum(float(p) for p in found.diagnosis.ranking.named)
     assert total == pytest.approx(1.0, abs=1e-6)
     assert abs(sum(file.where.share.values()) - (1 - file.p_no_gap)) < 0.01
     if planted == "none":
@@ -131,7 +131,15 @@ def test_an_absent_effect_changes_nothing(model) -> None:
         # no tension history to be late, no length to keep; and what only scales another number shows with that number
         silent = {n for n, m in zip(names, moved, strict=True) if m == 0}
         # the second numbers of these only shape their first
-        assert silent == {"sync_delay", "elastic_line", "tension_variation", "marker_roll", "constant_tension"}
+        assert silent == {
+            "sync_delay",
+            "elastic_line",
+            "tension_variation",
+            "marker_roll",
+            "constant_tension",
+            "bank_suction",
+            "speed_drift",
+        }
 
 
 def test_a_next_runs_distance_grows_with_the_square_and_falls_with_what_is_not_known(model) -> None:

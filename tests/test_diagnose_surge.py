@@ -288,7 +288,7 @@ def test_the_saved_simulator_is_the_diagnosis_own(label: str, numbers: dict[str,
 def test_a_line_that_gives_is_simulated_as_a_spring() -> None:
     """What the diagnosis calls a compliance is a spring's in the simulator, at the same length under way."""
     file: Any = SimpleNamespace(
-        effect=[SimpleNamespace(name="elastic_line", numbers={"compliance_m_n": 0.002})],
+        effect=[SimpleNamespace(name="elastic_line", numbers={"compliance_m_n": 0.002}, form="")],
         water=SimpleNamespace(tank_width_m=None, density_kg_m3=1000.0),
     )
     tow = Tow(1.28, LINE_M, 1.548, R_N, line="surge")

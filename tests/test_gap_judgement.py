@@ -15,13 +15,13 @@ from towline.diagnose.effects import LIBRARY, Effect, Parameter
 from towline.diagnose.effects.hull import CURRENT
 from towline.diagnose.gap import Diagnosis, best_measurement, called, diagnosed, rival_of, twins_of
 from towline.diagnose.inference.apart import Apart
-from towline.diagnose.inference.engine import Candidate, Ranking
 from towline.diagnose.inference.evidence import Fitted, Inference
 from towline.diagnose.inference.grams import Grams
 from towline.diagnose.inference.held_out import removed_share, shrink
 from towline.diagnose.inference.hypothesis import with_effects
 from towline.diagnose.inference.inexact import taken
 from towline.diagnose.inference.noise import TIMES_S, Forces
+from towline.diagnose.inference.ranking import Candidate, Ranking
 from towline.diagnose.inference.scan import BANDS, COST, LENGTHS, Leftover, leftover
 from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
 from towline.diagnose.where import shortest_stretch, where

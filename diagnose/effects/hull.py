@@ -160,7 +160,7 @@ CABLE = replace(
     parameters=(Parameter("y_star_n", "N", 0.08), Parameter("n_star_n_m", "N m", 0.08)),
     physics="A cable to the carriage, or a list, pushes with a constant force and moment at any speed.",
     cure="Let the cable hang free of the model, or give Y* and N* at each speed.",
-    source="",
+    source="thesis 4.1",
     force=_cable,
     variant="a cable's, at any speed",
 )
@@ -186,7 +186,9 @@ CURRENT = Effect(
     title="a current across the tank",
 )
 _OF_BANK = (Parameter("suction_m2", "m2", 0.01, one_sided=True), Parameter("moment_m2", "m2", 0.005))
+"""Numbers of a force on the whole hull: their usual sizes, choices; ..."""
 _BY_SECTIONS = (*_OF_BANK, Parameter("ahead", "", 0.2), Parameter("turn_m2", "m2", 0.003))
+"""... and of one that sections of the hull see."""
 BANK = tuple(
     Effect(
         "bank_suction",

@@ -122,6 +122,7 @@ FRICTION = Effect(
     title="friction in the swivel",
 )
 _OIL = Parameter("oil_n_m_s", "N m s", 0.3, one_sided=True)
+"""Of a swivel's oil: its usual size, a choice."""
 FRICTION_FORMS = (
     replace(FRICTION, parameters=(*FRICTION.parameters, _OIL), variant="dry, and oil"),
     replace(

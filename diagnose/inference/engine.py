@@ -7,7 +7,7 @@ library; probabilities from evidence with half of the prior on no gap.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -22,7 +22,8 @@ from .grams import Grams
 from .hypothesis import Hypothesis, form_of, with_effects
 from .inexact import shared_out
 from .noise import Forces
-from .scan import Leftover, leftover, standing_out
+from .ranking import Candidate, Ranking
+from .scan import leftover, standing_out
 from .simulator import Simulator
 from .spread import Spread, one_by_one
 
@@ -57,87 +58,6 @@ TWINS = 3.0
 CLEAR = 3.0
 """The headline must beat no gap by this."""
 Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One or two effects, fitted.
-
-    Attributes
-    ----------
-    effects : of the library (or a free form)
-    fitted : the optimum
-    log_evidence : over the base's
-    log_prior : share of the prior
-    """
-
-    effects: tuple[Effect, ...]
-    fitted: Fitted
-    log_evidence: float
-    log_prior: float
-
-    @property
-    def form(self) -> float:
-        """Log evidence that its own form may have left over: below, there is no second effect, nor anything unknown."""
-        return max(e.form for e in self.effects) * max(self.log_evidence, 0.0)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Effect names, without variants."""
-        return tuple(e.name for e in self.effects)
-
-    @property
-    def variant(self) -> str:
-        """Which form of its effects; empty where they have one each."""
-        return "; ".join(e.variant for e in self.effects if e.variant)
-
-
-@dataclass(frozen=True)
-class Ranking:
-    """All hypotheses with probabilities.
-
-    Attributes
-    ----------
-    base : no effect
-    candidates : best first, one per set of names
-    probabilities : of the candidates as they are
-    p_no_gap, p_unknown : of the rest
-    free : the best free form, or None
-    rest : what the best hypothesis leaves over
-    excluded : effect -> why it could not be judged
-    forms : names of a candidate -> log evidence of each form of its effects that was fitted, the best first
-    inexact : probabilities of the candidates, in another form than the library's; None: of none
-    """
-
-    base: Fitted
-    candidates: tuple[Candidate, ...]
-    probabilities: Array
-    p_no_gap: float
-    p_unknown: float
-    free: Candidate | None
-    rest: Leftover
-    excluded: dict[str, str]
-    forms: dict[tuple[str, ...], dict[str, float]] = field(default_factory=dict)
-    inexact: Array | None = None
-
-    @property
-    def named(self) -> Array:
-        """Probabilities that the candidates' effects are there, whatever their form."""
-        return self.probabilities if self.inexact is None else self.probabilities + self.inexact
-
-    @property
-    def set95(self) -> list[tuple[str, ...]]:
-        """The fewest hypotheses that hold 95 % of the probability; () is no gap, ("unknown",) unknown."""
-        every = [((), self.p_no_gap), (("unknown",), self.p_unknown)]
-        every += [(c.names, float(p)) for c, p in zip(self.candidates, self.named, strict=True)]
-        every.sort(key=lambda pair: -pair[1])
-        total, kept = 0.0, []
-        for names, p in every:
-            kept.append(names)
-            total += p
-            if total >= 0.95:
-                break
-        return kept
 
 
 def ranked(
@@ -209,7 +129,8 @@ def _first_fit(simulator: Simulator, spread: Spread) -> tuple[Hypothesis, Forces
     first, *others = simulator.starts()
     end = ended(first)
     found = [end] if end is not None else []
-    if end is None or max(end[2].side_n, end[2].moment_n_m) > FOLLOWED * simulator.most_force:
+    most = FOLLOWED * simulator.most_force
+    if end is None or not np.isfinite(most) or max(end[2].side_n, end[2].moment_n_m) > most:
         found += [end for end in spread(ended, others) if end is not None]
     if not found:
         raise EstimationError(
@@ -475,4 +396,4 @@ def _ranking(
     )
 
 
-__all__ = ["Candidate", "Ranking", "ranked", "screened"]
+__all__ = ["ranked", "screened"]

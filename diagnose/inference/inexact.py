@@ -16,8 +16,8 @@ import numpy as np
 from .noise import Forces
 
 if TYPE_CHECKING:
-    from .engine import Candidate, Ranking
     from .evidence import Fitted, Inference
+    from .ranking import Candidate, Ranking
 
 QUIET = 0.1
 """Of the largest random forces that count as noise: those beside which a gap's size is judged, so that they do not swallow it."""

@@ -1,0 +1,94 @@
+"""What the diagnosis finds: hypotheses with their evidence and probabilities."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ...simulate.model import Array
+from ..effects import Effect
+from .evidence import Fitted
+from .scan import Leftover
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One or two effects, fitted.
+
+    Attributes
+    ----------
+    effects : of the library (or a free form)
+    fitted : the optimum
+    log_evidence : over the base's
+    log_prior : share of the prior
+    """
+
+    effects: tuple[Effect, ...]
+    fitted: Fitted
+    log_evidence: float
+    log_prior: float
+
+    @property
+    def form(self) -> float:
+        """Log evidence that its own form may have left over: below, there is no second effect, nor anything unknown."""
+        return max(e.form for e in self.effects) * max(self.log_evidence, 0.0)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Effect names, without variants."""
+        return tuple(e.name for e in self.effects)
+
+    @property
+    def variant(self) -> str:
+        """Which form of its effects; empty where they have one each."""
+        return "; ".join(e.variant for e in self.effects if e.variant)
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """All hypotheses with probabilities.
+
+    Attributes
+    ----------
+    base : no effect
+    candidates : best first, one per set of names
+    probabilities : of the candidates as they are
+    p_no_gap, p_unknown : of the rest
+    free : the best free form, or None
+    rest : what the best hypothesis leaves over
+    excluded : effect -> why it could not be judged
+    forms : names of a candidate -> log evidence of each form of its effects that was fitted, the best first
+    inexact : probabilities of the candidates, in another form than the library's; None: of none
+    """
+
+    base: Fitted
+    candidates: tuple[Candidate, ...]
+    probabilities: Array
+    p_no_gap: float
+    p_unknown: float
+    free: Candidate | None
+    rest: Leftover
+    excluded: dict[str, str]
+    forms: dict[tuple[str, ...], dict[str, float]] = field(default_factory=dict)
+    inexact: Array | None = None
+
+    @property
+    def named(self) -> Array:
+        """Probabilities that the candidates' effects are there, whatever their form."""
+        return self.probabilities if self.inexact is None else self.probabilities + self.inexact
+
+    @property
+    def set95(self) -> list[tuple[str, ...]]:
+        """The fewest hypotheses that hold 95 % of the probability; () is no gap, ("unknown",) unknown."""
+        every = [((), self.p_no_gap), (("unknown",), self.p_unknown)]
+        every += [(c.names, float(p)) for c, p in zip(self.candidates, self.named, strict=True)]
+        every.sort(key=lambda pair: -pair[1])
+        total, kept = 0.0, []
+        for names, p in every:
+            kept.append(names)
+            total += p
+            if total >= 0.95:
+                break
+        return kept
+
+
+__all__ = ["Candidate", "Ranking"]

@@ -234,7 +234,7 @@ def test_an_effect_in_another_form_is_named_and_something_else_is_not() -> None:
     found = diagnosed(campaign(other_form), [OTHER], "test", {}, rng=np.random.default_rng(0)).file
     assert (found.verdict, found.ranking[0].effects) == ("form_not_exact", ["bend"])
     first = found.ranking[0]
-    assert first.probability + first.probability_inexact > 0.9
+    assert first.probability + first.probability_inexact > 0.5  # more than all else together
     assert found.p_unknown + found.p_no_gap + sum(
         r.probability + r.probability_inexact for r in found.ranking
     ) == pytest.approx(1)

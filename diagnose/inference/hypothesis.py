@@ -94,13 +94,15 @@ def with_effects(h: Hypothesis, effects: Sequence[Effect]) -> Hypothesis:
 def form_of(effect: Effect) -> tuple[object, ...]:
     """What an effect changes and where its numbers begin: effects that share it have the same slopes.
 
+    The name is part of it: a simulator of one's own knows its effects by that alone.
+
     Parameters
     ----------
     effect : of a library, or a free form
     """
     e = effect
     works = (e.force, e.tension, e.keeps, e.coupling, e.speed, e.length, e.offset, e.stretch, e.clock, e.observe)
-    return (*works, e.correct, e.when, e.lag_s, e.remembers, *((q.name, q.none) for q in e.parameters))
+    return (e.name, *works, e.correct, e.when, e.lag_s, e.remembers, *((q.name, q.none) for q in e.parameters))
 
 
 __all__ = ["EFFECT_STEP", "FREE", "Hypothesis", "Path", "Slopes", "form_of", "with_effects"]

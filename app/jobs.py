@@ -188,7 +188,7 @@ def diagnose(folders: Sequence[Path], tell: Progress) -> Found:
     write_result(out / "gap.json", file)
     write_gap_page(out / "gap.html", found)
     rows = [("nothing missing", f"{file.p_no_gap:.3f}", "")]
-    rows += [(" + ".join(r.effects), f"{r.probability + r.probability_inexact:.3f}", "") for r in file.ranking[:4]]
+    rows += [(" + ".join(r.effects), f"{r.named:.3f}", "") for r in file.ranking[:4]]
     rows.append(("something in no library", f"{file.p_unknown:.3f}", ""))
     return Found(
         "Diagnose", tuple(file.sentences), tuple(rows), (out / "gap.html",), (out / "gap.json",), dict(found.failed)

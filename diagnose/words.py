@@ -86,7 +86,6 @@ def _summary(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping
         ]
     row = file.ranking[0]
     inexact = file.verdict == "form_not_exact"
-    sure = row.probability + row.probability_inexact
     stage = file.where.stage
     side = {
         "sway": " in the sway equation",
@@ -96,7 +95,7 @@ def _summary(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping
     }
     form = ", in a form that is not exactly the library's" if inexact else ""
     said = [
-        f"Your simulator misses {_titled(row.effects, titles)}{side.get(stage, '')}{form} (probability {sure:.2f})."
+        f"Your simulator misses {_titled(row.effects, titles)}{side.get(stage, '')}{form} (probability {row.named:.2f})."
     ]
     numbers = ", ".join(f"{k.split('.')[1]} {v.value:.3g} +- {v.std:.2g}" for k, v in row.parameters.items())
     said.append(f"Its size: {numbers}{STILL_MOVING if file.promised > CONVERGED_GAIN else ''}.")

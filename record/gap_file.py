@@ -43,6 +43,11 @@ class RankedEffects(_Part):
     log_evidence: float = Field(default=0.0, description="against no effect, natural logarithm")
     cure: str = Field(default="", description="what to do about it")
 
+    @property
+    def named(self) -> float:
+        """Probability that the effects are there, whatever their form."""
+        return self.probability + self.probability_inexact
+
 
 class NextRun(_Part):
     """The run that would tell most."""

@@ -20,7 +20,7 @@ ROWS = 6
 
 def ladder_figure(file: GapFile) -> Html:
     """Probabilities of the hypotheses."""
-    rows = [(" + ".join(r.effects), r.probability + r.probability_inexact) for r in file.ranking[:ROWS]]
+    rows = [(" + ".join(r.effects), r.named) for r in file.ranking[:ROWS]]
     rows += [("nothing missing", file.p_no_gap), ("in no library", file.p_unknown)]
     rows.sort(key=lambda row: row[1])
     drawing, (ax,) = new_figure(0.36 * len(rows) + 0.8)

@@ -81,6 +81,12 @@ def test_spots_of_all_sizes_are_found_with_their_width(
     assert 0.6 < found.width_px[best] / width < 1.5
 
 
+def followed(footage: ModuleType, footage_scenes: ModuleType, seed: int) -> dict:
+    """What is right, wrong and lost of a scene's marks."""
+    one = footage_scenes.scene(seed)
+    return footage.ours(one, list(one.frames()))
+
+
 @pytest.mark.parametrize("seed", [*range(2000, 2012), 2013, 2048, 2049, 7028, 7127, 7200, 9165, 9263, 9284])
 def test_marks_on_photographs_are_acquired_and_held(footage: ModuleType, footage_scenes: ModuleType, seed: int) -> None:
     """No mark in the wrong place, and at least 95 of 100 of all places found.
@@ -89,8 +95,7 @@ def test_marks_on_photographs_are_acquired_and_held(footage: ModuleType, footage
     nearly as well; small marks of 7028 move by half of their distance in a frame; 7127, 7200 are wide, with bumps of noise on their
     rims; in 9263 the puck is darker than the mark on it, in 9165, 9284 a free shape holds a part of the plate.
     """
-    one = footage_scenes.scene(seed)
-    found = footage.ours(one, list(one.frames()))
+    found = followed(footage, footage_scenes, seed)
     assert found["wrong"] == 0
     assert found["held"] > 0.95
 
@@ -100,8 +105,7 @@ def test_a_mark_whose_ground_may_move_it_too_far_is_nowhere_rather_than_elsewher
     footage: ModuleType, footage_scenes: ModuleType, seed: int
 ) -> None:
     """Marks of 1 to 2 px on a plate's corner, whose places were more than a pixel off."""
-    one = footage_scenes.scene(seed)
-    found = footage.ours(one, list(one.frames()))
+    found = followed(footage, footage_scenes, seed)
     assert found["wrong"] == 0
     assert found["held"] > 0.95 or found["reasons"]
 
@@ -111,8 +115,7 @@ def test_a_mark_on_its_plates_corner_is_taken_for_one_like_its_fellows(
     footage: ModuleType, footage_scenes: ModuleType, seed: int
 ) -> None:
     """It looks half as wide again as the others at first, or more, and was up to 3 px off, or lost for its ground."""
-    one = footage_scenes.scene(seed)
-    found = footage.ours(one, list(one.frames()))
+    found = followed(footage, footage_scenes, seed)
     assert found["wrong"] == 0
     assert found["held"] > 0.98
 
@@ -122,8 +125,7 @@ def test_marks_of_a_pixel_or_two_are_judged_by_pixels_enough(
     footage: ModuleType, footage_scenes: ModuleType, seed: int
 ) -> None:
     """Within 2.6 of the widths that their fits gave lay five pixels, which four parameters fit nearly without a residual."""
-    one = footage_scenes.scene(seed)
-    found = footage.ours(one, list(one.frames()))
+    found = followed(footage, footage_scenes, seed)
     assert found["wrong"] == 0
     assert found["held"] > 0.98
 
@@ -133,8 +135,7 @@ def test_marks_before_strong_print_or_gravel_are_found(
     footage: ModuleType, footage_scenes: ModuleType, seed: int
 ) -> None:
     """Weaker than what stands behind: before more noise than their plate has, or best but by their contrast."""
-    one = footage_scenes.scene(seed)
-    found = footage.ours(one, list(one.frames()))
+    found = followed(footage, footage_scenes, seed)
     assert found["wrong"] == 0
     assert found["held"] > 0.95
 

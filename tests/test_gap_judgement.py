@@ -17,9 +17,8 @@ from towline.diagnose.gap import Diagnosis, best_measurement, called, diagnosed,
 from towline.diagnose.inference.apart import Apart
 from towline.diagnose.inference.evidence import Fitted, Inference
 from towline.diagnose.inference.grams import Grams
-from towline.diagnose.inference.held_out import removed_share, shrink
+from towline.diagnose.inference.held_out import removed_share, shrink, taken
 from towline.diagnose.inference.hypothesis import with_effects
-from towline.diagnose.inference.inexact import taken
 from towline.diagnose.inference.noise import TIMES_S, Forces
 from towline.diagnose.inference.ranking import Candidate, Ranking
 from towline.diagnose.inference.scan import BANDS, COST, LENGTHS, Leftover, leftover

@@ -84,25 +84,13 @@ def _roll(seen: Seen, lean, swing):
     return nothing, lean * seen.side + swing * seen.rate[2], nothing, nothing
 
 
-def _rolling(seen: Seen, lean, period, damping, turn):
-    """A roll with its own period: it swings into its lean, from upright when the model is let go; marks of unlike height turn."""
-    nothing = 0.0 * seen.side
-    rolled = _swung(lean * seen.side, seen, period, damping)
-    return nothing, rolled, turn * rolled, nothing
+def _rolling(seen: Seen, lean, period, damping, turn, sway=0.0, swing=0.0):
+    """A roll with its own period: it swings into its lean, from upright when the model is let go; marks of unlike height turn.
 
-
-def _rolling_freely(seen: Seen, lean, period, damping, turn, sway, swing):
-    """The same, driven by the model's sideways acceleration and its turning besides the line's pull."""
-    nothing = 0.0 * seen.side
+    The model's sideways acceleration and its turning may drive it besides the line's pull.
+    """
     step = float(seen.t_s[1, 0, 0] - seen.t_s[0, 0, 0])
     drive = lean * seen.side + sway * np.gradient(seen.rate[1], step, axis=0) + swing * seen.rate[2]
-    rolled = _swung(drive, seen, period, damping)
-    return nothing, rolled, turn * rolled, nothing
-
-
-def _swung(drive, seen: Seen, period, damping):
-    """How an oscillator follows its drive (samples, runs, columns), from rest."""
-    step = float(seen.t_s[1, 0, 0] - seen.t_s[0, 0, 0])
     w, zeta = 2 * np.pi / np.maximum(period, SHORTEST_ROLL_S), np.clip(damping, 0.01, 0.9)
     decay, own = zeta * w, w * np.sqrt(1 - zeta**2)
     left, cosine, sine = np.exp(-decay * step), np.cos(own * step), np.sin(own * step) / own
@@ -115,7 +103,8 @@ def _swung(drive, seen: Seen, period, damping):
         off, off_rate = rolled[k] - drive[k] + behind, rate - slope
         rolled[k + 1] = left * (off * (cosine + decay * sine) + off_rate * sine) + drive[k + 1] - behind
         rate = left * (off_rate * (cosine - decay * sine) - off * w**2 * sine) + slope
-    return rolled
+    nothing = 0.0 * seen.side
+    return nothing, rolled, turn * rolled, nothing
 
 
 def _shutter(seen: Seen, readout):
@@ -253,7 +242,6 @@ ROLLING_FREELY = tuple(
     replace(
         each,
         parameters=(*each.parameters, Parameter("sway_s2", "s2", 0.05), Parameter("swing_m_s", "m s", 0.02)),
-        observe=_rolling_freely,
         variant=f"{each.variant}, by sway and yaw too",
     )
     for each in ROLLING

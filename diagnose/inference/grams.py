@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs
 
 from ...simulate.model import Array
-from .noise import Forces, Noise
+from .noise import Forces, Noise, shown_covariance
 
 
 @dataclass(frozen=True)
@@ -57,10 +57,7 @@ class Grams:
         potrf, trtrs = get_lapack_funcs(("potrf", "trtrs"), dtype=float)
         for k, part in enumerate(self._stretched(forces)):
             # one run after the other: each fits a processor's cache
-            total = forces.side_n**2 * part.by_force[0]
-            total += forces.moment_n_m**2 * part.by_force[1]
-            total.flat[:: len(total) + 1] += 1.0
-            lower, failed = potrf(total.T, lower=0, overwrite_a=1, clean=0)
+            lower, failed = potrf(shown_covariance(part.by_force, forces).T, lower=0, overwrite_a=1, clean=0)
             if failed:
                 raise np.linalg.LinAlgError("the noise's covariance is not positive definite")
             logs[k] += 2 * float(np.log(np.diagonal(lower)).sum())

@@ -117,10 +117,24 @@ def removed_share(before: float, after: float) -> float:
 
     Returns
     -------
-    share : 1 - (after^2 - 1) / (before^2 - 1), within 0 and 1; 0 where there was no excess
+    share : of ``taken``
     """
-    excess = max(before**2 - 1, 0.0)
-    return float(np.clip(1 - max(after**2 - 1, 0.0) / excess, 0.0, 1.0)) if excess > 0 else 0.0
+    return taken(before**2, after**2)
+
+
+def taken(before: float, after: float, noise: float = 1.0) -> float:
+    """Share of a gap's power beyond noise that goes.
+
+    Parameters
+    ----------
+    before, after : mean squares of whitened residuals
+    noise : the same of noise alone
+
+    Returns
+    -------
+    share : 1 - (after - noise)/(before - noise), within 0 and 1; 0 where there was no gap
+    """
+    return float(np.clip(1 - max(after - noise, 0.0) / (before - noise), 0.0, 1.0)) if before > noise else 0.0
 
 
 def _sums(before: Array, after: Array, n: int) -> tuple[Array, int, int]:

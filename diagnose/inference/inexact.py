@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .held_out import taken
 from .noise import Forces
 
 if TYPE_CHECKING:
@@ -53,21 +54,6 @@ def size_of(inference: Inference, fitted: Fitted, forces: Forces) -> float:
         left = inference.left(fitted.linear, forces, solved.shared, solved.own[index], index)
         total, count = total + float(left @ left), count + int(np.isfinite(run.values).sum())
     return total / max(count, 1)
-
-
-def taken(before: float, after: float, noise: float = 1.0) -> float:
-    """Share of a gap's power beyond noise that goes.
-
-    Parameters
-    ----------
-    before, after : of ``size_of``
-    noise : the same of noise alone
-
-    Returns
-    -------
-    share : within 0 and 1; 0 where there was no gap
-    """
-    return float(np.clip(1 - max(after - noise, 0.0) / (before - noise), 0.0, 1.0)) if before > noise else 0.0
 
 
 def sureness(share: float) -> float:
@@ -138,4 +124,4 @@ def _looked_at(candidates: tuple[Candidate, ...]) -> list[int]:
     return [*singles[:1], *pairs[:1], *singles[1 : LOOKED_AT - 1]]
 
 
-__all__ = ["share_of", "shared_out", "size_of", "sureness", "taken"]
+__all__ = ["share_of", "shared_out", "size_of", "sureness"]

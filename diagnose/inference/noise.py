@@ -78,9 +78,7 @@ class Space:
     def covariance(self, forces: Forces) -> Array:
         """(k, k) of all that shows there, the measurement's own part (1) with it."""
         k = self.wide(forces)
-        total = forces.side_n**2 * self.by_force[0, :k, :k] + forces.moment_n_m**2 * self.by_force[1, :k, :k]
-        total.flat[:: k + 1] += 1.0
-        return total
+        return shown_covariance(self.by_force[:, :k, :k], forces)
 
 
 @dataclass(frozen=True)
@@ -175,6 +173,20 @@ class Noise:
         return answers
 
 
+def shown_covariance(by_force: Array, forces: Forces) -> Array:
+    """(k, k) of what shows in k directions, the measurement's own part (1) with it.
+
+    Parameters
+    ----------
+    by_force : (2, k, k), of a unit side force and a unit moment
+    forces : their sizes
+    """
+    total = forces.side_n**2 * by_force[0]
+    total += forces.moment_n_m**2 * by_force[1]
+    total.flat[:: len(total) + 1] += 1.0
+    return total
+
+
 def _space(white: Array, roots: Sequence[Array]) -> Space:
     shown = [white @ root for root in roots]
     both = np.concatenate(shown, axis=1)
@@ -231,4 +243,4 @@ def forced(response: Array, colour_s: float, lag_s: Array) -> Array:
     return np.concatenate([toeplitz(column, np.zeros(n)) @ colour for column in response.T])
 
 
-__all__ = ["SMALLEST", "TIMES_S", "Forces", "Measured", "Noise", "RunNoise", "forced", "run_noise"]
+__all__ = ["SMALLEST", "TIMES_S", "Forces", "Measured", "Noise", "RunNoise", "forced", "run_noise", "shown_covariance"]

@@ -617,9 +617,8 @@ class Refiner:
         slope = (
             float(np.clip((var_high - var_low) / (at_high - at_low), 0.0, MOST_SLOPE_DN)) if at_high != at_low else 0.0
         )
-        if (
-            at_high < at_low
-        ):  # where there is no light noise is not negative: the ground's pixels tell more than a dark mark's few
+        if at_high < at_low:
+            # where there is no light noise is not negative: the ground's pixels tell more than a dark mark's few
             slope = min(slope, max(float(var_low) - LEAST_NOISE_DN2, 0.0) / at_low)
         floor = max(float(var_low - slope * max(at_low, 0.0)), LEAST_NOISE_DN2)
         before = self.noise

@@ -91,15 +91,18 @@ def identify_page(found: FitPage, each: Each = in_turn) -> Html:
     result = found.result
     pages = [RunPage(name, None, None, motion, found.fitted[name], None, None) for name, motion in found.motion.items()]
     shown = _shown(found)
-    # the runs first: they take longest, and nobody is to be left with one at the end
-    jobs: list[tuple[Any, ...]] = [
-        (_run, pages[k], found.judged[k], _whitened(found, k), result.runs[pages[k].name].tests, k + 1) for k in shown
-    ]
+    of_runs = [_drawings(pages[k], found.judged[k], _whitened(found, k)) for k in shown]
     shared = {"agreed": _agreement(found, agreed), "answer": _answered(found)}
-    jobs += [job for some in shared.values() for job in some]
-    made = each(_made, jobs)
-    runs, rest = made[: len(shown)], made[len(shown) :]
+    jobs = [job for some in shared.values() for job in some]
+    # like pictures of all runs side by side: two who draw by turns are busy to the end
+    places = sorted((place, run) for run, some in enumerate(of_runs) for place in range(len(some)))
+    rest = each(_made, [*jobs, *(of_runs[run][place].job for place, run in places)])
     pictures = {name: [rest.pop(0) for _ in some] for name, some in shared.items()}
+    made = dict(zip(places, rest, strict=True))
+    runs = [
+        _run(pages[k], result.runs[pages[k].name].tests, k + 1, some, [made[place, run] for place in range(len(some))])
+        for run, (k, some) in enumerate(zip(shown, of_runs, strict=True))
+    ]
     frames = sum((frames_of(page) for page in pages), Frames())
     title = f"Derivatives: {', '.join(found.fitted)}"
     parts: list[object] = [
@@ -408,27 +411,41 @@ def _whitened(found: FitPage, index: int) -> bool:
     return found.fit.method == "innovations" or bool(found.fit.orders[index].any())
 
 
-def _run(page: RunPage, one: Judged, whitened: bool, tests: dict[str, float], order: int) -> Html:
-    name = f"run-{order}"
+@dataclass(frozen=True)
+class _Drawing:
+    """A picture of a run that is still to be drawn: by which call, what stands below it, and on which side of the page."""
+
+    job: tuple[Any, ...]
+    words: str
+    left: bool = True
+    of: str = ""
+
+
+def _drawings(page: RunPage, one: Judged, whitened: bool) -> list[_Drawing]:
+    drawings = [_Drawing((motion_figure, page.motion, page.fitted, None), _MOTION)]
     rest = residuals(page.motion, page.fitted)
-    left: list[object] = [figure(motion_figure(page.motion, page.fitted, None), _MOTION, of=name)]
-    right: list[object] = []
     if rest is not None:
-        left.append(
-            figure(residuals_figure(rest), "Measured minus simulated, with the measurement's own ±2 σ.", of=name)
-        )
-        right.append(figure(whiteness_figure(rest), _RAW, of=name))
-        left.append(figure(orbits_figure(page.motion, page.fitted), ORBITS, of=name))
-        left.append(figure(spectrum_figure(rest), SPECTRUM, of=name))
+        drawings += [
+            _Drawing((residuals_figure, rest), "Measured minus simulated, with the measurement's own ±2 σ."),
+            _Drawing((whiteness_figure, rest), _RAW, left=False),
+            _Drawing((orbits_figure, page.motion, page.fitted), ORBITS),
+            _Drawing((spectrum_figure, rest), SPECTRUM),
+        ]
     if whitened:
-        right.append(figure(whiteness_figure(white_residuals(one)), _WHITENED, of=f"{name}-whitened"))
-    right.append(figure(cross_figure(one), _CROSS, of=name))
+        drawings.append(_Drawing((whiteness_figure, white_residuals(one)), _WHITENED, left=False, of="-whitened"))
+    return [*drawings, _Drawing((cross_figure, one), _CROSS, left=False)]
+
+
+def _run(page: RunPage, tests: dict[str, float], order: int, drawings: list[_Drawing], made: list[Html]) -> Html:
+    sides: dict[bool, list[object]] = {True: [], False: []}
+    for drawing, picture in zip(drawings, made, strict=True):
+        sides[drawing.left].append(figure(picture, drawing.words, of=f"run-{order}{drawing.of}"))
     words = [f"{key.replace('_', ' ').replace('ljung box', 'Ljung-Box')} {value:.3g}" for key, value in tests.items()]
     return tag(
         "section",
         tag("h2", "Run ", tag("span", page.name, class_="name")),
         tag("p", f"{frames_of(page).sentence().capitalize()}. Tests: {', '.join(words)}."),
-        tag("div", tag("div", *left, class_="stack"), tag("div", *right, class_="stack"), class_="grid"),
+        tag("div", *(tag("div", *sides[left], class_="stack") for left in (True, False)), class_="grid"),
         id=f"run-{order}",
         class_="run",
     )

@@ -214,6 +214,10 @@ class UsersSimulator:
         """All that are given."""
         return list(library), {}
 
+    def unlike(self, base: Fitted) -> list[Hypothesis]:
+        """None: a user's effects begin absent."""
+        return []
+
     def suggested(self, base: Fitted) -> list[Effect]:
         """None."""
         return []

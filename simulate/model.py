@@ -393,6 +393,55 @@ def loose_rates(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = Non
     return np.array([ahead, aside, r, u_rate, v_free + v_pull, r_free + r_pull])
 
 
+def paid_state(t_s, state, tension, hull: Hull, tow: Tow, extra: ExtraForce | None = None) -> Taut:
+    """``full_state`` of a line whose length is a state, because what it pulls with is given: a spring, a winch, a weight.
+
+    The same equations as ``loose_rates`` (theory.md 10) in the line's own coordinates: L' is by how fast the tow point goes from
+    the post, alpha' by how fast it goes across the line.
+
+    Parameters
+    ----------
+    t_s : time, s
+    state : (5, ...) alpha rad, beta rad, v m/s, r rad/s, u m/s
+    tension : what the line pulls with, N
+    hull : the six derivatives and the speed at which they and R are quoted
+    tow : X_T, R, U of the tow, and how long the line is now
+    extra : force and moment beside the model's own
+
+    Returns
+    -------
+    rates of alpha, beta, v, r, L, u, (6, ...)
+    """
+    alpha, beta, v, r, u = state
+    sine, cosine = np.sin(alpha + beta), np.cos(alpha + beta)
+    more = (0.0, 0.0) if extra is None else extra(t_s, full_y_cg(t_s, alpha, beta, tow), beta, v, r, alpha)
+    v_free, r_free, push = _coasting(hull, tow, u, v, r, more)
+    v_pull, r_pull = accelerated(hull, *line_force(tow, tension, sine, cosine))
+    across, along = line_speeds(t_s, state, sine, cosine, tow)
+    found = (across / tow.line_length_m, r, v_free + v_pull, r_free + r_pull, along)
+    u_rate = (push + tension * cosine) / surge_mass(hull)
+    return Taut(np.stack(np.broadcast_arrays(*found, u_rate)), tension, u)
+
+
+def line_speeds(t_s, state, sine, cosine, tow: Tow):
+    """Speeds of the tow point seen from the post across the line, L alpha', and along it, L', m/s.
+
+    Parameters
+    ----------
+    t_s : time, s
+    state : (5, ...) alpha rad, beta rad, v m/s, r rad/s, u m/s
+    sine, cosine : of alpha + beta
+    tow : X_T, U of the tow
+    """
+    alpha, _, v, r, u = state
+    post_rate = tow.post_motion(t_s)[1]
+    point, offset = tow.tow_point_m, tow.tow_point_offset_m
+    sin_a, cos_a = np.sin(alpha), np.cos(alpha)
+    across = u * sine + v * cosine + r * (point * cosine - offset * sine) - tow.speed_m_s * sin_a - post_rate * cos_a
+    along = v * sine - u * cosine + r * (point * sine + offset * cosine) + tow.speed_m_s * cos_a - post_rate * sin_a
+    return across, along
+
+
 def spring_tension(t_s, state, tow: Tow):
     """T of a spring line (0 without ``stiffness_n_m``, and never a push), sin and cos of alpha + beta, alpha."""
     away, rate, alpha = line_reach(t_s, state, tow)

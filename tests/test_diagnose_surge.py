@@ -184,7 +184,7 @@ def test_every_stated_input_moves_the_simulated_side(name: str) -> None:
     model = TowSimulator([run])
     start = Start(alpha_rad=0.2, beta_rad=0.02, v_m_s=-0.02, r_rad_s=0.01)
     truth = simulate_full(HULL, tow, start, run.data.t_s, histories=Histories(**histories))
-    own = np.array([[0.2, 0.02, -0.02, 0.01, 0.0, 0.0, R_N, 1.548, LINE_M, tow.speed_m_s]])
+    own = np.array([[0.2, 0.02, -0.02, 0.01, 0.0, 0.0, R_N, 1.548, LINE_M, tow.speed_m_s, 0, 0]])
     shared = np.array([getattr(HULL.at_speed(model.speed_m_s), n) for n in model.shared_names])
     values = model.values([Hypothesis(shared, own)])[0][0]
     block = np.floor((run.data.t_s - run.start_s) / run.step_s + 1e-9).astype(int)
@@ -215,7 +215,7 @@ def test_slopes_on_a_line_that_keeps_its_length_are_differences_of_motions() -> 
     """Every number of surge and of effects, against central differences of motions."""
     runs = [stated(), replace(stated(rudder_rad=0.1), name="other")]
     model = TowSimulator(runs)
-    own = np.array([[0.2, 0.02, -0.02, 0.01, 0, 0, R_N, 1.548, LINE_M, 1.28]] * 2)
+    own = np.array([[0.2, 0.02, -0.02, 0.01, 0, 0, R_N, 1.548, LINE_M, 1.28, 0, 0]] * 2)
     shared = np.array([getattr(HULL, n) for n in model.shared_names])
     sizes = tuple(np.array([p.none + 0.3 * p.sd for p in e.parameters]) for e in PUSHED)
     found = model.linear([Hypothesis(shared, own, PUSHED, sizes)])[0]
@@ -261,7 +261,7 @@ def test_the_saved_simulator_is_the_diagnosis_own(label: str, numbers: dict[str,
     effect = next(e for e in LIBRARY if e.label == label)
     run = stated()
     model = TowSimulator([run])
-    own = np.array([[0.2, 0.02, -0.02, 0.01, 0.0, 0.0, R_N, 1.548, LINE_M, 1.28]])
+    own = np.array([[0.2, 0.02, -0.02, 0.01, 0.0, 0.0, R_N, 1.548, LINE_M, 1.28, 0, 0]])
     shared = np.array([getattr(HULL, n) for n in model.shared_names])
     h = Hypothesis(shared, own, (effect,), (np.array(list(numbers.values())),))
     ours = model.values([h])[0][0]

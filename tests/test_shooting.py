@@ -45,7 +45,7 @@ def runs(tow_runs: Callable[[int, int], list]) -> list:
 @pytest.fixture(scope="module")
 def hypothesis(cases: ModuleType, runs: list) -> Hypothesis:
     tows = [r.data.tow for r in runs]
-    own = [[0.1, 0.02, 0, 0, 0, 0, t.tension_n, t.tow_point_m, t.line_length_m, t.speed_m_s] for t in tows]
+    own = [[0.1, 0.02, 0, 0, 0, 0, t.tension_n, t.tow_point_m, t.line_length_m, t.speed_m_s, 0, 0] for t in tows]
     return Hypothesis(np.array(cases.SIX), np.array(own))
 
 
@@ -61,7 +61,7 @@ def test_slopes_are_differences_of_motions(
     sizes = tuple(np.array([p.none + size * p.sd for p in e.parameters]) for e in pushed)
     h = replace(hypothesis, effects=pushed, numbers=sizes)
     found = model.linear([h])[0]
-    slopes, at = np.array([slope for _, slope in found.rows]), 16
+    slopes, at = np.array([slope for _, slope in found.rows]), 18
     # closed paths are motions, however the Newton steps that close them were made
     h = replace(h, path=found.path)
 
@@ -69,9 +69,9 @@ def test_slopes_are_differences_of_motions(
     for k in range(6):
         step = 1e-3 * abs(h.shared[k])
         moved += [(k, step, f"six {k}", replace(h, shared=h.shared + sign * step * np.eye(6)[k])) for sign in (1, -1)]
-    for k in range(10):
+    for k in range(12):
         step = 1e-4 * max(float(np.abs(h.own[:, k]).max()), 1.0)
-        moved += [(6 + k, step, f"own {k}", replace(h, own=h.own + sign * step * np.eye(10)[k])) for sign in (1, -1)]
+        moved += [(6 + k, step, f"own {k}", replace(h, own=h.own + sign * step * np.eye(12)[k])) for sign in (1, -1)]
     for index, effect in enumerate(pushed):
         for k, parameter in enumerate(effect.parameters):
             step = 0.01 * parameter.sd

@@ -19,7 +19,7 @@ from .camera import (
     SHUTTER,
 )
 from .hull import ASYMMETRY, BANK, CABLE, COUPLING, CROSSFLOW, CROSSFLOW_ENDS, CUBIC, CUBIC_FORMS, CURRENT, MEMORY
-from .line import ELASTIC, FRICTION, FRICTION_FORMS, KEPT, LAW, OFFSET, TENSION, slack
+from .line import ELASTIC, FRICTION, FRICTION_FORMS, KEPT, LAW, LAWS, OFFSET, TENSION, slack
 
 LIBRARY: tuple[Effect, ...] = (
     CROSSFLOW,
@@ -56,6 +56,7 @@ LIBRARY: tuple[Effect, ...] = (
 """All but ``slack_line``, whose window is found in the runs (``slack``)."""
 
 __all__ = [
+    "LAWS",
     "LIBRARY",
     "STAGES",
     "Effect",

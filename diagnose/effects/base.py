@@ -61,6 +61,7 @@ class Situation:
     y_v, n_v, n_r : linear damping at this speed
     history : time -> tension over its mean, (runs, columns); 1 where it is constant
     beyond_n : of tension_n, what a line that keeps its length has beyond R; 0 elsewhere
+    longer_m, longer_rate_m_s : of a line with a law of its own (``Effect.law``): than stated, and the rate of that; 0 elsewhere
     """
 
     t_s: Any
@@ -85,6 +86,8 @@ class Situation:
     n_r: Any
     history: Callable[[Any], Any]
     beyond_n: Any = 0.0
+    longer_m: Any = 0.0
+    longer_rate_m_s: Any = 0.0
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -139,6 +142,8 @@ class Effect:
     force : (situation, *numbers) -> (Y N, N N m); a line that keeps its length answers it by its tension
     tension : (situation, *numbers) -> change of T, N, whatever a line that keeps its length asks
     keeps : (*numbers) -> how far the line keeps its tension instead of its length, 0..1
+    law : (situation, *numbers) -> what the line pulls with, N, by its length: this and the model's surge are states then. Such an
+        effect is never absent, whatever its numbers; it begins at the measured motion
     coupling : (*numbers) -> (Y_rdot, N_vdot), kg m
     speed : (situation, *numbers) -> change of U, m/s, by the time alone
     length : (tension N, line length m, *numbers) -> how much longer the line is than stated, m, at that tension
@@ -169,6 +174,7 @@ class Effect:
     force: Callable[..., tuple[Any, Any]] | None = None
     tension: Callable[..., Any] | None = None
     keeps: Callable[..., Any] | None = None
+    law: Callable[..., Any] | None = None
     coupling: Callable[..., tuple[Any, Any]] | None = None
     speed: Callable[..., Any] | None = None
     length: Callable[..., Any] | None = None

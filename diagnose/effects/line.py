@@ -135,6 +135,74 @@ FRICTION_FORMS = (
 """Beside the dry one. Oil alone is damping, which the derivatives take up."""
 
 
+SLIDES_M_S = 0.005
+"""A pulley that rubs has turned over at this speed of the line (its friction is smoothed there)."""
+STIFFEST_M_N = 1e-4
+"""No line, with its load cell and knots, gives less."""
+
+
+def _spring(s: Situation, compliance, damper, stiffens):
+    """A spring that is the stiffer the harder it is pulled, and a damper; it cannot push."""
+    held = np.maximum(s.longer_m, 0.0) / (np.maximum(compliance, 0.0) + STIFFEST_M_N)
+    share = held / s.tension_n
+    taut = np.clip(share, 0.0, 1.0)
+    return held * np.maximum(1 + 0.5 * stiffens * (share - 1), 0.1) + taut * damper * s.longer_rate_m_s
+
+
+def _weight(s: Situation, rub, drag, grows):
+    """A weight over a pulley that rubs and drags, on a drum that grows."""
+    sliding = np.tanh(s.longer_rate_m_s / SLIDES_M_S)
+    return s.tension_n * (1 + rub * sliding) + drag * s.longer_rate_m_s + grows * s.longer_m
+
+
+def _winch(s: Situation, power, late, wraps):
+    """A winch that holds R/cos(alpha)^power, a little late, and more by what a wrapped rope rubs."""
+    angle = s.alpha_rad - late * s.alpha_rate
+    return s.tension_n * np.maximum(np.cos(angle), 0.1) ** -power * (1 + wraps * np.sqrt(np.sin(angle) ** 2 + 1e-4))
+
+
+SURGING = "with the model's surge on it"
+"""What the forms of line that have a law of their own are called."""
+LAWS = (
+    replace(
+        ELASTIC,
+        parameters=(
+            Parameter("compliance_m_n", "m/N", 0.003, one_sided=True),
+            Parameter("damper_n_s_m", "N s/m", 20.0, one_sided=True),
+            Parameter("stiffens", "", 1.0),
+        ),
+        length=None,
+        stretch=None,
+        law=_spring,
+        needs=_no_length,
+        variant=SURGING,
+        sizes=(1.0,),
+    ),
+    replace(
+        KEPT,
+        parameters=(
+            Parameter("rub", "", 0.03, one_sided=True),
+            Parameter("drag_n_s_m", "N s/m", 2.0, one_sided=True),
+            Parameter("grows_n_m", "N/m", 1.0),
+        ),
+        keeps=None,
+        law=_weight,
+        variant=SURGING,
+        sizes=(1.0,),
+    ),
+    replace(
+        LAW,
+        parameters=(Parameter("power", "", 1.0), Parameter("late_s", "s", 0.3), Parameter("wraps", "", 0.2)),
+        tension=None,
+        law=_winch,
+        variant=SURGING,
+        sizes=(1.0,),
+    ),
+)
+"""Lines whose length is a state, because what they pull with follows a law: never absent, they begin at the measured motion
+(``Effect.law``)."""
+
+
 STIFFNESS = Parameter("stiffness_n_m", "N/m", 200.0, one_sided=True)
 """Of a soft line's spring, beside what its compliance says: prior standard deviation, a choice."""
 

@@ -7,11 +7,16 @@ from typing import Protocol
 
 from ..effects import Effect
 from .evidence import Fitted, Inference
+from .hypothesis import Hypothesis
 from .simulator import Simulator
 
 
 class Diagnosable(Simulator, Protocol):
     """A simulator whose gap can be diagnosed."""
+
+    def unlike(self, base: Fitted) -> Sequence[Hypothesis]:
+        """Starts of hypotheses that no step from the base leads to (a line that pays out), where its residual asks for them."""
+        ...
 
     def suggested(self, base: Fitted) -> list[Effect]:
         """Effects that the residual of the base itself suggests (windows of a slack line)."""

@@ -81,6 +81,11 @@ def ranked(
     first, forces = _first_fit(simulator, spread)
     inference = Inference(simulator, simulator.noise(first), spread)
     base = _settled(inference, _refined(inference, inference.fit([first], [forces], 2, (0,)))[0])
+    unlike = _unlike(simulator, base, spread)
+    if unlike and unlike[0][0] > base.log_evidence:
+        # the base cannot follow these runs: what random forces do is about a hull that can
+        inference = Inference(simulator, simulator.noise(unlike[0][1]), spread)
+        base = _settled(inference, inference.fit([base.hypothesis], [base.forces], 2, (0,))[0])
     usable, excluded = simulator.usable(library)
     usable = [*usable, *simulator.suggested(base)]
     say(f"{len(usable)} effects by their scores")
@@ -98,6 +103,7 @@ def ranked(
         for effects, f in fitted
         if effects[0] not in free
     ]
+    candidates += _as_candidates(inference, base, unlike, single_prior)
     free_found = [
         Candidate(effects, f, f.log_evidence - base.log_evidence, np.log(P_UNKNOWN))
         for effects, f in fitted
@@ -115,16 +121,44 @@ def ranked(
     return inference, shared_out(inference, _ranking(inference, base, candidates, free_form, excluded))
 
 
+def _unlike(simulator: Diagnosable, base: Fitted, spread: Spread) -> list[tuple[float, Hypothesis, Forces]]:
+    """The best end of every effect that no step from the base leads to, the best first."""
+    found = [end for end in spread(lambda start: _ended(simulator, start), simulator.unlike(base)) if end is not None]
+    best: dict[str, tuple[float, Hypothesis, Forces]] = {}
+    for end in sorted(found, key=lambda end: -end[0]):
+        best.setdefault(end[1].effects[0].label, end)
+    return list(best.values())
+
+
+def _as_candidates(
+    inference: Inference, base: Fitted, unlike: Sequence[tuple[float, Hypothesis, Forces]], single_prior: float
+) -> list[Candidate]:
+    """These with the noise of all others."""
+    found = []
+    for _, h, forces in unlike:
+        try:
+            fitted = inference.fit([h], [forces], REFIT_STEPS, (1,))[0]
+        except EstimationError:
+            continue
+        found.append(Candidate(h.effects, fitted, fitted.log_evidence - base.log_evidence, single_prior))
+    return found
+
+
+def _ended(simulator: Simulator, start: Hypothesis) -> tuple[float, Hypothesis, Forces] | None:
+    """Where a fit from the measured motion ends, at first without asking that it is one motion; with its log evidence."""
+    try:
+        found = Inference(simulator, None).fit([start], [Forces()], BASE_STEPS, (OPEN_STEPS,), OPEN_STEPS)[0]
+    except (EstimationError, np.linalg.LinAlgError):
+        return None
+    # of where it stands, not of where its next step points to: an end that is still on its way is none
+    return found.log_evidence - found.promised, found.hypothesis, found.forces
+
+
 def _first_fit(simulator: Simulator, spread: Spread) -> tuple[Hypothesis, Forces]:
     """From the measured motion, at first without asking that it is one motion; the best end of all starts."""
 
     def ended(start: Hypothesis) -> tuple[float, Hypothesis, Forces] | None:
-        try:
-            found = Inference(simulator, None).fit([start], [Forces()], BASE_STEPS, (OPEN_STEPS,), OPEN_STEPS)[0]
-        except (EstimationError, np.linalg.LinAlgError):
-            return None
-        # of where it stands, not of where its next step points to: an end that is still on its way is none
-        return found.log_evidence - found.promised, found.hypothesis, found.forces
+        return _ended(simulator, start)
 
     first, *others = simulator.starts()
     end = ended(first)

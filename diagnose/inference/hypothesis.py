@@ -23,7 +23,7 @@ class Path:
     Attributes
     ----------
     lags_s : time constants of the lagged velocities behind the four states
-    states : (4 + 2 lags, nodes, runs)
+    states : (4 + 2 lags, nodes, runs), or 6 + 2 lags of a line with a law of its own
     """
 
     lags_s: tuple[float, ...]
@@ -101,7 +101,7 @@ def form_of(effect: Effect) -> tuple[object, ...]:
     effect : of a library, or a free form
     """
     e = effect
-    works = (e.force, e.tension, e.keeps, e.coupling, e.speed, e.length, e.offset, e.stretch, e.clock, e.observe)
+    works = (e.force, e.tension, e.keeps, e.law, e.coupling, e.speed, e.length, e.offset, e.stretch, e.clock, e.observe)
     return (e.name, *works, e.correct, e.when, e.lag_s, e.remembers, *((q.name, q.none) for q in e.parameters))
 
 

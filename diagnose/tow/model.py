@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -34,6 +35,8 @@ BEGUN_STEPS = 4
 """Nodes to a step of a path that is closed afterwards."""
 AT_ONCE = 8000
 """Numbers of an array in the steps: what a processor's cache holds."""
+Answer = TypeVar("Answer")
+"""Of one hypothesis."""
 
 
 class TowModel:
@@ -98,6 +101,10 @@ class TowModel:
         closings : Newton steps that may be taken to close the hypotheses' paths first; 0 leaves them open, and the residual is
             what the linearised motion would leave
         """
+        return _by_law(hypotheses, lambda alike: self._linear(alike, closings))
+
+    def _linear(self, hypotheses: Sequence[Hypothesis], closings: int) -> list[Slopes]:
+        """``linear`` of hypotheses with the same states."""
         lags = _lags(hypotheses)
         groups = [Variations(h, len(self.runs), self.shared_names) for h in hypotheses]
         courses = self._courses(hypotheses, groups, lags, closings)
@@ -118,6 +125,10 @@ class TowModel:
 
     def values(self, hypotheses: Sequence[Hypothesis]) -> list[list[Array]]:
         """What hypotheses say would be measured: per hypothesis and run (n, 4)."""
+        return _by_law(hypotheses, self._values)
+
+    def _values(self, hypotheses: Sequence[Hypothesis]) -> list[list[Array]]:
+        """``values`` of hypotheses with the same states."""
         lags = _lags(hypotheses)
         groups = [Variations(h, len(self.runs), self.shared_names) for h in hypotheses]
         numbers, _ = joined([g.columns((), 0) for g in groups], lags)
@@ -137,6 +148,30 @@ class TowModel:
         if not (np.isfinite(path).all() and np.isfinite(slope).all()):
             return replace(h, path=None)
         return replace(h, path=Path(lags, CubicHermiteSpline(t_s, path, slope, axis=1)(self.node_s)[..., 0]))
+
+    def momentum(self, h: Hypothesis, width: int) -> tuple[Array, Array]:
+        """By how much the hypothesis's path changes more over ``width`` nodes than its rates give, and that with every number.
+
+        Returns
+        -------
+        (windows, runs, states), (windows, runs, states, numbers); 0 beyond a run's end
+        """
+        assert h.path is not None
+        group = Variations(h, len(self.runs), self.shared_names)
+        numbers, _ = joined([group.columns((), 0)], h.path.lags_s)
+        path = h.path.states
+        rates = self._slopes_of_rates(numbers, path[..., None])[..., 0].transpose(1, 2, 0)
+        change = self._by_numbers(group, path, h.path.lags_s)
+
+        def over(values: Array) -> Array:
+            """Trapezoids over each window."""
+            whole = np.concatenate([np.zeros_like(values[:1]), np.cumsum((values[1:] + values[:-1]) / 2, axis=0)])
+            return self._half * (whole[width:] - whole[:-width])
+
+        there = np.array([[2 * len(r.centre_s) - 1 >= k for r in self.runs] for k in range(width, len(self.node_s))])
+        states = path.transpose(1, 2, 0)
+        missed = states[width:] - states[:-width] - over(rates)
+        return missed * there[..., None], over(change) * there[..., None, None]
 
     @property
     def _half(self) -> float:
@@ -208,7 +243,7 @@ class TowModel:
         self, groups: Sequence[Variations], courses: Sequence[_Course], lags: tuple[float, ...]
     ) -> tuple[Array, Array, Array]:
         """How changes are carried from node to node, what every number adds there, and where it begins (``carried``'s)."""
-        size, most = 4 + 2 * len(lags), max(g.size for g in groups)
+        size, most = len(courses[0].path), max(g.size for g in groups)
         push = np.zeros((len(self.node_s) - 1, len(groups), len(self.runs), size, most + 1))
         start = np.zeros((len(groups), len(self.runs), size, most + 1))
         for k, (group, course) in enumerate(zip(groups, courses, strict=True)):
@@ -297,6 +332,16 @@ def _with_each_state_stepped(paths: Array, begins: Sequence[int], widths: Sequen
     return whole
 
 
+def _by_law(hypotheses: Sequence[Hypothesis], work: Callable[[list[Hypothesis]], list[Answer]]) -> list[Answer]:
+    """``work`` of those whose line has a law of its own and of the others apart: they have more states."""
+    answers: dict[int, Answer] = {}
+    for lawful in (False, True):
+        at = [k for k, h in enumerate(hypotheses) if any(e.law is not None for e in h.effects) == lawful]
+        if at:
+            answers.update(zip(at, work([hypotheses[k] for k in at]), strict=True))
+    return [answers[k] for k in range(len(hypotheses))]
+
+
 def _lags(hypotheses: Sequence[Hypothesis]) -> tuple[float, ...]:
     """Time constants of all their effects."""
     return tuple(sorted({e.lag_s for h in hypotheses for e in h.effects if e.lag_s}))
@@ -306,9 +351,10 @@ def _with_lags(path: Path, lags: tuple[float, ...]) -> Array:
     """A path with these lagged velocities; those it does not have begin as the velocities."""
     if path.lags_s == lags:
         return path.states
-    rows = [*path.states[:4]]
+    first = len(path.states) - 2 * len(path.lags_s)
+    rows = [*path.states[:first]]
     for lag in lags:
-        at = 4 + 2 * path.lags_s.index(lag) if lag in path.lags_s else 2
+        at = first + 2 * path.lags_s.index(lag) if lag in path.lags_s else 2
         rows += [path.states[at], path.states[at + 1]]
     return np.stack(rows)
 

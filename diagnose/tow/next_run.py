@@ -143,7 +143,7 @@ def _taken_over(h: Hypothesis, settings: Sequence[tuple[float, ...]]) -> Hypothe
     pull = float(np.median(ratio))
     for i, (x_t, line, speed, y, beta) in enumerate(settings):
         alpha = float(np.arcsin(np.clip((y + x_t * np.sin(beta)) / line, -0.99, 0.99)))
-        own[i] = [alpha, beta, 0, 0, 0, 0, pull * speed**2, x_t, line, speed]
+        own[i] = [alpha, beta, 0, 0, 0, 0, pull * speed**2, x_t, line, speed, 0, 0]
     return replace(h, own=own, path=None)
 
 

@@ -22,18 +22,27 @@ from ...simulate.model import (
     full_y_cg,
     line_angle_rate,
     line_force,
+    line_speeds,
+    paid_state,
     side_by_side,
 )
 from ..effects import Effect, Seen, Situation
 from .data import TowRun
 from .numbers import COMPLIANCE, SIX, rudder_history, rudder_is_over
 
-OWN = ("alpha", "beta", "v", "r", "y_b", "beta_b", "tension", "tow_point", "line", "speed")
-"""Each run's own numbers; tension: T of a line that keeps it, R of one that keeps its length."""
+OWN = ("alpha", "beta", "v", "r", "y_b", "beta_b", "tension", "tow_point", "line", "speed", "longer", "ahead")
+"""Each run's own numbers; tension: T of a line that keeps it, R of one that keeps its length; longer, ahead: by how much a line
+with a law of its own is longer at the start, and the model faster than the carriage."""
+SPEED, LONGER, AHEAD = (OWN.index(name) for name in ("speed", "longer", "ahead"))
+"""Where these stand."""
+STATES, PAID_STATES = 4, 6
+"""alpha, beta, v, r; with a law of the line's own its length beyond the stated one and u as well. Lagged velocities follow."""
 LARGEST_ANGLE = 1.4
 """Line angle and alpha + beta are held within this, rad (80 degrees): beyond, the equations have no answer."""
 SMALLEST_COSINE = 0.05
 """So is the cosine of alpha + beta that they divide by."""
+SHORTEST = 0.05
+"""A line with a law of its own is never shorter than this share of what is stated."""
 SOON_S = 0.05
 """An effect on the carriage's speed is differentiated over so long to either side."""
 
@@ -61,7 +70,7 @@ class Numbers:
     Attributes
     ----------
     shared : (s, columns), of all runs
-    own : (runs, 10, columns)
+    own : (runs, len(OWN), columns)
     active : effects
     lags_s : time constants of lagged velocities, sorted
     """
@@ -76,10 +85,17 @@ class Numbers:
         """Columns."""
         return self.shared.shape[1]
 
+    @property
+    def lawful(self) -> bool:
+        """Whether the line has a law of its own, in every column."""
+        return any(a.effect.law is not None for a in self.active)
+
     def start(self) -> Array:
         """(states, runs, columns) at the runs' beginning; lagged velocities begin as the velocities."""
-        four = [self.own[:, k] for k in range(4)]
-        return np.stack(four + [self.own[:, k] for _ in self.lags_s for k in (2, 3)])
+        first = [self.own[:, k] for k in range(STATES)]
+        if self.lawful:
+            first += [self.own[:, LONGER], self.own[:, SPEED] + self.own[:, AHEAD]]
+        return np.stack(first + [self.own[:, k] for _ in self.lags_s for k in (2, 3)])
 
 
 class Fields:
@@ -226,11 +242,13 @@ class _Moment:
     ----------
     hull, tow : hull at the carriage's speed of this time, tow with its histories
     core : alpha, beta, v, r, within the angles at which a tow is a tow
+    paid : line's length beyond the stated one and u, where these are states
     """
 
     hull: Hull
     tow: Tow
     core: tuple[Array, ...]
+    paid: tuple[Array, ...] = ()
 
 
 class TowRates:
@@ -246,6 +264,8 @@ class TowRates:
         self._fields, self._lags, self._tow = fields, list(numbers.lags_s), tow
         self._width, self._reference = numbers.width, _hull_of(fields, numbers)
         self._hull = self._reference.at_speed(tow.speed_m_s)
+        self._lawful = [a for a in numbers.active if a.effect.law is not None]
+        self._first = PAID_STATES if self._lawful else STATES
         self._pushing = [a for a in numbers.active if a.effect.force is not None]
         self._pulling = [a for a in numbers.active if a.effect.tension is not None]
         # a line that is stated to keep its tension does so already
@@ -256,15 +276,16 @@ class TowRates:
         now = self._now(t, state)
         taut = self._taut(t, state, now)
         core = taut.rates
-        if self._pulling:
+        if self._pulling and not self._lawful:
             core = self._pulled(t, state, now, taut)
         if not self._lags:
             return core
         rates = np.empty((len(state), *core.shape[1:]))
-        rates[:4] = core
+        first = self._first
+        rates[:first] = core
         for i, lag in enumerate(self._lags):
             for j, source in ((0, 2), (1, 3)):
-                rates[4 + 2 * i + j] = (state[source] - state[4 + 2 * i + j]) / lag
+                rates[first + 2 * i + j] = (state[source] - state[first + 2 * i + j]) / lag
         return rates
 
     def _zeros(self, state: Array) -> Array:
@@ -312,7 +333,11 @@ class TowRates:
             if "constant" in fields.lines or self._keeping:
                 hull = self._reference.at_speed(speed)
             tow = replace(tow, speed_m_s=speed, speed_rate_m_s2=rate)
-        return _Moment(hull, tow, core)
+        if not self._lawful:
+            return _Moment(hull, tow, core)
+        paid = state[4], state[5]
+        length = np.maximum(tow.line_length_m + paid[0], SHORTEST * tow.line_length_m)
+        return _Moment(hull, replace(tow, line_length_m=length), core, paid)
 
     def _speed(self, t: Any, now: _Moment) -> tuple[Array, Array]:
         """The carriage's speed at this time, and its rate."""
@@ -330,7 +355,7 @@ class TowRates:
         return speed, rate
 
     def _taut(self, t: Any, state: Array, now: _Moment) -> Taut:
-        """``full_state`` with the effects' forces, by each run's own line."""
+        """``full_state`` with the effects' forces, by each run's own line; with a law of its own ``paid_state``."""
 
         def extra(t, y, beta, v, r, alpha):
             side, moment = self._zeros(v), self._zeros(v)
@@ -343,6 +368,8 @@ class TowRates:
             return side, moment
 
         pushed = extra if self._pushing else None
+        if self._lawful:
+            return paid_state(t, (*now.core, now.paid[1]), self._law(t, state, now), self._hull, now.tow, pushed)
         lines = ("surge", "constant") if self._keeping else self._fields.lines
         found = {}
         for line in lines:
@@ -359,6 +386,20 @@ class TowRates:
         one, two = (found[line] for line in ("surge", "constant"))
         pairs = ((one.rates, two.rates), (one.tension_n, two.tension_n), (one.u_m_s, two.u_m_s))
         return Taut(*(length + share * (pull - length) for length, pull in pairs))
+
+    def _law(self, t: Any, state: Array, now: _Moment) -> Array:
+        """What the lines pull with, by their laws and the effects on it; no line pushes."""
+        tension = self._zeros(now.core[2])
+        base = self._situation(t, now)
+        for a, part in self._parts(self._lawful, base, state):
+            assert a.effect.law is not None
+            tension[..., a.columns] = a.effect.law(part, *a.numbers)
+        if self._pulling:
+            held = replace(base, tension_n=tension, beyond_n=tension - now.tow.tension_n)
+            for a, part in self._parts(self._pulling, held, state):
+                assert a.effect.tension is not None
+                tension[..., a.columns] += a.effect.tension(part, *a.numbers)
+        return np.maximum(tension, 0.0)
 
     def _pulled(self, t: Any, state: Array, now: _Moment, taut: Taut) -> Array:
         """The rates where effects change T: beyond what keeps the line's length, which they do not ask."""
@@ -388,13 +429,19 @@ class TowRates:
     def _situation(self, t: Any, now: _Moment, y: Array | None = None) -> Situation:
         """``tension_n`` as of a straight tow."""
         (alpha, beta, v, r), tow, hull = now.core, now.tow, now.hull
-        cosine = np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None)
+        longer: dict[str, Any] = {}
+        if now.paid:
+            angle = alpha + beta
+            across, along = line_speeds(t, (*now.core, now.paid[1]), np.sin(angle), np.cos(angle), tow)
+            turn, longer = across / tow.line_length_m, {"longer_m": now.paid[0], "longer_rate_m_s": along}
+        else:
+            cosine = np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None)
+            turn = line_angle_rate(tow, beta, v, r, cosine, tow.post_motion(t)[1])
         return Situation(
             t, full_y_cg(t, alpha, beta, tow) if y is None else y, beta, v, r, alpha,
-            tow.speed_m_s, tow.line_length_m, tow.tow_point_m, tow.tension_n,
-            line_angle_rate(tow, beta, v, r, cosine, tow.post_motion(t)[1]),
+            tow.speed_m_s, tow.line_length_m, tow.tow_point_m, tow.tension_n, turn,
             v_lag=v, r_lag=r, y_v=hull.y_v, n_v=hull.n_v, n_r=hull.n_r, history=self._fields.history,
-            **self._fields.fixed,
+            **self._fields.fixed, **longer,
         )  # fmt: skip
 
     def _on_line(self, base: Situation, now: _Moment, taut: Taut) -> Situation:
@@ -406,7 +453,7 @@ class TowRates:
     def _lagging(self, base: Situation, effect: Effect, state: Array) -> Situation:
         if not effect.lag_s:
             return base
-        k = 4 + 2 * self._lags.index(effect.lag_s)
+        k = self._first + 2 * self._lags.index(effect.lag_s)
         return replace(base, v_lag=state[k], r_lag=state[k + 1])
 
 
@@ -453,4 +500,17 @@ def _in_columns(value: Any, columns: slice) -> Any:
     return value[..., columns] if several else value
 
 
-__all__ = ["OWN", "Active", "Fields", "Numbers", "TowRates", "columns_of", "tow_of"]
+__all__ = [
+    "AHEAD",
+    "LONGER",
+    "OWN",
+    "PAID_STATES",
+    "SPEED",
+    "STATES",
+    "Active",
+    "Fields",
+    "Numbers",
+    "TowRates",
+    "columns_of",
+    "tow_of",
+]

@@ -7,7 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...simulate.model import Array, Tow, full_x_cg, full_x_cg_rate, full_y_cg, full_y_cg_rate, line_angle_rate
+from ...simulate.model import (
+    Array,
+    Tow,
+    full_x_cg,
+    full_x_cg_rate,
+    full_y_cg,
+    full_y_cg_rate,
+    line_angle_rate,
+    line_speeds,
+)
 from ..effects import Seen
 from ..inference.shooting import STATE_STEP
 from .data import TowRun
@@ -101,8 +110,9 @@ class TowSeen:
         """(nodes, 4, runs, columns) at every node."""
         tow = tow_of(self._fields, numbers)
         t_s = self._node_s[:, None, None]
-        seen = self._see(t_s, path, tow)
-        gives = COMPLIANCE in self._fields.names
+        seen = self._see(t_s, path, tow, numbers.lawful)
+        # a line with a law of its own has all that it gives in its length
+        gives = COMPLIANCE in self._fields.names and not numbers.lawful
         if gives or (self._fields.surge.any() and any(a.effect.stretch is not None for a in numbers.active)):
             beyond = TowRates(self._fields, numbers, tow).beyond(t_s, path)
             seen = replace(seen, beyond_n=np.where(self._fields.surge, beyond, 0.0))
@@ -128,13 +138,20 @@ class TowSeen:
         cosine, sine = np.cos(beta), np.sin(beta)
         return np.hypot(x + x_t * cosine - y_t * sine - post, y + x_t * sine + y_t * cosine) - length
 
-    def _see(self, t_s: Array, path: Array, tow: Tow) -> Seen:
+    def _see(self, t_s: Array, path: Array, tow: Tow, lawful: bool) -> Seen:
         alpha, beta, v, r = path[:4]
+        post_rate, side = tow.post_motion(t_s)[1], np.sin(alpha + beta)
+        if lawful:
+            tow = replace(tow, line_length_m=tow.line_length_m + path[4])
+            across, along = line_speeds(t_s, (*path[:4], path[5]), side, np.cos(alpha + beta), tow)
+            turn = across / tow.line_length_m
+        else:
+            along = 0.0
+            turn = line_angle_rate(tow, beta, v, r, np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None), post_rate)
         x, y = full_x_cg(alpha, beta, tow), full_y_cg(t_s, alpha, beta, tow)
-        post_rate = tow.post_motion(t_s)[1]
-        turn = line_angle_rate(tow, beta, v, r, np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None), post_rate)
-        rates = (full_x_cg_rate(alpha, beta, turn, r, tow), full_y_cg_rate(alpha, beta, turn, r, tow) + post_rate, r)
-        side = np.sin(alpha + beta)
+        x_rate = full_x_cg_rate(alpha, beta, turn, r, tow) - np.cos(alpha) * along
+        y_rate = full_y_cg_rate(alpha, beta, turn, r, tow) + np.sin(alpha) * along + post_rate
+        rates = (x_rate, y_rate, r)
         return Seen(
             t_s, (x, y, beta), rates, side, alpha, tow.tension_n, self._shutter, line_length_m=tow.line_length_m
         )

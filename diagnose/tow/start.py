@@ -6,15 +6,21 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import UnivariateSpline
+from scipy.interpolate import CubicSpline, UnivariateSpline
 
 from ...identify import fit_runs
 from ...identify.reference import reference_set
 from ...record.errors import EstimationError
-from ...simulate.model import Array
-from ..inference.hypothesis import Hypothesis, Path
-from .data import TowRun
+from ...simulate.model import Array, forward_speed
+from ..effects import Effect
+from ..inference.hypothesis import Hypothesis, Path, with_effects
+from .data import CHANNELS, TowRun
 from .model import BEYOND
+from .rates import AHEAD, LONGER, SPEED
+
+LINE = CHANNELS.index("line")
+FEWEST_BLOCKS = 10
+"""Means of the line's length that its course needs: a choice."""
 
 SAMPLES = 250
 """Of a record that the rough start takes, at most about twice so many: a choice."""
@@ -90,7 +96,7 @@ def _along(runs: Sequence[TowRun], sixes: Sequence[Array], states: Array) -> lis
     own = []
     for start, run in zip(states[:, 0].T, runs, strict=True):
         tow = run.data.tow
-        own.append([*start, 0.0, 0.0, straight_pull(run)[0], tow.tow_point_m, tow.line_length_m, tow.speed_m_s])
+        own.append([*start, 0, 0, straight_pull(run)[0], tow.tow_point_m, tow.line_length_m, tow.speed_m_s, 0, 0])
     return [Hypothesis(six, np.array(own, dtype=float), path=Path((), states)) for six in sixes]
 
 
@@ -149,4 +155,66 @@ def measured_path(run: TowRun, nodes: int, wider: Sequence[float] | Array = (1.0
     return np.stack([alpha, heading, sway, turn])
 
 
-__all__ = ["base_hypotheses", "measured_path"]
+def lawful_hypotheses(runs: Sequence[TowRun], laws: Sequence[Effect], starts: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Lines with a law of their own, along the measured motion: every law from every start's hull.
+
+    Parameters
+    ----------
+    runs : as the diagnosis sees them
+    laws : effects with a law
+    starts : of ``base_hypotheses``, with the shared numbers
+    """
+    nodes = 2 * (max(len(r.centre_s) for r in runs) + BEYOND) + 1
+    states = np.stack([paid_path(run, nodes) for run in runs], axis=-1)
+    found = []
+    for start in starts:
+        own = start.own.copy()
+        own[:, :4], own[:, LONGER] = states[:4, 0].T, states[4, 0]
+        own[:, AHEAD] = states[5, 0] - own[:, SPEED]
+        plain = replace(start, own=own, path=Path((), states))
+        for law in laws:
+            begun = with_effects(plain, [law])
+            numbers = np.array([q.none + (0.3 * q.sd if q.one_sided else 0.0) for q in law.parameters])
+            found.append(replace(begun, numbers=(numbers,)))
+    return found
+
+
+def paid_path(run: TowRun, nodes: int) -> Array:
+    """(6, nodes) alpha, beta, v, r, the line's length beyond the stated one, u, of the measured motion every half block.
+
+    Without pixels nothing says how long the line is: it is taken as stated.
+
+    Parameters
+    ----------
+    run : as the diagnosis sees it
+    nodes : how many
+    """
+    tow, path = run.data.tow, measured_path(run, nodes)
+    radius = run.values[:, LINE]
+    good = np.isfinite(radius)
+    at = np.clip(np.arange(nodes) * run.step_s / 2, 0.0, len(run.centre_s) * run.step_s)
+    if good.sum() < FEWEST_BLOCKS:
+        alpha, beta, v, r = path
+        u = forward_speed(tow, alpha, beta, v, r, tow.post_motion(at + run.start_s)[1])
+        return np.concatenate([path, np.zeros((1, nodes)), np.asarray(u)[None]])
+    t_s = run.centre_s[good]
+
+    def spline(values: Array, sd: Array) -> UnivariateSpline:
+        return UnivariateSpline(t_s, values, 1 / sd, s=len(t_s))
+
+    sds = [np.sqrt(np.diag(run.covariance[k])[good]) for k in (0, 1, LINE)]
+    y, beta, longer = (spline(run.values[good, k], sd) for k, sd in zip((0, 1, LINE), sds, strict=True))
+    post_y = np.asarray(tow.post_motion(at + run.start_s)[0])
+    heading, turn = np.asarray(beta(at)), np.asarray(beta.derivative()(at))
+    sin_b, cos_b = np.sin(heading), np.cos(heading)
+    length = tow.line_length_m + np.asarray(longer(at))
+    sine = (y(at) - post_y + tow.tow_point_m * sin_b + tow.tow_point_offset_m * cos_b) / length
+    alpha = np.arcsin(np.clip(sine, -LARGEST_SINE, LARGEST_SINE))
+    x = -length * np.cos(alpha) - tow.tow_point_m * cos_b + tow.tow_point_offset_m * sin_b
+    ahead = CubicSpline(at + 1e-9 * np.arange(nodes), x)(at, 1) + tow.speed_m_s
+    aside = np.asarray(y.derivative()(at))
+    u, v = ahead * cos_b + aside * sin_b, aside * cos_b - ahead * sin_b
+    return np.stack([alpha, heading, v, turn, length - tow.line_length_m, u])
+
+
+__all__ = ["base_hypotheses", "lawful_hypotheses", "measured_path", "paid_path"]

@@ -10,12 +10,12 @@ import numpy as np
 
 from ...geometry.normal import inverse_of_normal
 from ...simulate.model import Array
-from ..effects import Effect
+from ..effects import LAWS, Effect
 from ..inference.apart import Apart
 from ..inference.grams import reduced
 from ..inference.hypothesis import FREE, Hypothesis
 from ..inference.noise import Noise, RunNoise
-from .data import TowRun
+from .data import CHANNELS, TowRun
 from .model import TowModel
 from .noise import measured_noise, tow_noise
 from .numbers import SIX, shared_numbers
@@ -23,18 +23,27 @@ from .rates import OWN
 from .shifts import shift_effects
 from .slackness import slack_effects
 from .springs import springing_effects
-from .start import base_hypotheses, straight_pull
+from .start import base_hypotheses, lawful_hypotheses, straight_pull
 from .unknown import free_forms
+from .weak import by_motion
 
 if TYPE_CHECKING:
     from ..inference.evidence import Fitted, Inference
 
-PRIORS = {"y_b": 1.5e-3, "beta_b": 1.5e-3, "tension": 5e-3, "tow_point": 7e-4, "line": 7e-4, "speed": 1.5e-3}
-"""Of each run's own numbers where [priors] is silent: m, rad; tension and speed relative."""
+PRIORS = {
+    "y_b": 1.5e-3, "beta_b": 1.5e-3, "tension": 5e-3, "tow_point": 7e-4, "line": 7e-4, "speed": 1.5e-3,
+    "longer": 0.05, "ahead": 0.05,
+}  # fmt: skip
+"""Of each run's own numbers where [priors] is silent: m, rad; tension and speed relative. The last two: of a line with a law of its
+own, m and m/s."""
 LARGEST_FORCE_SHARE = 0.05
 """Of the line's pull: random forces above this are a gap, not noise."""
 SMALLEST_SD = 0.003
 """Of a reference derivative, relative: no simulator is surer of itself."""
+LINE = CHANNELS.index("line")
+PAYS_OUT, UNFOLLOWED = 2.5, 0.2
+"""Lines with a law of their own are tried where the radius varies by so many times its noise, or random forces exceed this share of
+the largest that counts as noise. Choices, for time."""
 SAME_HULL = 1e-3
 """Derivatives that differ by less answer random forces alike: their sizes, which are fitted, hold the difference."""
 
@@ -87,6 +96,28 @@ class TowSimulator(TowModel):
         """The linear fit of all runs, and a hull like others of its length, along the measured motion."""
         found = base_hypotheses(self.runs, self.speed_m_s)
         return [replace(h, shared=self._shared.start(h.shared)) for h in found]
+
+    def unlike(self, base: Fitted) -> list[Hypothesis]:
+        """Lines with a law of their own, along the measured motion, where the line's radius or the random forces ask for them.
+
+        Each from a hull like others, all its numbers by the motion, and from the base's hull with the law's first number so.
+        """
+        if not self._fields.surge.all() or not self._asks_for_laws(base):
+            return []
+        usual = [by_motion(self, h, self.shared_prior) for h in lawful_hypotheses(self.runs, LAWS, self.starts()[-1:])]
+        here = lawful_hypotheses(self.runs, LAWS, [base.hypothesis])
+        return [*usual, *(by_motion(self, h, None, first_only=True) for h in here)]
+
+    def _asks_for_laws(self, base: Fitted) -> bool:
+        if not all(np.isfinite(run.values[:, LINE]).any() for run in self.runs):
+            return False  # nothing says how long the line is
+        if max(base.forces.side_n, base.forces.moment_n_m) > UNFOLLOWED * self.most_force:
+            return True
+        for (residual, _), run in zip(base.linear.rows, self.runs, strict=True):
+            radius = residual[:, LINE]
+            if np.isfinite(radius).any() and np.nanstd(radius) > PAYS_OUT * run.usual_sd(LINE):
+                return True
+        return False
 
     def symmetries(self, inference: Inference, base: Fitted) -> Sequence[tuple[str, Sequence[str]]]:
         """The scale of all tensions, unless these swings weigh the model; a clock against the carriage's speed."""
@@ -169,7 +200,7 @@ def _modes(runs: Sequence[TowRun]) -> list[Array]:
 
 
 def own_sds(runs: Sequence[TowRun]) -> Array:
-    """Prior standard deviations of each run's own numbers, (runs, 10)."""
+    """Prior standard deviations of each run's own numbers, (runs, len(OWN))."""
     rows = []
     for run in runs:
         tow, priors = run.data.tow, run.data.priors
@@ -189,6 +220,8 @@ def own_sds(runs: Sequence[TowRun]) -> Array:
                 priors.tow_point_sd_m or PRIORS["tow_point"],
                 priors.line_length_sd_m or PRIORS["line"],
                 speed * (priors.speed_sd_rel or PRIORS["speed"]),
+                PRIORS["longer"],
+                PRIORS["ahead"],
             ]
         )
     return np.array(rows)
@@ -197,7 +230,8 @@ def own_sds(runs: Sequence[TowRun]) -> Array:
 def _stated(run) -> Array:
     tow = run.data.tow
     return np.array(
-        [0, 0, 0, 0, 0, 0, straight_pull(run)[0], tow.tow_point_m, tow.line_length_m, tow.speed_m_s], dtype=float
+        [0, 0, 0, 0, 0, 0, straight_pull(run)[0], tow.tow_point_m, tow.line_length_m, tow.speed_m_s, 0, 0],
+        dtype=float,
     )
 
 

@@ -11,9 +11,9 @@ from ...simulate.model import Array
 from ..effects import Effect
 from ..inference.hypothesis import EFFECT_STEP, Hypothesis
 from .numbers import COMPLIANCE
-from .rates import OWN, Active, Numbers
+from .rates import AHEAD, LONGER, OWN, SPEED, Active, Numbers
 
-STEPS = {"alpha": 1e-5, "beta": 1e-5, "v": 1e-5, "r": 1e-5, "y_b": 1e-4, "beta_b": 1e-4}
+STEPS = {"alpha": 1e-5, "beta": 1e-5, "v": 1e-5, "r": 1e-5, "y_b": 1e-4, "beta_b": 1e-4, "longer": 1e-5, "ahead": 1e-5}
 """Of the one-sided differences by a run's own numbers: start in m, rad, m/s, rad/s; biases in m and rad."""
 RELATIVE_STEP = 1e-4
 """The same of the others, as a share of the number."""
@@ -91,7 +91,7 @@ class Variations:
         found = [k for k in range(self.shared) if k not in self._seen_only]
         found += [self.shared + k for k in IN_RATES]
         for effect, numbers, at in self.each():
-            works = (effect.coupling, effect.keeps, effect.speed, effect.length, effect.offset)
+            works = (effect.coupling, effect.keeps, effect.law, effect.speed, effect.length, effect.offset)
             if any(work is not None for work in works):
                 found += range(at, at + len(numbers))
         return tuple(found)
@@ -108,6 +108,11 @@ class Variations:
             if any(work is not None for work in works):
                 found += range(at, at + len(numbers))
         return tuple(found)
+
+    @property
+    def lawful(self) -> bool:
+        """Whether the line has a law of its own: its length and the model's surge are states."""
+        return any(effect.law is not None for effect in self._h.effects)
 
     @property
     def remembers(self) -> bool:
@@ -148,16 +153,21 @@ class Variations:
 
     def start(self, lags_s: tuple[float, ...]) -> tuple[Array, Array]:
         """State at the runs' beginning (states, runs), and its change with every number (states, runs, size)."""
-        base = self._h.own[:, :4].T
-        change = np.zeros((4, len(self.steps), self.size))
-        for k in range(4):
-            change[k, :, self.shared + k] = 1.0
-        rows = [0, 1, 2, 3] + [2, 3] * len(lags_s)
-        return base[rows], change[rows]
+        own = self._h.own
+        base = [own[:, k] for k in range(4)]
+        from_own = [(k,) for k in range(4)]
+        if self.lawful:
+            base += [own[:, LONGER], own[:, SPEED] + own[:, AHEAD]]
+            from_own += [(LONGER,), (SPEED, AHEAD)]
+        rows = [*range(len(base)), *[2, 3] * len(lags_s)]
+        change = np.zeros((len(base), len(self.steps), self.size))
+        for state, numbers in enumerate(from_own):
+            change[state][:, [self.shared + k for k in numbers]] = 1.0
+        return np.array(base)[rows], change[rows]
 
 
 def _absent(effect: Effect, numbers: Array) -> bool:
-    return bool((numbers == [p.none for p in effect.parameters]).all())
+    return effect.law is None and bool((numbers == [p.none for p in effect.parameters]).all())
 
 
 def joined(blocks: Sequence[Block], lags_s: tuple[float, ...]) -> tuple[Numbers, list[int]]:

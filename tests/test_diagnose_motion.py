@@ -150,7 +150,7 @@ def test_the_simulated_side_follows_a_tension_log() -> None:
     log = (clock + 3.0, tension)
     told = replace(run, data=replace(run.data, tension=log, tow=replace(run.data.tow, tension_n=mean)))
     alpha = np.arcsin(0.2 / 0.91)
-    own = np.array([[alpha, 0.0, 0.0, 0.0, 0.0, 0.0, mean, 1.548, 0.91, 1.28]])
+    own = np.array([[alpha, 0.0, 0.0, 0.0, 0.0, 0.0, mean, 1.548, 0.91, 1.28, 0, 0]])
     rms = []
     for one in (told, replace(told, data=replace(told.data, tension=None))):
         model = TowSimulator([one])

@@ -117,7 +117,7 @@ def test_a_step_in_line_and_distance_suggests_when_the_camera_turned(runs: list)
 def test_a_turned_camera_changes_only_what_was_seen_since(runs: list, cases: ModuleType) -> None:
     effect = shift_effects(runs, left(runs, np.random.default_rng(7)))[1]  # from the third run on
     tows = [r.data.tow for r in runs]
-    own = np.array([[0.1, 0, 0, 0, 0, 0, t.tension_n, t.tow_point_m, t.line_length_m, t.speed_m_s] for t in tows])
+    own = np.array([[0.1, 0, 0, 0, 0, 0, t.tension_n, t.tow_point_m, t.line_length_m, t.speed_m_s, 0, 0] for t in tows])
     h = Hypothesis(np.array(cases.SIX), own, (effect,), (np.array([0.001, 0.0, 0.0]),))
     always = replace(h, effects=(replace(effect, when=None),))
     model = TowModel(runs, 1.28)

@@ -81,7 +81,7 @@ def test_a_rolling_shutter_sees_a_lower_mark_later(filmed: tuple[Any, Any, Any],
 def simulated(tow: TowRun, cases: ModuleType) -> tuple[TowModel, Hypothesis, Any]:
     """A model of one run, a hypothesis with a line and tow point unlike the stated ones, and the same tow integrated finely."""
     stated = tow.data.tow
-    own = [0.1, 0.05, 0.0, 0.0, 0.0, 0.0, 3.9, stated.tow_point_m + 0.02, stated.line_length_m - 0.01, 1.28]
+    own = [0.1, 0.05, 0.0, 0.0, 0.0, 0.0, 3.9, stated.tow_point_m + 0.02, stated.line_length_m - 0.01, 1.28, 0, 0]
     h = Hypothesis(np.array(cases.SIX), np.array([own]))
     fine = Tow(1.28, own[8], own[7], own[6])
     t_s = np.arange(0, 20, 0.01)

@@ -356,6 +356,13 @@ def _coasting(hull: Hull, tow: Tow, u, v, r, more):
     return v_free, r_free, surge_force(hull, tow.resistance, u / hull.speed_m_s, v, r) + hull.mass_kg * v * r
 
 
+def _under_pull(hull: Hull, tow: Tow, speeds: tuple[Any, Any, Any], tension, sine, cosine, more):
+    """u', v', r' of a model that a line pulls with ``tension`` at alpha + beta; ``speeds``: u, v, r."""
+    v_free, r_free, push = _coasting(hull, tow, *speeds, more)
+    v_pull, r_pull = accelerated(hull, *line_force(tow, tension, sine, cosine))
+    return (push + tension * cosine) / surge_mass(hull), v_free + v_pull, r_free + r_pull
+
+
 def surge_rate_of_line(t_s, state, turn, by_v, cosine, tow: Tow, post_rate, heading):
     """K_0: u' of a line that keeps its length, at v' = r' = 0 (theory.md 10), m/s2.
 
@@ -386,11 +393,9 @@ def loose_rates(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = Non
     sin_b, cos_b = np.sin(beta), np.cos(beta)
     tension, sine, cosine, alpha = spring_tension(t_s, state, tow)
     more = (0.0, 0.0) if extra is None else extra(t_s, y, beta, v, r, alpha)
-    v_free, r_free, push = _coasting(hull, tow, u, v, r, more)
-    v_pull, r_pull = accelerated(hull, *line_force(tow, tension, sine, cosine))
-    u_rate = (push + tension * cosine) / surge_mass(hull)
+    rates = _under_pull(hull, tow, (u, v, r), tension, sine, cosine, more)
     ahead, aside = u * cos_b - v * sin_b - tow.speed_m_s, u * sin_b + v * cos_b
-    return np.array([ahead, aside, r, u_rate, v_free + v_pull, r_free + r_pull])
+    return np.array([ahead, aside, r, *rates])
 
 
 def paid_state(t_s, state, tension, hull: Hull, tow: Tow, extra: ExtraForce | None = None) -> Taut:
@@ -415,25 +420,23 @@ def paid_state(t_s, state, tension, hull: Hull, tow: Tow, extra: ExtraForce | No
     alpha, beta, v, r, u = state
     sine, cosine = np.sin(alpha + beta), np.cos(alpha + beta)
     more = (0.0, 0.0) if extra is None else extra(t_s, full_y_cg(t_s, alpha, beta, tow), beta, v, r, alpha)
-    v_free, r_free, push = _coasting(hull, tow, u, v, r, more)
-    v_pull, r_pull = accelerated(hull, *line_force(tow, tension, sine, cosine))
-    across, along = line_speeds(t_s, state, sine, cosine, tow)
-    found = (across / tow.line_length_m, r, v_free + v_pull, r_free + r_pull, along)
-    u_rate = (push + tension * cosine) / surge_mass(hull)
-    return Taut(np.stack(np.broadcast_arrays(*found, u_rate)), tension, u)
+    u_rate, v_rate, r_rate = _under_pull(hull, tow, (u, v, r), tension, sine, cosine, more)
+    across, along = line_speeds(t_s, state, tow)
+    found = (across / tow.line_length_m, r, v_rate, r_rate, along, u_rate)
+    return Taut(np.stack(np.broadcast_arrays(*found)), tension, u)
 
 
-def line_speeds(t_s, state, sine, cosine, tow: Tow):
+def line_speeds(t_s, state, tow: Tow):
     """Speeds of the tow point seen from the post across the line, L alpha', and along it, L', m/s.
 
     Parameters
     ----------
     t_s : time, s
     state : (5, ...) alpha rad, beta rad, v m/s, r rad/s, u m/s
-    sine, cosine : of alpha + beta
     tow : X_T, U of the tow
     """
-    alpha, _, v, r, u = state
+    alpha, beta, v, r, u = state
+    sine, cosine = np.sin(alpha + beta), np.cos(alpha + beta)
     post_rate = tow.post_motion(t_s)[1]
     point, offset = tow.tow_point_m, tow.tow_point_offset_m
     sin_a, cos_a = np.sin(alpha), np.cos(alpha)

@@ -163,41 +163,32 @@ def _winch(s: Situation, power, late, wraps):
 
 SURGING = "with the model's surge on it"
 """What the forms of line that have a law of their own are called."""
+
+
+def _surging(effect: Effect, law: Callable[..., Any], *parameters: Parameter) -> Effect:
+    """An effect of the line as a law of the line's own, instead of what it changes of one that keeps its length."""
+    return replace(
+        effect, parameters=parameters, law=law, keeps=None, tension=None, length=None, stretch=None, needs=_no_length,
+        variant=SURGING, sizes=(1.0,),
+    )  # fmt: skip
+
+
 LAWS = (
-    replace(
+    _surging(
         ELASTIC,
-        parameters=(
-            Parameter("compliance_m_n", "m/N", 0.003, one_sided=True),
-            Parameter("damper_n_s_m", "N s/m", 20.0, one_sided=True),
-            Parameter("stiffens", "", 1.0),
-        ),
-        length=None,
-        stretch=None,
-        law=_spring,
-        needs=_no_length,
-        variant=SURGING,
-        sizes=(1.0,),
+        _spring,
+        Parameter("compliance_m_n", "m/N", 0.003, one_sided=True),
+        Parameter("damper_n_s_m", "N s/m", 20.0, one_sided=True),
+        Parameter("stiffens", "", 1.0),
     ),
-    replace(
+    _surging(
         KEPT,
-        parameters=(
-            Parameter("rub", "", 0.03, one_sided=True),
-            Parameter("drag_n_s_m", "N s/m", 2.0, one_sided=True),
-            Parameter("grows_n_m", "N/m", 1.0),
-        ),
-        keeps=None,
-        law=_weight,
-        variant=SURGING,
-        sizes=(1.0,),
+        _weight,
+        Parameter("rub", "", 0.03, one_sided=True),
+        Parameter("drag_n_s_m", "N s/m", 2.0, one_sided=True),
+        Parameter("grows_n_m", "N/m", 1.0),
     ),
-    replace(
-        LAW,
-        parameters=(Parameter("power", "", 1.0), Parameter("late_s", "s", 0.3), Parameter("wraps", "", 0.2)),
-        tension=None,
-        law=_winch,
-        variant=SURGING,
-        sizes=(1.0,),
-    ),
+    _surging(LAW, _winch, Parameter("power", "", 1.0), Parameter("late_s", "s", 0.3), Parameter("wraps", "", 0.2)),
 )
 """Lines whose length is a state, because what they pull with follows a law: never absent, they begin at the measured motion
 (``Effect.law``)."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.special import logsumexp
@@ -37,9 +38,6 @@ BASE_STEPS, OPEN_STEPS, REFIT_STEPS, GROSS_STEPS = 8, 3, 3, 5
 where scores are very large."""
 AT_MOST = 0.9
 """A fit whose random forces exceed this share of the largest that counts as noise explains nothing."""
-FOLLOWED = 0.2
-"""A first fit whose random forces stay below this share of the largest that counts as noise has followed the runs: no other start
-is tried. In nine of 14 campaigns it stayed below, and no other start ended better by more than 0.3. A choice, for time."""
 SMALL_FORCES = 0.05
 """A refinement also starts from random forces of this share of those estimated."""
 SCANNED, SCANNED_BELOW = 4, 12.0
@@ -123,7 +121,7 @@ def ranked(
 
 def _unlike(simulator: Diagnosable, base: Fitted, spread: Spread) -> list[tuple[float, Hypothesis, Forces]]:
     """The best end of every effect that no step from the base leads to, the best first."""
-    found = [end for end in spread(lambda start: _ended(simulator, start), simulator.unlike(base)) if end is not None]
+    found = [end for end in spread(partial(_ended, simulator), simulator.unlike(base)) if end is not None]
     best: dict[str, tuple[float, Hypothesis, Forces]] = {}
     for end in sorted(found, key=lambda end: -end[0]):
         best.setdefault(end[1].effects[0].label, end)
@@ -156,15 +154,11 @@ def _ended(simulator: Simulator, start: Hypothesis) -> tuple[float, Hypothesis, 
 
 def _first_fit(simulator: Simulator, spread: Spread) -> tuple[Hypothesis, Forces]:
     """From the measured motion, at first without asking that it is one motion; the best end of all starts."""
-
-    def ended(start: Hypothesis) -> tuple[float, Hypothesis, Forces] | None:
-        return _ended(simulator, start)
-
+    ended = partial(_ended, simulator)
     first, *others = simulator.starts()
     end = ended(first)
     found = [end] if end is not None else []
-    most = FOLLOWED * simulator.most_force
-    if end is None or not np.isfinite(most) or max(end[2].side_n, end[2].moment_n_m) > most:
+    if end is None or not end[2].follow(simulator.most_force):
         found += [end for end in spread(ended, others) if end is not None]
     if not found:
         raise EstimationError(

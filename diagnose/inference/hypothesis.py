@@ -50,6 +50,11 @@ class Hypothesis:
     path: Path | None = None
 
     @property
+    def lawful(self) -> bool:
+        """Whether an effect is a law of the line's own: its length and the model's surge are states then."""
+        return any(e.law is not None for e in self.effects)
+
+    @property
     def size(self) -> int:
         """Numbers of all its effects together."""
         return sum(len(n) for n in self.numbers)

@@ -336,7 +336,7 @@ def _by_law(hypotheses: Sequence[Hypothesis], work: Callable[[list[Hypothesis]],
     """``work`` of those whose line has a law of its own and of the others apart: they have more states."""
     answers: dict[int, Answer] = {}
     for lawful in (False, True):
-        at = [k for k, h in enumerate(hypotheses) if any(e.law is not None for e in h.effects) == lawful]
+        at = [k for k, h in enumerate(hypotheses) if h.lawful == lawful]
         if at:
             answers.update(zip(at, work([hypotheses[k] for k in at]), strict=True))
     return [answers[k] for k in range(len(hypotheses))]

@@ -13,7 +13,7 @@ from ..inference.hypothesis import Hypothesis
 from .data import TowRun
 from .model import TowModel
 from .noise import tow_noise
-from .rates import OWN
+from .rates import OWN, own_numbers
 from .start import straight_pull
 from .towed import TowSimulator, own_sds
 
@@ -143,7 +143,7 @@ def _taken_over(h: Hypothesis, settings: Sequence[tuple[float, ...]]) -> Hypothe
     pull = float(np.median(ratio))
     for i, (x_t, line, speed, y, beta) in enumerate(settings):
         alpha = float(np.arcsin(np.clip((y + x_t * np.sin(beta)) / line, -0.99, 0.99)))
-        own[i] = [alpha, beta, 0, 0, 0, 0, pull * speed**2, x_t, line, speed, 0, 0]
+        own[i] = own_numbers(alpha=alpha, beta=beta, tension=pull * speed**2, tow_point=x_t, line=line, speed=speed)
     return replace(h, own=own, path=None)
 
 

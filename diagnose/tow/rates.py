@@ -429,14 +429,8 @@ class TowRates:
     def _situation(self, t: Any, now: _Moment, y: Array | None = None) -> Situation:
         """``tension_n`` as of a straight tow."""
         (alpha, beta, v, r), tow, hull = now.core, now.tow, now.hull
-        longer: dict[str, Any] = {}
-        if now.paid:
-            angle = alpha + beta
-            across, along = line_speeds(t, (*now.core, now.paid[1]), np.sin(angle), np.cos(angle), tow)
-            turn, longer = across / tow.line_length_m, {"longer_m": now.paid[0], "longer_rate_m_s": along}
-        else:
-            cosine = np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None)
-            turn = line_angle_rate(tow, beta, v, r, cosine, tow.post_motion(t)[1])
+        turn, along = line_rates(t, (*now.core, *now.paid), tow)
+        longer = {"longer_m": now.paid[0], "longer_rate_m_s": along} if now.paid else {}
         return Situation(
             t, full_y_cg(t, alpha, beta, tow) if y is None else y, beta, v, r, alpha,
             tow.speed_m_s, tow.line_length_m, tow.tow_point_m, tow.tension_n, turn,
@@ -455,6 +449,31 @@ class TowRates:
             return base
         k = self._first + 2 * self._lags.index(effect.lag_s)
         return replace(base, v_lag=state[k], r_lag=state[k + 1])
+
+
+def line_rates(t_s: Any, state: Sequence[Array], tow: Tow) -> tuple[Array, Any]:
+    """How fast the line turns and lengthens, rad/s and m/s; a line without a law of its own does not lengthen.
+
+    Parameters
+    ----------
+    t_s : time
+    state : (4, ...) or, with a law of the line's own, (6, ...)
+    tow : as long as its line is now
+    """
+    if len(state) >= PAID_STATES:
+        across, along = line_speeds(t_s, (*state[:STATES], state[PAID_STATES - 1]), tow)
+        return across / tow.line_length_m, along
+    alpha, beta, v, r = state
+    cosine = np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None)
+    return line_angle_rate(tow, beta, v, r, cosine, tow.post_motion(t_s)[1]), 0.0
+
+
+def own_numbers(**named: float) -> Array:
+    """One run's own numbers (len(OWN),), those not named 0."""
+    row = np.zeros(len(OWN))
+    for name, value in named.items():
+        row[OWN.index(name)] = value
+    return row
 
 
 def _hull_of(fields: Fields, numbers: Numbers) -> Hull:
@@ -512,5 +531,7 @@ __all__ = [
     "Numbers",
     "TowRates",
     "columns_of",
+    "line_rates",
+    "own_numbers",
     "tow_of",
 ]

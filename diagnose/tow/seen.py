@@ -7,21 +7,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...simulate.model import (
-    Array,
-    Tow,
-    full_x_cg,
-    full_x_cg_rate,
-    full_y_cg,
-    full_y_cg_rate,
-    line_angle_rate,
-    line_speeds,
-)
+from ...simulate.model import Array, Tow, full_x_cg, full_x_cg_rate, full_y_cg, full_y_cg_rate
 from ..effects import Seen
 from ..inference.shooting import STATE_STEP
 from .data import TowRun
 from .numbers import COMPLIANCE
-from .rates import SMALLEST_COSINE, Fields, Numbers, TowRates, columns_of, tow_of
+from .rates import (
+    PAID_STATES,
+    SMALLEST_COSINE,
+    STATES,
+    Fields,
+    Numbers,
+    TowRates,
+    columns_of,
+    line_rates,
+    tow_of,
+)
 from .variations import Variations, joined
 
 POINTS, MIDDLE = 6, 2.5
@@ -139,15 +140,11 @@ class TowSeen:
         return np.hypot(x + x_t * cosine - y_t * sine - post, y + x_t * sine + y_t * cosine) - length
 
     def _see(self, t_s: Array, path: Array, tow: Tow, lawful: bool) -> Seen:
-        alpha, beta, v, r = path[:4]
+        alpha, beta, _, r = path[:STATES]
         post_rate, side = tow.post_motion(t_s)[1], np.sin(alpha + beta)
         if lawful:
-            tow = replace(tow, line_length_m=tow.line_length_m + path[4])
-            across, along = line_speeds(t_s, (*path[:4], path[5]), side, np.cos(alpha + beta), tow)
-            turn = across / tow.line_length_m
-        else:
-            along = 0.0
-            turn = line_angle_rate(tow, beta, v, r, np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None), post_rate)
+            tow = replace(tow, line_length_m=tow.line_length_m + path[STATES])
+        turn, along = line_rates(t_s, tuple(path[: PAID_STATES if lawful else STATES]), tow)
         x, y = full_x_cg(alpha, beta, tow), full_y_cg(t_s, alpha, beta, tow)
         x_rate = full_x_cg_rate(alpha, beta, turn, r, tow) - np.cos(alpha) * along
         y_rate = full_y_cg_rate(alpha, beta, turn, r, tow) + np.sin(alpha) * along + post_rate

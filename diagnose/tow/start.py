@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline, UnivariateSpline
+from scipy.interpolate import UnivariateSpline
 
 from ...identify import fit_runs
 from ...identify.reference import reference_set
 from ...record.errors import EstimationError
-from ...simulate.model import Array, forward_speed
+from ...simulate.model import Array, Tow, full_x_cg_rate
 from ..effects import Effect
 from ..inference.hypothesis import Hypothesis, Path, with_effects
 from .data import CHANNELS, TowRun
 from .model import BEYOND
-from .rates import AHEAD, LONGER, SPEED
+from .rates import AHEAD, LONGER, SPEED, STATES, own_numbers
 
-LINE = CHANNELS.index("line")
-FEWEST_BLOCKS = 10
-"""Means of the line's length that its course needs: a choice."""
-
+Y, BETA, LINE = (CHANNELS.index(name) for name in ("y", "beta", "line"))
+BEGUN = 0.3
+"""Of its usual size: where a one-sided number of a law begins."""
 SAMPLES = 250
 """Of a record that the rough start takes, at most about twice so many: a choice."""
 LARGEST_SINE = 0.95
@@ -44,6 +44,17 @@ def straight_pull(run: TowRun) -> tuple[float, float]:
         return float(usual), UNKNOWN_REL
     gauged = data.tension is not None or getattr(data, "gauge", None) is not None
     return float(tow.tension_n), GAUGED_REL if tow.line == "surge" and gauged else 0.0
+
+
+def settings_of(run: TowRun) -> dict[str, float]:
+    """A run's own numbers as stated: tension of a straight tow, tow point, line and speed."""
+    tow = run.data.tow
+    return {
+        "tension": straight_pull(run)[0],
+        "tow_point": tow.tow_point_m,
+        "line": tow.line_length_m,
+        "speed": tow.speed_m_s,
+    }
 
 
 def base_hypotheses(runs: Sequence[TowRun], speed_m_s: float) -> list[Hypothesis]:
@@ -93,11 +104,9 @@ def base_hypotheses(runs: Sequence[TowRun], speed_m_s: float) -> list[Hypothesis
 
 
 def _along(runs: Sequence[TowRun], sixes: Sequence[Array], states: Array) -> list[Hypothesis]:
-    own = []
-    for start, run in zip(states[:, 0].T, runs, strict=True):
-        tow = run.data.tow
-        own.append([*start, 0, 0, straight_pull(run)[0], tow.tow_point_m, tow.line_length_m, tow.speed_m_s, 0, 0])
-    return [Hypothesis(six, np.array(own, dtype=float), path=Path((), states)) for six in sixes]
+    own = np.array([own_numbers(**settings_of(run)) for run in runs])
+    own[:, :STATES] = states[:, 0].T
+    return [Hypothesis(six, own, path=Path((), states)) for six in sixes]
 
 
 def excess_scatter(run: TowRun) -> Array:
@@ -135,86 +144,117 @@ def measured_path(run: TowRun, nodes: int, wider: Sequence[float] | Array = (1.0
     nodes : how many
     wider : how many times as far as their noise y and beta may lie off the splines
     """
-    tow = run.data.tow
-    good = np.isfinite(run.values[:, :2]).all(axis=1)
+    tow, found = run.data.tow, _followed(run, nodes, (Y, BETA), wider)
+    alpha = found.angle(tow.line_length_m)
+    if tow.line == "constant":  # u = U
+        sway = (found.rate(Y) - tow.speed_m_s * found.sin_b) / found.cos_b
+    else:
+        # the tow point's way along its circle gives alpha', and that the sway (2.9)
+        sway = found.across * np.cos(alpha + found.at(BETA)) / np.cos(alpha) - tow.tow_point_m * found.rate(BETA)
+        sway = sway + found.post_rate * found.cos_b - tow.speed_m_s * found.sin_b
+    return np.stack([alpha, found.at(BETA), sway, found.rate(BETA)])
+
+
+@dataclass(frozen=True)
+class _Followed:
+    """A measured motion at the nodes, by smoothing splines.
+
+    Attributes
+    ----------
+    tow : as stated
+    at_s : (nodes,); beyond the run its end
+    splines : channel -> its course
+    post_y, post_rate : of the tow post, m and m/s
+    """
+
+    tow: Tow
+    at_s: Array
+    splines: dict[int, UnivariateSpline]
+    post_y: Array
+    post_rate: Array
+
+    def at(self, channel: int) -> Array:
+        return np.asarray(self.splines[channel](self.at_s))
+
+    def rate(self, channel: int) -> Array:
+        return np.asarray(self.splines[channel].derivative()(self.at_s))
+
+    @property
+    def sin_b(self) -> Array:
+        return np.sin(self.at(BETA))
+
+    @property
+    def cos_b(self) -> Array:
+        return np.cos(self.at(BETA))
+
+    def angle(self, length_m: Any) -> Array:
+        """The line's, of a line so long."""
+        point = self.tow.tow_point_m * self.sin_b + self.tow.tow_point_offset_m * self.cos_b
+        return np.arcsin(np.clip((self.at(Y) - self.post_y + point) / length_m, -LARGEST_SINE, LARGEST_SINE))
+
+    @property
+    def across(self) -> Array:
+        """Speed of the tow point across the tank, seen from the post."""
+        arm = self.tow.tow_point_m * self.cos_b - self.tow.tow_point_offset_m * self.sin_b
+        return self.rate(Y) - self.post_rate + arm * self.rate(BETA)
+
+
+def _followed(
+    run: TowRun, nodes: int, channels: Sequence[int], wider: Sequence[float] | Array = (1.0, 1.0, 1.0)
+) -> _Followed:
+    good = np.isfinite(run.values[:, list(channels)]).all(axis=1)
     t_s = run.centre_s[good]
     at = np.clip(np.arange(nodes) * run.step_s / 2, 0.0, len(run.centre_s) * run.step_s)
-    sds = [wider[k] * np.sqrt(np.diag(run.covariance[k])[good]) for k in (0, 1)]
-    y, beta = (UnivariateSpline(t_s, run.values[good, k], 1 / sd, s=len(t_s)) for k, sd in enumerate(sds))
-    y_cg, y_rate, heading, turn = (np.asarray(f(at)) for f in (y, y.derivative(), beta, beta.derivative()))
-    post_y, post_rate = (np.asarray(p) for p in tow.post_motion(at + run.start_s))
-    sin_b, cos_b = np.sin(heading), np.cos(heading)
-    sine = (y_cg - post_y + tow.tow_point_m * sin_b + tow.tow_point_offset_m * cos_b) / tow.line_length_m
-    alpha = np.arcsin(np.clip(sine, -LARGEST_SINE, LARGEST_SINE))
-    if tow.line == "constant":  # u = U
-        return np.stack([alpha, heading, (y_rate - tow.speed_m_s * sin_b) / cos_b, turn])
-    # the tow point's way along its circle gives alpha', and that the sway (2.9)
-    across = y_rate - post_rate + (tow.tow_point_m * cos_b - tow.tow_point_offset_m * sin_b) * turn
-    sway = across * np.cos(alpha + heading) / np.cos(alpha) - tow.tow_point_m * turn
-    sway = sway + post_rate * cos_b - tow.speed_m_s * sin_b
-    return np.stack([alpha, heading, sway, turn])
+    splines = {}
+    for k, share in zip(channels, wider, strict=False):
+        sd = share * np.sqrt(np.diag(run.covariance[k])[good])
+        splines[k] = UnivariateSpline(t_s, run.values[good, k], 1 / sd, s=len(t_s))
+    post_y, post_rate = (np.asarray(p) for p in run.data.tow.post_motion(at + run.start_s))
+    return _Followed(run.data.tow, at, splines, post_y, post_rate)
 
 
-def lawful_hypotheses(runs: Sequence[TowRun], laws: Sequence[Effect], starts: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Lines with a law of their own, along the measured motion: every law from every start's hull.
+def lawful_hypotheses(
+    runs: Sequence[TowRun], laws: Sequence[Effect], starts: Sequence[Hypothesis]
+) -> list[list[Hypothesis]]:
+    """Lines with a law of their own, along the measured motion: of every start's hull, every law.
 
     Parameters
     ----------
     runs : as the diagnosis sees them
     laws : effects with a law
-    starts : of ``base_hypotheses``, with the shared numbers
+    starts : with the shared numbers
     """
     nodes = 2 * (max(len(r.centre_s) for r in runs) + BEYOND) + 1
     states = np.stack([paid_path(run, nodes) for run in runs], axis=-1)
     found = []
     for start in starts:
         own = start.own.copy()
-        own[:, :4], own[:, LONGER] = states[:4, 0].T, states[4, 0]
-        own[:, AHEAD] = states[5, 0] - own[:, SPEED]
+        own[:, :STATES], own[:, LONGER] = states[:STATES, 0].T, states[STATES, 0]
+        own[:, AHEAD] = states[STATES + 1, 0] - own[:, SPEED]
         plain = replace(start, own=own, path=Path((), states))
-        for law in laws:
-            begun = with_effects(plain, [law])
-            numbers = np.array([q.none + (0.3 * q.sd if q.one_sided else 0.0) for q in law.parameters])
-            found.append(replace(begun, numbers=(numbers,)))
+        begun = [np.array([q.none + (BEGUN * q.sd if q.one_sided else 0.0) for q in law.parameters]) for law in laws]
+        found.append([replace(with_effects(plain, [law]), numbers=(n,)) for law, n in zip(laws, begun, strict=True)])
     return found
 
 
 def paid_path(run: TowRun, nodes: int) -> Array:
     """(6, nodes) alpha, beta, v, r, the line's length beyond the stated one, u, of the measured motion every half block.
 
-    Without pixels nothing says how long the line is: it is taken as stated.
-
     Parameters
     ----------
-    run : as the diagnosis sees it
+    run : as the diagnosis sees it, with the line's radius
     nodes : how many
     """
-    tow, path = run.data.tow, measured_path(run, nodes)
-    radius = run.values[:, LINE]
-    good = np.isfinite(radius)
-    at = np.clip(np.arange(nodes) * run.step_s / 2, 0.0, len(run.centre_s) * run.step_s)
-    if good.sum() < FEWEST_BLOCKS:
-        alpha, beta, v, r = path
-        u = forward_speed(tow, alpha, beta, v, r, tow.post_motion(at + run.start_s)[1])
-        return np.concatenate([path, np.zeros((1, nodes)), np.asarray(u)[None]])
-    t_s = run.centre_s[good]
-
-    def spline(values: Array, sd: Array) -> UnivariateSpline:
-        return UnivariateSpline(t_s, values, 1 / sd, s=len(t_s))
-
-    sds = [np.sqrt(np.diag(run.covariance[k])[good]) for k in (0, 1, LINE)]
-    y, beta, longer = (spline(run.values[good, k], sd) for k, sd in zip((0, 1, LINE), sds, strict=True))
-    post_y = np.asarray(tow.post_motion(at + run.start_s)[0])
-    heading, turn = np.asarray(beta(at)), np.asarray(beta.derivative()(at))
-    sin_b, cos_b = np.sin(heading), np.cos(heading)
-    length = tow.line_length_m + np.asarray(longer(at))
-    sine = (y(at) - post_y + tow.tow_point_m * sin_b + tow.tow_point_offset_m * cos_b) / length
-    alpha = np.arcsin(np.clip(sine, -LARGEST_SINE, LARGEST_SINE))
-    x = -length * np.cos(alpha) - tow.tow_point_m * cos_b + tow.tow_point_offset_m * sin_b
-    ahead = CubicSpline(at + 1e-9 * np.arange(nodes), x)(at, 1) + tow.speed_m_s
-    aside = np.asarray(y.derivative()(at))
-    u, v = ahead * cos_b + aside * sin_b, aside * cos_b - ahead * sin_b
-    return np.stack([alpha, heading, v, turn, length - tow.line_length_m, u])
+    tow, found = run.data.tow, _followed(run, nodes, (Y, BETA, LINE))
+    longer, heading, turn = found.at(LINE), found.at(BETA), found.rate(BETA)
+    now = replace(tow, line_length_m=tow.line_length_m + longer)
+    alpha = found.angle(now.line_length_m)
+    # the tow point's way across the tank is the line's turning and its lengthening
+    line_turn = (found.across - found.rate(LINE) * np.sin(alpha)) / (now.line_length_m * np.cos(alpha))
+    ahead = tow.speed_m_s + full_x_cg_rate(alpha, heading, line_turn, turn, now) - np.cos(alpha) * found.rate(LINE)
+    aside = found.rate(Y)
+    u, v = ahead * found.cos_b + aside * found.sin_b, aside * found.cos_b - ahead * found.sin_b
+    return np.stack([alpha, heading, v, turn, longer, u])
 
 
-__all__ = ["base_hypotheses", "lawful_hypotheses", "measured_path", "paid_path"]
+__all__ = ["base_hypotheses", "lawful_hypotheses", "measured_path", "paid_path", "settings_of"]

@@ -19,11 +19,11 @@ from .data import CHANNELS, TowRun
 from .model import TowModel
 from .noise import measured_noise, tow_noise
 from .numbers import SIX, shared_numbers
-from .rates import OWN
+from .rates import OWN, own_numbers
 from .shifts import shift_effects
 from .slackness import slack_effects
 from .springs import springing_effects
-from .start import base_hypotheses, lawful_hypotheses, straight_pull
+from .start import base_hypotheses, lawful_hypotheses, settings_of, straight_pull
 from .unknown import free_forms
 from .weak import by_motion
 
@@ -41,9 +41,9 @@ LARGEST_FORCE_SHARE = 0.05
 SMALLEST_SD = 0.003
 """Of a reference derivative, relative: no simulator is surer of itself."""
 LINE = CHANNELS.index("line")
-PAYS_OUT, UNFOLLOWED = 2.5, 0.2
-"""Lines with a law of their own are tried where the radius varies by so many times its noise, or random forces exceed this share of
-the largest that counts as noise. Choices, for time."""
+PAYS_OUT, LEAST_BLOCKS = 2.5, 10
+"""Lines with a law of their own are tried where the radius varies by so many times its noise, in runs of so many means at least (or
+where the runs are not followed). Choices, for time."""
 SAME_HULL = 1e-3
 """Derivatives that differ by less answer random forces alike: their sizes, which are fitted, hold the difference."""
 
@@ -88,14 +88,17 @@ class TowSimulator(TowModel):
         self.free, self.gone, self.force_scale = 6, 5.0, 1.0
         self.least: float | Array = self._shared.least
         self.modes = _modes(runs)
+        self._starts: list[Hypothesis] | None = None
         self._measured: list[RunNoise] | None = None
         self._last: tuple[Array, Noise] | None = None
         self.most_force = LARGEST_FORCE_SHARE * float(np.mean([straight_pull(run)[0] for run in runs]))
 
     def starts(self) -> Sequence[Hypothesis]:
         """The linear fit of all runs, and a hull like others of its length, along the measured motion."""
-        found = base_hypotheses(self.runs, self.speed_m_s)
-        return [replace(h, shared=self._shared.start(h.shared)) for h in found]
+        if self._starts is None:
+            found = base_hypotheses(self.runs, self.speed_m_s)
+            self._starts = [replace(h, shared=self._shared.start(h.shared)) for h in found]
+        return self._starts
 
     def unlike(self, base: Fitted) -> list[Hypothesis]:
         """Lines with a law of their own, along the measured motion, where the line's radius or the random forces ask for them.
@@ -104,20 +107,17 @@ class TowSimulator(TowModel):
         """
         if not self._fields.surge.all() or not self._asks_for_laws(base):
             return []
-        usual = [by_motion(self, h, self.shared_prior) for h in lawful_hypotheses(self.runs, LAWS, self.starts()[-1:])]
-        here = lawful_hypotheses(self.runs, LAWS, [base.hypothesis])
-        return [*usual, *(by_motion(self, h, None, first_only=True) for h in here)]
+        usual, here = lawful_hypotheses(self.runs, LAWS, [self.starts()[-1], base.hypothesis])
+        found = [by_motion(self, h, self.shared_prior) for h in usual]
+        return [*found, *(by_motion(self, h, None, first_only=True) for h in here)]
 
     def _asks_for_laws(self, base: Fitted) -> bool:
-        if not all(np.isfinite(run.values[:, LINE]).any() for run in self.runs):
+        if any(np.isfinite(run.values[:, LINE]).sum() < LEAST_BLOCKS for run in self.runs):
             return False  # nothing says how long the line is
-        if max(base.forces.side_n, base.forces.moment_n_m) > UNFOLLOWED * self.most_force:
+        if not base.forces.follow(self.most_force):
             return True
-        for (residual, _), run in zip(base.linear.rows, self.runs, strict=True):
-            radius = residual[:, LINE]
-            if np.isfinite(radius).any() and np.nanstd(radius) > PAYS_OUT * run.usual_sd(LINE):
-                return True
-        return False
+        radii = [residual[:, LINE] for residual, _ in base.linear.rows]
+        return any(np.nanstd(r) > PAYS_OUT * run.usual_sd(LINE) for r, run in zip(radii, self.runs, strict=True))
 
     def symmetries(self, inference: Inference, base: Fitted) -> Sequence[tuple[str, Sequence[str]]]:
         """The scale of all tensions, unless these swings weigh the model; a clock against the carriage's speed."""
@@ -228,11 +228,7 @@ def own_sds(runs: Sequence[TowRun]) -> Array:
 
 
 def _stated(run) -> Array:
-    tow = run.data.tow
-    return np.array(
-        [0, 0, 0, 0, 0, 0, straight_pull(run)[0], tow.tow_point_m, tow.line_length_m, tow.speed_m_s, 0, 0],
-        dtype=float,
-    )
+    return own_numbers(**settings_of(run))
 
 
 __all__ = ["TowSimulator", "own_sds"]

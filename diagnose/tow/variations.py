@@ -110,11 +110,6 @@ class Variations:
         return tuple(found)
 
     @property
-    def lawful(self) -> bool:
-        """Whether the line has a law of its own: its length and the model's surge are states."""
-        return any(effect.law is not None for effect in self._h.effects)
-
-    @property
     def remembers(self) -> bool:
         """Whether what is seen at one time depends on the motion before it."""
         return any(e.remembers and not _absent(e, n) for e, n, _ in self.each())
@@ -156,7 +151,7 @@ class Variations:
         own = self._h.own
         base = [own[:, k] for k in range(4)]
         from_own = [(k,) for k in range(4)]
-        if self.lawful:
+        if self._h.lawful:
             base += [own[:, LONGER], own[:, SPEED] + own[:, AHEAD]]
             from_own += [(LONGER,), (SPEED, AHEAD)]
         rows = [*range(len(base)), *[2, 3] * len(lags_s)]

@@ -15,6 +15,7 @@ from ...geometry.normal import inverse_of_normal
 from ...simulate.model import Array
 from ..inference.hypothesis import Hypothesis
 from .model import TowModel
+from .rates import STATES
 
 WINDOW_S = 1.0
 """Over which the equations are integrated: a choice between noise and what a window flattens."""
@@ -28,6 +29,10 @@ HELD = 1e-6
 """A number that is held may move by so little of itself."""
 MAD_TO_SD = 1.4826
 """Of a normal distribution."""
+USUAL_SD, SMALLEST = 2.0, 1e-12
+"""Beyond so many standard deviations a window counts less; a spread is above the second."""
+FORCED = [2, 3, STATES + 1]
+"""States that forces change: v, r, u."""
 
 
 def by_motion(
@@ -42,52 +47,49 @@ def by_motion(
     prior : mean and standard deviation of the shared numbers; inf: nothing is known
     first_only : the first number of every effect only; all others, and the shared ones, are as they shall be
     """
-    if h.path is None or not h.effects:
-        return h
-    effects = [q for e in h.effects for q in e.parameters]
-    begun, sd = h.shared, np.array([q.sd for q in effects])
-    spread = np.where(np.abs(begun) > 0, UNLIKE * np.abs(begun), np.inf)
-    mean, centre = begun, np.array([q.none for q in effects])
-    if prior is not None:
-        known = np.isfinite(prior[1])
-        mean, spread = np.where(known, prior[0], begun), np.where(known, prior[1], spread)
+    assert h.path is not None
+    mean, precision = _known(h, prior, first_only)
+    effects, count = [q for e in h.effects for q in e.parameters], len(h.shared)
+    sd, least = np.array([q.sd for q in effects]), 0.2 * h.shared[:2]
+    lowest = np.array([q.none if q.one_sided else -np.inf for q in effects])
+    ends = np.cumsum([len(n) for n in h.numbers])[:-1]
+    width = max(1, round(WINDOW_S / (model.step_s / 2)))
+    for _ in range(TURNS):
+        # (windows, runs, states), and with every number
+        missed, change = (found[:, :, FORCED] for found in model.momentum(h, width))
+        change = np.concatenate([change[..., :count], change[..., change.shape[-1] - len(sd) :]], axis=-1)
+        scale = MAD_TO_SD * np.median(np.abs(missed), axis=(0, 1)) + SMALLEST
+        rows, left = change / scale[:, None], missed / scale
+        # a window that fits badly (a jerk, a slack line) counts little
+        weight = 1 / np.maximum(1.0, np.abs(left) / USUAL_SD)
+        flat, right = (rows * weight[..., None]).reshape(-1, len(mean)), (left * weight).reshape(-1)
+        numbers = np.concatenate(h.numbers)
+        gap = mean - np.concatenate([h.shared, numbers])
+        step = inverse_of_normal(flat.T @ flat / width + np.diag(precision)) @ (
+            flat.T @ right / width + precision * gap
+        )
+        step /= max(1.0, float((np.abs(step[count:]) / (LARGEST_SD * sd)).max(initial=0.0)))
+        shared = h.shared + step[:count]
+        shared[:2] = np.maximum(shared[:2], least)
+        after = np.maximum(numbers + step[count:], lowest)
+        h = replace(h, shared=shared, numbers=tuple(np.split(after, ends)))
+    return h
+
+
+def _known(h: Hypothesis, prior: tuple[Array, Array] | None, first_only: bool) -> tuple[Array, Array]:
+    """Mean and inverse variance of shared and effects' numbers, as far as they are known or held."""
+    here, effects = np.concatenate(h.numbers), [q for e in h.effects for q in e.parameters]
+    none, sd = np.array([q.none for q in effects]), np.array([q.sd for q in effects])
     if first_only:
         later = np.concatenate([np.arange(len(n)) > 0 for n in h.numbers])
-        mean, spread, centre = begun, HELD * (np.abs(begun) + 1), np.where(later, np.concatenate(h.numbers), centre)
-        precision = np.concatenate([spread**-2.0, np.where(later, HELD * sd, sd) ** -2.0])
-    else:
-        precision = np.concatenate([spread**-2.0, sd**-2.0])
-    width = max(1, round(WINDOW_S / (model.step_s / 2)))
-    forced = [2, 3, *range(5, len(h.path.states) - 2 * len(h.path.lags_s))]
-    count = len(h.shared)
-    for _ in range(TURNS):
-        missed, change = model.momentum(h, width)
-        # (windows, runs, states) and with every number; what nothing measured holds (beyond a run's end) is zero on both sides
-        missed, change = missed[..., forced], change[..., forced, :]
-        own = slice(count, change.shape[-1] - len(sd))
-        change = np.delete(change, np.arange(own.start, own.stop), axis=-1)
-        scale = MAD_TO_SD * np.median(np.abs(missed), axis=(0, 1)) + 1e-12
-        rows, left = change / scale[:, None], missed / scale
-        # robust: a window that fits badly (a jerk, a slack line) counts little
-        weight = 1 / np.maximum(1.0, np.abs(left) / 2.0)
-        flat, right = (rows * weight[..., None]).reshape(-1, len(precision)), (left * weight).reshape(-1)
-        numbers = np.concatenate(h.numbers)
-        gap = np.concatenate([mean - h.shared, centre - numbers])
-        matrix = flat.T @ flat / width + np.diag(precision)
-        step = inverse_of_normal(matrix) @ (flat.T @ right / width + precision * gap)
-        share = 1.0 / max(1.0, float((np.abs(step[count:]) / (LARGEST_SD * sd)).max(initial=0.0)))
-        after = numbers + share * step[count:]
-        one_sided = np.array([q.one_sided for q in effects], dtype=bool)
-        none = np.array([q.none for q in effects])
-        after = np.where(one_sided, np.maximum(after, none), after)
-        shared = h.shared + share * step[:count]
-        shared[:2] = np.maximum(shared[:2], 0.2 * begun[:2])
-        parts, at = [], 0
-        for n in h.numbers:
-            parts.append(after[at : at + len(n)])
-            at += len(n)
-        h = replace(h, shared=shared, numbers=tuple(parts))
-    return h
+        mean = np.concatenate([h.shared, np.where(later, here, none)])
+        return mean, np.concatenate([HELD * (np.abs(h.shared) + 1), np.where(later, HELD * sd, sd)]) ** -2.0
+    spread = np.where(np.abs(h.shared) > 0, UNLIKE * np.abs(h.shared), np.inf)
+    shared = h.shared
+    if prior is not None:
+        known = np.isfinite(prior[1])
+        shared, spread = np.where(known, prior[0], shared), np.where(known, prior[1], spread)
+    return np.concatenate([shared, none]), np.concatenate([spread, sd]) ** -2.0
 
 
 __all__ = ["by_motion"]

@@ -17,7 +17,7 @@ from gap_cases import EFFECTS, NEEDS_CONSTANT, NEEDS_SURGE, campaign
 from towline import __version__
 from towline.diagnose.effects import LIBRARY
 from towline.diagnose.gap import diagnosed
-from towline.diagnose.tow.data import block_step, tow_run
+from towline.diagnose.tow.data import Recorded, block_step, tow_runs
 from towline.diagnose.tow.towed import TowSimulator
 from towline.geometry import motion_from_tracks, run_datum
 from towline.record import TowlineError
@@ -42,7 +42,8 @@ def main() -> None:
             runs = []
             for run, tracks, static in case.runs:
                 made = motion_from_tracks(run, tracks, fit)
-                runs.append(tow_run(run, made.motion, made.common, tracks, fit, static, block_step([45.0])))
+                runs.append(Recorded(run, made.motion, made.common, tracks, fit, static))
+            runs = tow_runs(runs, block_step([45.0]))
             try:
                 file = diagnosed(TowSimulator(runs), LIBRARY, __version__, {}, rng=np.random.default_rng(seed)).file
             except TowlineError as error:

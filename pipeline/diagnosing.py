@@ -11,7 +11,7 @@ from ..__version__ import __version__
 from ..diagnose.effects import LIBRARY, Effect, installed_effects, load_effects
 from ..diagnose.gap import Diagnosed, diagnosed
 from ..diagnose.inference.apart import measured_apart
-from ..diagnose.tow.data import TowRun, block_step, tow_run
+from ..diagnose.tow.data import Recorded, block_step, tow_runs
 from ..diagnose.tow.numbers import COMPLIANCE
 from ..diagnose.tow.towed import TowSimulator
 from ..record.errors import EstimationError, InputError, TowlineError
@@ -76,10 +76,18 @@ def diagnose_folders(
     if not runs:
         raise TowlineError(next(iter(failed.values()), "no run to diagnose"))
     step = block_step([float(m.motion["t_s"].iloc[-1] - m.motion["t_s"].iloc[0]) for m in motions])
-    tows: list[TowRun] = []
-    for run, m in zip(runs, motions, strict=True):
-        fit = fit_run_datum(run) if m.tracks is not None else None
-        tows.append(tow_run(run, m.motion, m.common, m.tracks, fit, track_static(run, progress), step))
+    recorded = [
+        Recorded(
+            run,
+            m.motion,
+            m.common,
+            m.tracks,
+            fit_run_datum(run) if m.tracks is not None else None,
+            track_static(run, progress),
+        )
+        for run, m in zip(runs, motions, strict=True)
+    ]
+    tows = tow_runs(recorded, step)
     inputs = all_inputs(runs)
     say = None if progress is None else lambda text: progress(text, 0, None)
     measured = measured_apart(runs, library)

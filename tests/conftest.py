@@ -211,7 +211,7 @@ def end_to_end(root: Path) -> ModuleType:
 @pytest.fixture(scope="session")
 def tow_runs(cases: ModuleType) -> Callable[[int, int], list]:
     """(seed, how many) -> tows without any effect, as the diagnosis takes them."""
-    from towline.diagnose.tow.data import block_step, tow_run
+    from towline.diagnose.tow.data import Recorded, block_step, tow_runs
     from towline.geometry import motion_from_tracks, run_datum
 
     def made(seed: int, count: int) -> list:
@@ -219,8 +219,8 @@ def tow_runs(cases: ModuleType) -> Callable[[int, int], list]:
         for run, tracks, static in cases.campaign("none", np.random.default_rng(seed)).runs[:count]:
             fit = run_datum(run, None)
             motion = motion_from_tracks(run, tracks, fit)
-            found.append(tow_run(run, motion.motion, motion.common, tracks, fit, static, block_step([45.0])))
-        return found
+            found.append(Recorded(run, motion.motion, motion.common, tracks, fit, static))
+        return tow_runs(found, block_step([45.0]))
 
     return made
 

@@ -84,7 +84,7 @@ def test_every_name_of_the_contract_is_in_the_library(root: Path) -> None:
 @pytest.fixture(scope="module")
 def model(cases: ModuleType, tmp_path_factory: pytest.TempPathFactory):
     """A model of two runs and a hypothesis at the truth."""
-    from towline.diagnose.tow.data import tow_run
+    from towline.diagnose.tow.data import Recorded, tow_runs
     from towline.geometry import motion_from_tracks, run_datum
 
     campaign = cases.campaign("none", np.random.default_rng(2))
@@ -92,7 +92,8 @@ def model(cases: ModuleType, tmp_path_factory: pytest.TempPathFactory):
     for run, tracks, static in campaign.runs[:2]:
         fit = run_datum(run, None)
         motion = motion_from_tracks(run, tracks, fit)
-        runs.append(tow_run(run, motion.motion, motion.common, tracks, fit, static, block_step([45.0])))
+        runs.append(Recorded(run, motion.motion, motion.common, tracks, fit, static))
+    runs = tow_runs(runs, block_step([45.0]))
     tows = [r.data.tow for r in runs]
     own = [[0.1, 0.02, 0, 0, 0, 0, t.tension_n, t.tow_point_m, t.line_length_m, t.speed_m_s, 0, 0] for t in tows]
     return TowModel(runs, cases.SPEED_M_S), Hypothesis(np.array(cases.SIX), np.array(own))
@@ -172,7 +173,7 @@ def test_a_next_runs_distance_grows_with_the_square_and_falls_with_what_is_not_k
 def test_noise_is_whitened(model) -> None:
     """Draws from the stated covariance come out white: mean square 1 within 5 standard errors."""
     tow_model, hypothesis = model
-    noise = tow_noise(tow_model.runs, hypothesis, tow_model.speed_m_s)
+    noise = tow_noise(tow_model.runs, tow_model.pushed(hypothesis))
     rng = np.random.default_rng(5)
     forces = Forces(0.01, 0.02, 1)
     total = 0.0
@@ -194,7 +195,7 @@ def test_noise_is_whitened(model) -> None:
 def test_a_force_of_known_size_has_the_stated_covariance(model) -> None:
     """A constant unit force is the limit of a slow one: its response is the simulator's own."""
     tow_model, hypothesis = model
-    noise = tow_noise(tow_model.runs, hypothesis, tow_model.speed_m_s)
+    noise = tow_noise(tow_model.runs, tow_model.pushed(hypothesis))
     fast, slow = noise.by_force(0, 0)[0], noise.by_force(0, 2)[0]
     assert np.linalg.eigvalsh(slow).min() > -1e-9 * np.abs(slow).max()
     assert np.diag(slow)[60] > np.diag(fast)[60]  # slower forces move the model farther

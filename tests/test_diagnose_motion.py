@@ -16,7 +16,7 @@ import pytest
 from towline.diagnose.effects import LIBRARY
 from towline.diagnose.gap import diagnosed
 from towline.diagnose.inference.hypothesis import Hypothesis
-from towline.diagnose.tow.data import SLOW_S, SLOW_UNSEEN_PX, TowRun, tow_run
+from towline.diagnose.tow.data import SLOW_S, SLOW_UNSEEN_PX, Recorded, TowRun, tow_runs
 from towline.diagnose.tow.rates import Fields
 from towline.diagnose.tow.towed import TowSimulator
 from towline.record import Run, RunFile
@@ -55,7 +55,7 @@ def made(seed: int, x_t: float, start_m: float, push: tuple[float, float] = (0.0
         "water": {"density_kg_m3": 1000.0, "tank_width_m": 4.6},
     }
     run = Run(Path(), check_tables(content, RunFile, Path("run.toml")))
-    return tow_run(run, table, None, None, None, None, STEP_S)
+    return tow_runs([Recorded(run, table)], STEP_S)[0]
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from towline.diagnose.effects import LIBRARY
 from towline.diagnose.gap import Diagnosis, diagnosed
 from towline.diagnose.inference.hypothesis import Hypothesis
 from towline.diagnose.simulated import effects_of, with_effects
-from towline.diagnose.tow.data import TowRun, block_step, tow_run
+from towline.diagnose.tow.data import Recorded, TowRun, block_step, tow_runs
 from towline.diagnose.tow.towed import TowSimulator
 from towline.pipeline.diagnosing import diagnose_folders
 from towline.record import Run, RunFile
@@ -62,7 +62,7 @@ def motion_of(
         "water": {"density_kg_m3": 1000.0, "tank_width_m": 4.6},
     } | more
     run = Run(Path(), check_tables(content, RunFile, Path("run.toml")))
-    return tow_run(run, table, None, None, None, None, block_step([DURATION_S]))
+    return tow_runs([Recorded(run, table)], block_step([DURATION_S]))[0]
 
 
 def campaign(seed: int, line: Line = "surge", rudder_rad: float = 0.0, push: ExtraForce | None = None) -> list[TowRun]:

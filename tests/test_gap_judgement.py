@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from towline.diagnose.effects import LIBRARY, Effect, Parameter
 from towline.diagnose.effects.hull import CURRENT
 from towline.diagnose.gap import Diagnosis, best_measurement, called, diagnosed, rival_of, twins_of
 from towline.diagnose.inference.apart import Apart
-from towline.diagnose.inference.evidence import Fitted, Inference
+from towline.diagnose.inference.evidence import LARGEST_SD, LARGEST_SHARE, Fitted, Inference, within
 from towline.diagnose.inference.grams import Grams
 from towline.diagnose.inference.held_out import removed_share, shrink, taken
 from towline.diagnose.inference.hypothesis import with_effects
@@ -482,24 +483,57 @@ def test_noise_leaves_nothing_over(seed: int) -> None:
 # a step of the fit ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("rate", "number", "share", "taken"),
-    [
-        (0.1, 1.0, 1.0, 1.0),
-        (0.1, 1.0, 0.5, 0.5),
-        (-1.2, 1.0, 1.0, 1 / 3),  # a shared number goes no farther than 40 % of itself or of its usual size,
-        (0.1, -12.0, 1.0, 1 / 4),  # an effect's no farther than three of its prior's deviations
-    ],
-)
-def test_a_step_is_shortened_as_a_whole_to_what_the_numbers_may_change(
-    base: tuple[Inference, Fitted], rate: float, number: float, share: float, taken: float
-) -> None:
+@pytest.mark.parametrize("share", [1.0, 0.3])
+def test_a_number_that_would_go_too_far_is_held_and_the_others_take_the_best_step_beside_it(share: float) -> None:
+    """A bend of six of its prior's deviations: it goes three (or a share of that), the rate and the starts as a regression says
+    that has the bend there."""
+    sd = OTHER.parameters[0].sd
+    planted = [more + 6 * sd * shape("bend", "") for more in white(9)]
+    simulator = campaign(planted)
+    inference, fit = fitted(simulator)
+    with_effect = inference.fit([with_effects(fit.hypothesis, [OTHER])], [NONE], 0)[0]
+    found = inference.stepped(with_effect, share)
+    bend = share * LARGEST_SD * sd
+    assert found.numbers[0][0] == pytest.approx(bend)
+    left_over = [run.values[:, 0] - bend * shape("bend", "") for run in simulator.runs]
+    free = np.kron(np.eye(3), np.ones((COUNT, 1)))
+    wanted = np.linalg.lstsq(np.column_stack([np.tile(T_S, 3), free]), np.concatenate(left_over), rcond=None)[0]
+    limit = share * LARGEST_SHARE * max(abs(fit.hypothesis.shared[0]), RATE_M_S)
+    assert abs(wanted[0] - fit.hypothesis.shared[0]) < limit  # else the rate would be held as well
+    assert found.shared[0] == pytest.approx(wanted[0], rel=1e-4)
+    np.testing.assert_allclose(found.own[:, 0], wanted[1:], rtol=1e-4)
+
+
+def test_a_step_that_nothing_holds_is_taken_or_shortened_as_a_whole(base: tuple[Inference, Fitted]) -> None:
     inference, fit = base
     h = with_effects(fit.hypothesis, [PUSH])
-    sd = PUSH.parameters[0].sd
-    step = np.array([rate * max(h.shared[0], RATE_M_S), number * sd])
+    step = np.array([0.1 * RATE_M_S, 0.5 * PUSH.parameters[0].sd])
     solved = replace(fit.solved, shared=step, own=np.ones((3, 1)))
-    found = inference.stepped(replace(fit, hypothesis=h, solved=solved), share)
-    np.testing.assert_allclose(found.shared, h.shared + taken * step[:1])
-    np.testing.assert_allclose(found.numbers[0], taken * step[1:])
-    np.testing.assert_allclose(found.own, h.own + taken)
+    for share in (1.0, 0.5):
+        found = inference.stepped(replace(fit, hypothesis=h, solved=solved), share)
+        np.testing.assert_allclose(found.shared, h.shared + share * step[:1])
+        np.testing.assert_allclose(found.numbers[0], share * step[1:])
+        np.testing.assert_allclose(found.own, h.own + share)
+
+
+def test_the_best_step_between_bounds_is_a_quadratic_programs() -> None:
+    """Against scipy's bounded minimum of the same quadratic, for 40 drawn ones with one bound at work."""
+    rng = np.random.default_rng(3)
+    for _ in range(40):
+        root = rng.normal(size=(4, 4))
+        covariance, step = root @ root.T + 0.1 * np.eye(4), rng.normal(size=4)
+        most = np.full(4, np.inf)
+        most[0] = 0.5 * abs(step[0])
+        least = np.where(np.isfinite(most), -most, -np.inf)
+        found, cost = within(step, covariance, least, most)
+        information = np.linalg.inv(covariance)
+        wanted = minimize(
+            lambda x, a=information, at=step: 0.5 * (x - at) @ a @ (x - at),
+            np.zeros(4),
+            jac=lambda x, a=information, at=step: a @ (x - at),
+            bounds=list(zip(least, most, strict=True)),
+            method="L-BFGS-B",
+            options={"ftol": 1e-15, "gtol": 1e-10},
+        )
+        np.testing.assert_allclose(found, wanted.x, atol=1e-5)
+        assert cost == pytest.approx(wanted.fun, rel=1e-5)

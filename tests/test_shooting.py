@@ -17,7 +17,7 @@ from towline.diagnose.effects.camera import DRIFT_RAMPS, ROLLING_FREELY
 from towline.diagnose.effects.hull import BANK, CROSSFLOW_ENDS, CUBIC_FORMS
 from towline.diagnose.effects.line import FRICTION_FORMS
 from towline.diagnose.inference.evidence import Inference, Solved
-from towline.diagnose.inference.grams import Columns, Grams, reduced
+from towline.diagnose.inference.grams import Columns, Grams, Reduced, reduced
 from towline.diagnose.inference.hypothesis import Hypothesis, Path
 from towline.diagnose.inference.noise import Forces
 from towline.diagnose.inference.shooting import between, carried
@@ -35,6 +35,11 @@ PUSHED = (
     (CROSSFLOW_ENDS, *CUBIC_FORMS, BANK[1], BANK[7], DRIFT_RAMPS[1], *FRICTION_FORMS, ROLLING_FREELY[3]),
 )
 """Together: the plain forms; of those beside them, one of each kind."""
+
+
+NOTHING = Reduced(
+    np.zeros((0, 0)), np.zeros(0), 0.0, 0.0, 0.0, np.zeros((1, 0, 0)), np.zeros((1, 0, 0)), np.zeros((1, 0))
+)
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +164,7 @@ def test_between_nodes_is_exact_for_constant_rates() -> None:
 def test_inner_products_are_those_of_the_whole_covariance(runs: list, hypothesis: Hypothesis) -> None:
     """Against the dense covariance, at three sizes; what is left out holds less than UNSEEN of the noise in any direction."""
     rng = np.random.default_rng(3)
-    noise = tow_noise(runs, hypothesis, 1.28)
+    noise = tow_noise(runs, TowModel(runs, 1.28).pushed(hypothesis))
     tables = [rng.normal(size=(len(r.centre_s), 4, 13)) * 1e-3 for r in runs]
     grams = Grams(Columns(tables, 2), noise)
     for forces in (Forces(1e-4, 3e-4, 0), Forces(0.01, 0.02, 1), Forces(0.3, 0.05, 2)):
@@ -185,7 +190,7 @@ def test_inner_products_are_those_of_the_whole_covariance(runs: list, hypothesis
 def test_own_numbers_are_eliminated(runs: list, hypothesis: Hypothesis) -> None:
     """The reduced normal equations give the step that the whole least-squares problem gives."""
     rng = np.random.default_rng(4)
-    noise, forces = tow_noise(runs, hypothesis, 1.28), Forces(0.01, 0.01, 1)
+    noise, forces = tow_noise(runs, TowModel(runs, 1.28).pushed(hypothesis)), Forces(0.01, 0.01, 1)
     tables = [rng.normal(size=(len(r.centre_s), 4, 1 + 3 + 2)) * 1e-3 for r in runs]
     away, sd = rng.normal(size=(len(runs), 2)), np.full((len(runs), 2), 2.0)
     part = reduced(Grams(Columns(tables, 3), noise), forces, away, sd)
@@ -234,7 +239,7 @@ def test_an_effect_of_any_size_has_the_evidence_of_the_integral(mean: float, sid
     inference.mode_count = 0
     h = Hypothesis(np.zeros(0), np.zeros((1, 0)), (effect,), (np.zeros(1),))
     step = np.array([variance * mean / spread**2])
-    solved = Solved(0.0, 0.0, 0.0, step, np.zeros((1, 0)), np.array([[variance]]))
+    solved = Solved(0.0, 0.0, 0.0, step, np.zeros((1, 0)), np.array([[variance]]), NOTHING)
     assert plain + inference.sized(h, solved) == pytest.approx(wanted, abs=1e-6)
 
 
@@ -249,7 +254,7 @@ def test_rounding_in_a_variance_is_no_knowledge(off: float) -> None:
     )
     exact, rounded = (2.0**2 * np.array([[0.5, -0.5], [-0.5, 0.5]]) + shift * np.ones((2, 2)) for shift in (1e-11, off))
     told = [
-        inference.sized(h, Solved(0.0, 0.0, 0.0, np.zeros(2), np.zeros((1, 0)), covariance))
+        inference.sized(h, Solved(0.0, 0.0, 0.0, np.zeros(2), np.zeros((1, 0)), covariance, NOTHING))
         for covariance in (exact, rounded)
     ]
     # of a variance of 1e-11, or the least one: the prior's shape is as flat

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from towline.diagnose.effects import Effect, Parameter
 from towline.diagnose.inference.hypothesis import Hypothesis
-from towline.diagnose.tow.data import LINE_SD_M, SLOW_S, SLOW_UNSEEN_PX, TowRun, block_step, tow_run
+from towline.diagnose.tow.data import LINE_SD_M, SLOW_S, SLOW_UNSEEN_PX, Recorded, TowRun, block_step, tow_runs
 from towline.diagnose.tow.model import TowModel
 from towline.diagnose.tow.next_run import differing
 from towline.diagnose.tow.slackness import slack_effects
@@ -37,7 +37,7 @@ def prepared(filmed: tuple[Any, Any, Any], tracks: Any = None, static: Any = Non
     fit = run_datum(run, None)
     motion = motion_from_tracks(run, tracks, fit)
     given = (tracks, fit, static) if pixels else (None, None, None)
-    return tow_run(run, motion.motion, motion.common, *given, block_step([45.0]))
+    return tow_runs([Recorded(run, motion.motion, motion.common, *given)], block_step([45.0]))[0]
 
 
 @pytest.fixture(scope="module")
@@ -183,7 +183,7 @@ def test_a_run_that_came_as_motion_has_no_line_and_a_lost_block_has_the_usual_no
     lost = motion.copy()
     gone = (lost["t_s"] > 10) & (lost["t_s"] < 12)
     lost.loc[gone, ["y_cg_m", "beta_rad"]] = np.nan
-    found = tow_run(run, lost[~gone], None, None, None, None, block_step([45.0]))
+    found = tow_runs([Recorded(run, lost[~gone])], block_step([45.0]))[0]
     inside = (found.centre_s > 10.5) & (found.centre_s < 11.5)
     assert np.isnan(found.values[inside]).all()
     assert np.isfinite(found.values[~inside & (found.centre_s < 9), :2]).all()

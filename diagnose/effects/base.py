@@ -200,6 +200,11 @@ class Effect:
         """Name and variant: effects with a number that is searched on a grid come as several."""
         return f"{self.name}/{self.variant}" if self.variant else self.name
 
+    @property
+    def rules_line(self) -> bool:
+        """Whether it says what the line keeps instead of its length: one line cannot keep two things."""
+        return self.keeps is not None or self.law is not None
+
 
 def load_effects(path: str | Path) -> tuple[Effect, ...]:
     """Effects of a user's own Python file: every ``Effect`` it defines at its top level.

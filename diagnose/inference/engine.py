@@ -94,7 +94,8 @@ def ranked(
     best_free = _best_variants(scores, free, 2)
     say("fitting " + ", ".join(e.name for e in singles))
     gross = max(scores.values(), default=0.0) > 200.0
-    fitted = _fit_all(inference, base, [(e,) for e in (*singles, *best_free)], gross)
+    starts = [] if base.forces.follow(simulator.most_force) else simulator.starts()
+    fitted = _fit_all(inference, base, [(e,) for e in (*singles, *best_free)], gross, starts)
     single_prior, forms = np.log(P_SINGLE / max(len(names), 1)), _of_forms(scores, usable)
     candidates = [
         Candidate(effects, f, f.log_evidence - base.log_evidence, single_prior + forms[effects[0].name])
@@ -336,11 +337,23 @@ def _best_variants(scores: dict[str, float], effects: Sequence[Effect], count: i
 
 
 def _fit_all(
-    inference: Inference, base: Fitted, sets: Sequence[tuple[Effect, ...]], gross: bool
+    inference: Inference,
+    base: Fitted,
+    sets: Sequence[tuple[Effect, ...]],
+    gross: bool,
+    starts: Sequence[Hypothesis] = (),
 ) -> list[tuple[tuple[Effect, ...], Fitted]]:
     hypotheses = [with_effects(base.hypothesis, list(effects)) for effects in sets]
     share, steps, turns = (SMALL_FORCES, GROSS_STEPS, (GROSS_STEPS - 1,)) if gross else (1.0, REFIT_STEPS, (1,))
     found = inference.fit(hypotheses, [base.forces.scaled(share)] * len(sets), steps, turns)
+    for start in starts:
+        # a base that does not follow its runs has numbers that make up for what is missing: no place to begin from
+        again = [with_effects(start, list(effects)) for effects in sets]
+        try:
+            ends = inference.fit(again, [Forces()] * len(sets), BASE_STEPS, (OPEN_STEPS,), OPEN_STEPS)
+        except (EstimationError, np.linalg.LinAlgError):
+            continue
+        found = [max(pair, key=_worth) for pair in zip(found, ends, strict=True)]
     return list(zip(sets, found, strict=True))
 
 
@@ -361,7 +374,8 @@ def _pairs(
     for first in singles[:2]:
         if first.log_evidence < max(CLEAR, singles[0].log_evidence - WORTH_PAIRS_BELOW):
             continue
-        rest = [e for e in usable if e.name not in first.names]
+        ruled = any(e.rules_line for e in first.effects)
+        rest = [e for e in usable if e.name not in first.names and not (ruled and e.rules_line)]
         scores = screened(inference, first.fitted, rest, (1.0,))
         second = [e for e in _best_variants(scores, rest, TRIED_PAIR) if scores[e.label] > WORTH_PAIRS]
         second = [e for e in second if frozenset((*first.names, e.name)) not in done]

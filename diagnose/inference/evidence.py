@@ -82,6 +82,7 @@ class Solved:
     shared : (s + k + p,) step of shared numbers, modes, effects; one-sided numbers end on their side of it
     own : (runs, own) step
     covariance : of ``shared``
+    reduced : the normal equations, for own steps beside other shared ones
     free : the step that nothing holds to a side; None: the same
     beyond : log evidence (as of ``log_evidence``) that only a step to the wrong side would bring
     """
@@ -92,6 +93,7 @@ class Solved:
     shared: Array
     own: Array
     covariance: Array
+    reduced: Reduced
     free: Array | None = None
     beyond: float = 0.0
 
@@ -235,28 +237,20 @@ class Inference:
         here = -0.5 * (part.before + prior.chi_square + log)
         sided, beyond = self._on_their_side(h, step, covariance)
         return Solved(
-            -0.5 * (chi_square + log), here, chi_square, sided, part.own_step(sided), covariance, step, beyond
+            -0.5 * (chi_square + log), here, chi_square, sided, part.own_step(sided), covariance, part, step, beyond
         )
 
     def _on_their_side(self, h: Hypothesis, step: Array, covariance: Array) -> tuple[Array, float]:
         """The best step that leaves every one-sided number on its side, and half the chi-square that this costs."""
-        effects = [q for e in h.effects for q in e.parameters]
-        at = self.fixed(h) + np.flatnonzero([q.one_sided for q in effects])
-        if not len(at):
-            return step, 0.0
-        here, none = np.concatenate(h.numbers), np.array([q.none for q in effects])
-        least = (none - here)[at - self.fixed(h)]
-        held = np.zeros(len(at), dtype=bool)
-        sided, cost = step, 0.0
-        while True:
-            crossing = ~held & (sided[at] < least)
-            if not crossing.any():
-                return sided, cost
-            held |= crossing
-            away = least[held] - step[at[held]]
-            weights = np.linalg.solve(covariance[np.ix_(at[held], at[held])], away)
-            sided, cost = step + covariance[:, at[held]] @ weights, 0.5 * float(away @ weights)
-            sided[at[held]] = least[held]
+        return within(step, covariance, self._least(h, len(step)), np.full(len(step), np.inf))
+
+    def _least(self, h: Hypothesis, size: int) -> Array:
+        """(size,) the smallest steps that leave one-sided numbers on their side."""
+        least, effects = np.full(size, -np.inf), [q for e in h.effects for q in e.parameters]
+        sided = np.flatnonzero([q.one_sided for q in effects])
+        if len(sided):
+            least[self.fixed(h) + sided] = (np.array([q.none for q in effects]) - np.concatenate(h.numbers))[sided]
+        return least
 
     def sized(self, h: Hypothesis, solved: Solved) -> float:
         """What the effects' priors add to the log evidence beside one normal distribution each: an effect may be of any of its
@@ -462,22 +456,59 @@ class Inference:
         return True
 
     def stepped(self, fitted: Fitted, share: float) -> Hypothesis:
-        """The hypothesis after (part of) a step, its path taken along."""
+        """The hypothesis after a step, its path taken along.
+
+        No shared number changes by more than LARGEST_SHARE of itself, no effect's by more than LARGEST_SD, and by ``share`` of that
+        after steps that did not improve: one that would is held there, and the others take the best step beside it. A step that
+        nothing holds is shortened to ``share``.
+        """
         h, solved = fitted.hypothesis, fitted.solved
-        shared, effects = solved.shared[: len(h.shared)], solved.shared[self.fixed(h) :]
-        limit = np.abs(shared) / (LARGEST_SHARE * np.maximum(np.abs(h.shared), self.simulator.least))
-        if len(effects):
-            sd = np.concatenate([[q.sd for q in e.parameters] for e in h.effects])
-            limit = np.concatenate([limit, np.abs(effects) / (LARGEST_SD * sd)])
-        share = share / float(limit.max(initial=1.0))
+        first, fixed = len(h.shared), self.fixed(h)
+        most = np.full(len(solved.shared), np.inf)
+        most[:first] = share * LARGEST_SHARE * np.maximum(np.abs(h.shared), self.simulator.least)
+        if h.size:
+            most[fixed:] = share * LARGEST_SD * np.concatenate([[q.sd for q in e.parameters] for e in h.effects])
+        if (np.abs(solved.shared) > most).any():
+            free = solved.shared if solved.free is None else solved.free
+            step, _ = within(free, solved.covariance, np.maximum(self._least(h, len(free)), -most), most)
+            own = solved.reduced.own_step(step)
+        else:
+            step, own = share * solved.shared, share * solved.own
+        shared, effects = step[:first], step[fixed:]
         numbers, at = [], 0
         for n in h.numbers:
-            numbers.append(n + share * effects[at : at + len(n)])
+            numbers.append(n + effects[at : at + len(n)])
             at += len(n)
-        path = fitted.linear.slopes.moved(share * shared, share * solved.own, share * effects)
-        return replace(
-            h, shared=h.shared + share * shared, own=h.own + share * solved.own, numbers=tuple(numbers), path=path
-        )
+        path = fitted.linear.slopes.moved(shared, own, effects)
+        return replace(h, shared=h.shared + shared, own=h.own + own, numbers=tuple(numbers), path=path)
 
 
-__all__ = ["TIMES_S", "Fitted", "Inference", "Linear", "Solved", "on_its_side"]
+def within(step: Array, covariance: Array, least: Array, most: Array) -> tuple[Array, float]:
+    """The best step whose numbers stay between bounds, and half the chi-square that this costs.
+
+    Parameters
+    ----------
+    step : (n,) the best without bounds
+    covariance : (n, n) of it
+    least, most : (n,), at most and at least 0
+    """
+    held: list[int] = []
+    bounded, cost = step, 0.0
+    bounds = np.zeros(0)
+    sd = np.sqrt(np.diag(covariance))
+    while True:
+        # the one whose bound costs most alone: with it held, others may stay within theirs
+        over = np.maximum(least - bounded, bounded - most) / sd
+        over[held] = 0.0
+        worst = int(np.argmax(over))
+        if not over[worst] > 0:
+            return bounded, cost
+        held.append(worst)
+        bounds = np.append(bounds, least[worst] if bounded[worst] < least[worst] else most[worst])
+        away = bounds - step[held]
+        weights = np.linalg.solve(covariance[np.ix_(held, held)], away)
+        bounded, cost = step + covariance[:, held] @ weights, 0.5 * float(away @ weights)
+        bounded[held] = bounds
+
+
+__all__ = ["TIMES_S", "Fitted", "Inference", "Linear", "Solved", "on_its_side", "within"]

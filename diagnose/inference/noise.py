@@ -124,12 +124,14 @@ class Measured:
     covariance : (c, n, n)
     moving : channels that forces move, the first ones; the others (line, marker distance) hold no dynamics
     roots : how forces move those
+    cross : (n, n), covariance of the first channel, which moves, with the second; None: they err apart
     """
 
     good: Array
     covariance: Array
     moving: int
     roots: Roots
+    cross: Array | None = None
 
 
 class Noise:
@@ -147,7 +149,9 @@ class Noise:
     def __init__(self, measured: Sequence[Measured], runs: Sequence[RunNoise] | None = None) -> None:
         self.measured = list(measured)
         self.runs = (
-            [run_noise(run.good, run.covariance, run.moving) for run in measured] if runs is None else list(runs)
+            [run_noise(run.good, run.covariance, run.moving, run.cross) for run in measured]
+            if runs is None
+            else list(runs)
         )
         self._spaces: dict[tuple[int, int], Space] = {}
 
@@ -204,12 +208,12 @@ def _space(white: Array, roots: Sequence[Array]) -> Space:
     return Space(base, np.array([part @ part.T for part in (base.T @ root for root in shown)]), size[::-1])
 
 
-def run_noise(good: Array, covariance: Array, moving: int) -> RunNoise:
+def run_noise(good: Array, covariance: Array, moving: int, cross: Array | None = None) -> RunNoise:
     """What forces do not change of a run's noise.
 
     Parameters
     ----------
-    good, covariance, moving : as ``Measured`` has them
+    good, covariance, moving, cross : as ``Measured`` has them
     """
     n, channels = good.shape
     covariance = covariance.copy()
@@ -220,6 +224,9 @@ def run_noise(good: Array, covariance: Array, moving: int) -> RunNoise:
         usual = float(np.diag(covariance[channel]).max()) or 1.0
         covariance[channel][lost, lost] = usual
     measured: Array = np.asarray(block_diag(*covariance[:moving]))
+    if cross is not None:
+        both = np.where(np.outer(good[:, 0], good[:, 1]), cross, 0.0)
+        measured[:n, n : 2 * n], measured[n : 2 * n, :n] = both, both.T
     white, log = _inverse_root(measured)
     still: list[Array | None] = []
     for channel in range(moving, channels):
@@ -248,8 +255,30 @@ def forced(response: Array, colour_s: float, lag_s: Array) -> Array:
     lag_s : (n, n) between the steps
     """
     n = len(response)
-    colour = np.linalg.cholesky(np.exp(-lag_s / colour_s) + 1e-9 * np.eye(n))
+    colour = force_colour(colour_s, lag_s)
     return np.concatenate([toeplitz(column, np.zeros(n)) @ colour for column in response.T])
 
 
-__all__ = ["SMALLEST", "TIMES_S", "Forces", "Measured", "Noise", "RunNoise", "forced", "run_noise", "shown_covariance"]
+def force_colour(colour_s: float, lag_s: Array) -> Array:
+    """(n, n) root of the covariance of a force of unit size and a time constant.
+
+    Parameters
+    ----------
+    colour_s : the time constant, s
+    lag_s : (n, n) between the steps
+    """
+    return np.linalg.cholesky(np.exp(-lag_s / colour_s) + 1e-9 * np.eye(len(lag_s)))
+
+
+__all__ = [
+    "SMALLEST",
+    "TIMES_S",
+    "Forces",
+    "Measured",
+    "Noise",
+    "RunNoise",
+    "force_colour",
+    "forced",
+    "run_noise",
+    "shown_covariance",
+]

@@ -17,12 +17,15 @@ from ...geometry import DatumFit
 from ...geometry.mapping import ProjectiveMapping
 from ...geometry.poses import Framed, Poses, framed, poses_from_tracks, poses_of, without_lags
 from ...identify.data import RunData, run_data
-from ...identify.still import scatter
 from ...record.run import Run
 from ...record.tables import SEEN
 from ...simulate.model import Array
+from .still import StillNoise, still_noise
 
 CHANNELS = ("y", "beta", "line", "distance")
+LINE = CHANNELS.index("line")
+TOGETHER = ([0, 1], [2], [3])
+"""Channels whose errors are taken together: y and beta are shown by the same dynamics."""
 MOST_BLOCKS = 130
 """Means to the longest run: a choice, for the time of all that follows."""
 SHORTEST_S = 0.3
@@ -69,6 +72,7 @@ class TowRun:
     spread_s2 : (n,), variance of those times
     values : (n, 4), CHANNELS; NaN where not measured
     covariance : (4, n, n), measurement noise of each channel
+    cross : (n, n), of y with beta
     modes : (k, n, 4), change with each common mode of the camera (unit variance)
     shutter : (n, 4, 3), change of x, y, beta and distance by 1 s of readout, per rate of x, y, beta
     length_pp_m, density_kg_m3, half_width_m : of model, water and tank (NaN: not given)
@@ -84,6 +88,7 @@ class TowRun:
     spread_s2: Array
     values: Array
     covariance: Array
+    cross: Array
     modes: Array
     shutter: Array
     length_pp_m: float
@@ -107,7 +112,7 @@ class _Turned:
 
 @dataclass(frozen=True)
 class _Series:
-    """Channels of a run or of its static record, frame by frame."""
+    """Channels of a run or of its static record, frame by frame; the last variance is the covariance of y and beta."""
 
     t_s: Array
     values: Array
@@ -117,26 +122,65 @@ class _Series:
     sigma_px: float = 0.1
 
 
-def tow_run(
-    run: Run,
-    motion: pd.DataFrame,
-    common: Array | None,
-    tracks: pd.DataFrame | None,
-    fit: DatumFit | None,
-    static: pd.DataFrame | None,
-    step_s: float,
-) -> TowRun:
-    """Prepare a run.
+@dataclass(frozen=True)
+class Recorded:
+    """A run as it was recorded.
 
-    Parameters
+    Attributes
     ----------
     run : the run folder as read
     motion, common : as ``identify.run_data`` takes
     tracks, fit : pixels and datum, where there are
     static : tracks of the model held still, or None
+    """
+
+    run: Run
+    motion: pd.DataFrame
+    common: Array | None = None
+    tracks: pd.DataFrame | None = None
+    fit: DatumFit | None = None
+    static: pd.DataFrame | None = None
+
+
+def tow_runs(recorded: Sequence[Recorded], step_s: float) -> list[TowRun]:
+    """Prepare the runs of a campaign: what their static records say of the measurement's noise is taken together.
+
+    Parameters
+    ----------
+    recorded : the runs
     step_s : of the blocks, the same for all runs
     """
-    data = run_data(run, motion, common)
+    means = [_held_still(each, step_s) for each in recorded]
+    pictures: dict[tuple[int, int] | None, list[int]] = {}
+    for index, each in enumerate(recorded):
+        camera = each.run.file.camera
+        pictures.setdefault(None if camera is None else camera.image_size_px, []).append(index)
+    noises: dict[int, list[StillNoise | None]] = {}
+    for alike in pictures.values():
+        together = [
+            still_noise([None if m is None else m[:, channels] for m in (means[k] for k in alike)], step_s)
+            for channels in TOGETHER
+        ]
+        noises.update(zip(alike, map(list, zip(*together, strict=True)), strict=True))
+    return [_tow_run(each, noises[k], step_s) for k, each in enumerate(recorded)]
+
+
+def _held_still(recorded: Recorded, step_s: float) -> Array | None:
+    """(n, 4) means over the blocks of a static record, in units of what the stated sigmas make of a mean there."""
+    run, fit, static = recorded.run, recorded.fit, recorded.static
+    if recorded.tracks is None or fit is None or static is None:
+        return None
+    # the stated sigmas say how the noise changes over the picture, the static record how large it is there
+    still = _from_pixels(run, without_lags(static), fit)
+    t_s = still.t_s - still.t_s[0]
+    there = np.nanmedian(_mean(t_s, still.variance[:, :4], step_s), axis=0)
+    frames = max(len(t_s) / max(t_s[-1], step_s) * step_s, 1.0)
+    return _blocks(t_s, still.values, step_s)[2] / np.sqrt(there / frames)
+
+
+def _tow_run(recorded: Recorded, still: Sequence[StillNoise | None], step_s: float) -> TowRun:
+    run, motion, tracks, fit = recorded.run, recorded.motion, recorded.tracks, recorded.fit
+    data = run_data(run, motion, recorded.common)
     marks = None
     if tracks is not None and fit is not None:
         tracks = without_lags(tracks)  # left to the slow errors of _covariances
@@ -146,7 +190,7 @@ def tow_run(
     start = float(series.t_s[0])
     centre, spread, values, count = _blocks(series.t_s - start, series.values, step_s)
     variance = _mean(series.t_s - start, series.variance, step_s)[: len(centre)] / np.maximum(count, 1)[:, None]
-    still = _from_pixels(run, without_lags(static), marks.fit) if marks is not None and static is not None else None
+    covariance, cross = _covariances(centre, variance, series, still)
     water = run.file.water
     width = water.tank_width_m if water is not None else None
     modes = series.modes
@@ -159,7 +203,8 @@ def tow_run(
         centre,
         spread,
         values,
-        _covariances(centre, variance, series, still, step_s),
+        covariance,
+        cross,
         np.array([_mean(series.t_s - start, m, step_s)[: len(centre)] for m in modes]).reshape(
             len(modes), len(centre), 4
         ),
@@ -233,6 +278,7 @@ def _from_pixels(run: Run, tracks: pd.DataFrame, fit: DatumFit) -> _Series:
     by_pose[:, 0, 1] = by_pose[:, 1, 2] = 1.0
     by_pose[:, 2] = np.column_stack([pull, turn])
     spread = np.einsum("nca,nab,ncb->nc", by_pose, found.rigid.covariance, by_pose)
+    spread = np.column_stack([spread, found.rigid.covariance[:, 1, 2]])
     both = found.covariance_m2[:, 0] + found.covariance_m2[:, 1]
     spread[:, 3] = np.einsum("ni,nij,nj->n", along, both, along)
     modes = np.einsum("nca,kna->knc", by_pose, found.pose_modes)
@@ -267,8 +313,9 @@ def _from_motion(run: Run, data: RunData, motion: pd.DataFrame) -> _Series:
     n = len(data.t_s)
     values = np.full((n, 4), np.nan)
     values[:, 0], values[:, 1] = data.y_m, data.beta_rad
-    variance = np.full((n, 4), np.nan)
+    variance = np.full((n, 5), np.nan)
     variance[:, 0], variance[:, 1] = data.covariance[:, 0, 0], data.covariance[:, 1, 1]
+    variance[:, 4] = data.covariance[:, 0, 1]
     modes = np.zeros((len(data.common), n, 4))
     modes[..., :2] = data.common
     return _Series(data.t_s, values, variance, modes, np.zeros((n, 4, 3)))
@@ -303,33 +350,37 @@ def _mean(t_s: Array, values: Array, step_s: float) -> Array:
     return answer
 
 
-def _covariances(centre: Array, variance: Array, series: _Series, still: _Series | None, step_s: float) -> Array:
-    """(4, n, n): by the static record's own scatter and colour, or by the stated sigmas; and slow errors on top."""
+def _covariances(
+    centre: Array, variance: Array, series: _Series, still: Sequence[StillNoise | None]
+) -> tuple[Array, Array]:
+    """(4, n, n) of each channel and (n, n) of y with beta: by the static records' scatter and colour, or by the stated sigmas; and
+    slow errors on top.
+    """
     n = len(centre)
     lag = np.abs(centre[:, None] - centre[None, :])
     answer = np.zeros((4, n, n))
-    for channel in range(4):
-        own = variance[:, channel]
-        if not np.isfinite(own).any():
-            answer[channel] = np.eye(n)
-            continue
-        own = np.where(np.isfinite(own) & (own > 0), own, np.nanmedian(own))
-        share, time = 1.0, 0.0
-        if still is not None:
-            size, share, time = scatter(_blocks(still.t_s - still.t_s[0], still.values, step_s)[2][:, channel], step_s)
-            # the stated sigmas say how the noise changes over the picture, the static record how large it is there
-            there = float(np.nanmedian(_mean(still.t_s - still.t_s[0], still.variance, step_s)[:, channel]))
-            frames = len(still.t_s) / max(still.t_s[-1] - still.t_s[0], step_s) * step_s
-            own = own * size / (there / max(frames, 1.0))
-        colour = (1 - share) * np.exp(-lag / max(time, 1e-3)) + share * np.eye(n)
-        root = np.sqrt(own)
-        # a sigma of the marks says how a pixel's error shows in this channel
-        per_px = np.sqrt(np.nanmedian(series.variance[:, channel])) / series.sigma_px
-        slow = per_px * (SLOW_PX if still is not None else SLOW_UNSEEN_PX)
-        if channel == 2:
-            slow = np.hypot(slow, LINE_SD_M)
-        answer[channel] = root[:, None] * colour * root[None, :] + slow**2 * np.exp(-lag / SLOW_S)
-    return answer
+    roots, slows = np.zeros((4, n)), np.zeros(4)
+    for held, channels in zip(still, TOGETHER, strict=True):
+        for at, channel in enumerate(channels):
+            own = variance[:, channel]
+            if not np.isfinite(own).any():
+                answer[channel] = np.eye(n)
+                continue
+            root = roots[channel] = np.sqrt(np.where(np.isfinite(own) & (own > 0), own, np.nanmedian(own)))
+            colour = np.eye(n) if held is None else held.covariance(at, at, lag)
+            # a sigma of the marks says how a pixel's error shows in this channel
+            per_px = np.sqrt(np.nanmedian(series.variance[:, channel])) / series.sigma_px
+            slow = per_px * (SLOW_PX if held is not None else SLOW_UNSEEN_PX)
+            slows[channel] = np.hypot(slow, LINE_SD_M) if channel == LINE else slow
+            answer[channel] = root[:, None] * colour * root[None, :] + slows[channel] ** 2 * np.exp(-lag / SLOW_S)
+    # the share of the errors of y and beta that is the same one
+    with np.errstate(invalid="ignore"):
+        shared = np.nan_to_num(variance[:, -1] / (roots[0] * roots[1]))
+    pair = still[0]
+    colour = np.diag(shared) if pair is None else pair.covariance(0, 1, lag)
+    cross = roots[0][:, None] * colour * roots[1][None, :]
+    cross = cross + float(np.median(shared)) * slows[0] * slows[1] * np.exp(-lag / SLOW_S)
+    return answer, cross
 
 
-__all__ = ["CHANNELS", "Marks", "TowRun", "block_step", "corrected", "tow_run"]
+__all__ = ["CHANNELS", "Marks", "Recorded", "TowRun", "block_step", "corrected", "tow_runs"]

@@ -173,6 +173,31 @@ class TowModel:
         missed = states[width:] - states[:-width] - over(rates)
         return missed * there[..., None], over(change) * there[..., None, None]
 
+    def pushed(self, h: Hypothesis) -> list[Array]:
+        """How the means of y and heading answer forces that last one block each, along the hypothesis's own path.
+
+        A line that swings answers a push otherwise than a straight one, by the square of its angles: forces that move a model by
+        centimetres would else leave tenths of a millimetre that no noise explains.
+
+        Returns
+        -------
+        of each run (n, 2, 2, n): y, m, and heading, rad; by a side force, N, and a moment, N m; in every block
+        """
+        lags, group = _lags([h]), Variations(h, len(self.runs), self.shared_names)
+        course = self._courses([h], [group], lags, 0)[0]
+        numbers, _ = joined([group.columns((), 0, probed=True)], lags)
+        rates = self._slopes_of_rates(numbers, course.path[..., None])
+        by_force = (rates[..., 1:3] - rates[..., :1]).transpose(1, 2, 0, 3) / PROBE_N
+        once = course.early @ by_force[:-1] + course.late @ by_force[1:]
+        blocks = self.count - BEYOND
+        push = np.zeros((*once.shape[:3], 2, blocks))
+        for block in range(blocks):
+            push[2 * block : 2 * block + 2, ..., block] = once[2 * block : 2 * block + 2]
+        push = push.reshape(*once.shape[:3], 2 * blocks)
+        changes = np.clip(carried(course.transition, push, np.zeros_like(push[0])), -BLOW_UP, BLOW_UP)
+        found = self._seen.by_motion(group, course.path, changes, lags)
+        return [answer[:, :2].reshape(len(answer), 2, 2, blocks)[..., : len(answer)] for answer in found]
+
     @property
     def _half(self) -> float:
         return self.step_s / 2

@@ -69,11 +69,12 @@ def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | No
     count = len(model.shared_names)
     one, two = (_taken_over(f.hypothesis, settings) for f in (first, second))
     try:
-        linear = trial.linear([trial.begun(_without_camera(h)) for h in (one, two)])
+        begun = [trial.begun(_without_camera(h)) for h in (one, two)]
+        linear = trial.linear(begun)
     except (FloatingPointError, np.linalg.LinAlgError):
         return None
     best: Design | None = None
-    noise, own_sd = tow_noise(runs, one, model.speed_m_s), own_sds(runs)
+    noise, own_sd = tow_noise(runs, trial.pushed(begun[0])), own_sds(runs)
     for index, (x_t, line, speed, y, beta) in enumerate(settings):
         residual, slope = linear[0].rows[index]
         other = linear[1].rows[index][0]

@@ -95,6 +95,27 @@ class TowSeen:
             answers.append((mean(series[:, :, i, 0]), change))
         return answers
 
+    def by_motion(self, group: Variations, path: Array, changes: Array, lags_s: tuple[float, ...]) -> list[Array]:
+        """Change (n, 4, k) of every run's values with k changes of the motion itself.
+
+        Parameters
+        ----------
+        path : (states, nodes, runs)
+        changes : (nodes, runs, states, k) of it
+        """
+        size = len(path)
+        numbers, _ = joined([group.columns((), size)], lags_s)
+        whole = np.repeat(path[..., None], numbers.width, axis=3)
+        for s in range(size):
+            whole[s, ..., 1 + s] += STATE_STEP
+        with np.errstate(all="ignore"):
+            series = self._series(numbers, whole)
+        slope = (series[..., 1:] - series[..., :1]).transpose(0, 2, 1, 3) / STATE_STEP @ changes
+        return [
+            _Mean(run.centre_s, run.spread_s2, self._step_s / 2, len(series))(slope[:, i])
+            for i, run in enumerate(self._runs)
+        ]
+
     def values(self, numbers: Numbers, path: Array) -> list[list[Array]]:
         """Values of every column and run (n, 4) along paths (states, nodes, runs, columns)."""
         with np.errstate(all="ignore"):

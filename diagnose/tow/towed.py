@@ -143,7 +143,7 @@ class TowSimulator(TowModel):
             return self._last[1]
         if self._measured is None:
             self._measured = measured_noise(self.runs)
-        self._last = (six, tow_noise(self.runs, hypothesis, self.speed_m_s, self._measured))
+        self._last = (six, tow_noise(self.runs, self.pushed(hypothesis), self._measured))
         return self._last[1]
 
     def usable(self, library: Sequence[Effect]) -> tuple[list[Effect], dict[str, str]]:

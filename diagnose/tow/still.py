@@ -1,0 +1,187 @@
+"""The measurement's own noise in the means of blocks, from the static records of all runs of one camera.
+
+A record of 12 s holds some thirty means: alone it tells their variance to a quarter and their colour hardly at all, and a wrong one
+looks like a gap. The records of one camera share a colour, and nearly share a size: both are found together, by restricted
+likelihood, and a record keeps of its own size what the records' scatter about the common one shows to be real. Channels that come
+from the same pixels err together: a camera that shakes moves y and, where its two marks are not equally far, beta with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import helmert
+from scipy.optimize import minimize
+
+from ...simulate.model import Array
+
+FEWEST_MEANS = 12
+"""Fewer in the longest record tell no colour: a choice."""
+LONGEST = 150
+"""Means that are looked at together; a longer record is taken in stretches, each with a mean of its own: for time."""
+STARTS = ((0.5, 2.0), (0.8, 8.0))
+"""White share and time constant, in steps, from which the search begins."""
+ROUNDS, SAME_SIZE = 3, 0.1
+"""A colour is found of records of one size: in so many rounds, unless the sizes differ by less than this share."""
+LEAST, MOST = 1e-2, 1e2
+"""A root of a variance, in units of the records' own, is between these."""
+
+
+@dataclass(frozen=True)
+class StillNoise:
+    """Of channels that err together, in one run; in units of the variance that the stated sigmas give a block's mean.
+
+    Attributes
+    ----------
+    white, slow : (k, k), covariance of the white part and of the lasting one
+    time_s : time constant of the lasting one
+    """
+
+    white: Array
+    slow: Array
+    time_s: float
+
+    def covariance(self, one: int, other: int, lag_s: Array) -> Array:
+        """(n, n) of the means of two of the channels.
+
+        Parameters
+        ----------
+        one, other : index among the k
+        lag_s : (n, n) between the means
+        """
+        lasting = np.exp(-lag_s / max(self.time_s, 1e-3))
+        return self.white[one, other] * (lag_s == 0) + self.slow[one, other] * lasting
+
+
+def still_noise(records: Sequence[Array | None], step_s: float) -> list[StillNoise | None]:
+    """Noise of every run, by the records of them all.
+
+    Parameters
+    ----------
+    records : of each run (n, k), means over blocks of the model held still in units of their stated standard deviation, NaN where
+        nothing was measured; None: there is none
+    step_s : between means
+
+    Returns
+    -------
+    noise : of each run, None where it has no record
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> noise = still_noise([rng.normal(size=(400, 1)), None], 0.5)
+    >>> bool(abs(noise[0].white[0, 0] - 1) < 0.2), noise[1]
+    (True, None)
+    """
+    stretches = {k: _stretches(record) for k, record in enumerate(records) if record is not None}
+    stretches = {k: parts for k, parts in stretches.items() if parts}
+    found: list[StillNoise | None] = [None] * len(records)
+    if not stretches:
+        return found
+    sizes, colour = np.ones(len(stretches)), StillNoise(np.eye(1), np.eye(1), 0.0)
+    for _ in range(ROUNDS):
+        scaled = [
+            (t, values / np.sqrt(size))
+            for parts, size in zip(stretches.values(), sizes, strict=True)
+            for t, values in parts
+        ]
+        colour = _colour(scaled)
+        squares, freedoms = np.array(
+            [np.sum([_whitened(t, values[None], colour)[::2] for t, values in parts], axis=0)
+             for parts in stretches.values()]
+        ).T  # fmt: skip
+        sizes = _sizes(squares, freedoms)
+        if np.ptp(sizes) < SAME_SIZE * sizes.max():
+            break
+    for k, size in zip(stretches, sizes, strict=True):
+        found[k] = StillNoise(size * colour.white, size * colour.slow, colour.time_s * step_s)
+    return found
+
+
+def _stretches(record: Array) -> list[tuple[Array, Array]]:
+    """Index and values (n, k) of what was measured, in stretches."""
+    at = np.flatnonzero(np.isfinite(record).all(axis=1))
+    parts = np.array_split(at, max(1, -(-len(at) // LONGEST)))
+    return [(part.astype(float) - part[0], record[part]) for part in parts if len(part) > 1]
+
+
+def _colour(stretches: Sequence[tuple[Array, Array]]) -> StillNoise:
+    """The noise by restricted likelihood, its time constant in steps."""
+    channels = stretches[0][1].shape[1]
+    freedom = sum(len(t) - 1 for t, _ in stretches)
+    centred = np.concatenate([values - values.mean(axis=0) for _, values in stretches])
+    whole = centred.T @ centred / freedom
+    nothing = np.zeros((channels, channels))
+    plain = StillNoise(whole, nothing, 0.0)
+    # records measured at the same times are looked at together
+    alike: dict[bytes, list[int]] = {}
+    for index, (t, _) in enumerate(stretches):
+        alike.setdefault(t.tobytes(), []).append(index)
+    groups = [(stretches[found[0]][0], np.stack([stretches[k][1] for k in found])) for found in alike.values()]
+    longest = max(t[-1] for t, _ in groups)
+    if longest < FEWEST_MEANS or freedom < 2 * channels or not (np.diag(whole) > 0).all():
+        return plain
+    size = np.sqrt(np.diag(whole))
+    lower, diagonal = np.tril_indices(channels), np.diag_indices(channels)
+
+    def noise(at: Array) -> StillNoise:
+        parts = []
+        for numbers in (at[: len(lower[0])], at[len(lower[0]) : -1]):
+            root = nothing.copy()
+            root[lower] = numbers
+            root[diagonal] = np.exp(root[diagonal])
+            parts.append(size[:, None] * (root @ root.T) * size)
+        return StillNoise(parts[0], parts[1], float(np.exp(at[-1])))
+
+    def cost(colour: StillNoise) -> float:
+        found = [_whitened(t, values, colour) for t, values in groups]
+        return 0.5 * sum(square + log for square, log, _ in found)
+
+    edge = (np.log(LEAST), np.log(MOST))
+    entries = [edge if i == j else (-MOST, MOST) for i, j in zip(*lower, strict=True)]
+    last = np.log(max(longest / 2, 1.0))
+    ends = []
+    for share, time in STARTS:
+        roots = [np.linalg.cholesky(part * whole / np.outer(size, size)) for part in (share, 1 - share)]
+        for root in roots:
+            root[diagonal] = np.log(root[diagonal])
+        start = np.concatenate([*(root[lower] for root in roots), [min(np.log(time), last)]])
+        bounds = [*entries, *entries, (np.log(0.3), last)]
+        ends.append(minimize(lambda at: cost(noise(at)), start, method="L-BFGS-B", bounds=bounds))
+    best = min(ends, key=lambda end: end.fun)
+    # a colour must bring as much as it has numbers (Akaike)
+    return noise(best.x) if best.fun + len(lower[0]) + 1 < cost(plain) else plain
+
+
+def _whitened(t: Array, values: Array, noise: StillNoise) -> tuple[float, float, int]:
+    """Of records (m, n, k) at the same times (in the noise's unit): sum of squares in white units, log determinant of the
+    covariance, and how many numbers are free beside the levels, of which nothing is known.
+    """
+    records, n, channels = values.shape
+    apart = helmert(n)  # differences that no level changes
+    lasting = np.exp(-np.abs(t[:, None] - t[None, :]) / max(noise.time_s, 1e-3))
+    power, turn = np.linalg.eigh(apart @ lasting @ apart.T)
+    numbers = (turn.T @ apart) @ values
+    covariance = noise.white + np.maximum(power, 0.0)[:, None, None] * noise.slow
+    square = np.einsum("mnk,nkl,mnl->", numbers, np.linalg.inv(covariance), numbers)
+    log = float(np.log(np.linalg.det(covariance)).sum())
+    return float(square), records * log, records * channels * (n - 1)
+
+
+def _sizes(squares: Array, freedoms: Array) -> Array:
+    """Of every record: between its own and the common one, by how far they scatter beyond what their lengths say (DerSimonian and
+    Laird's way, in logarithms).
+    """
+    common = float(squares.sum() / freedoms.sum())
+    if not (squares > 0).all():
+        return np.full(len(squares), common)
+    logs, weight = np.log(squares / freedoms / common), freedoms / 2.0
+    room = float(weight.sum() - (weight**2).sum() / weight.sum())
+    excess = float(weight @ (logs - weight @ logs / weight.sum()) ** 2) - (len(logs) - 1)
+    between = max(excess / room, 0.0) if room > 0 else 0.0
+    return common * np.exp(between / (between + 1.0 / weight) * logs)
+
+
+__all__ = ["StillNoise", "still_noise"]

@@ -11,6 +11,7 @@ from .camera import (
     LENS,
     POST,
     RATE,
+    RATE_FORMS,
     ROLL,
     ROLLING,
     ROLLING_FREELY,
@@ -50,6 +51,7 @@ LIBRARY: tuple[Effect, ...] = (
     *ROLLING,
     *ROLLING_FREELY,
     RATE,
+    *RATE_FORMS,
     DELAY,
     SHUTTER,
 )

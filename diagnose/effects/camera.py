@@ -258,6 +258,8 @@ SHUTTER = Effect(
     needs=_no_pixels,
     title="a rolling shutter",
 )
+CHANGES_S = 1.0
+"""How long a camera takes to go over to another rate."""
 RATE = Effect(
     "frame_rate",
     "clock",
@@ -268,6 +270,29 @@ RATE = Effect(
     clock=lambda t_s, rate: rate * t_s,
     title="the true frame rate",
 )
+RATE_FORMS = (
+    replace(
+        RATE,
+        parameters=(Parameter("rate", "", 0.01), Parameter("drift_1_s", "1/s", 2e-4)),
+        physics="The camera's clock warms up: its rate drifts.",
+        clock=lambda t_s, rate, drift: rate * t_s + 0.5 * drift * t_s**2,
+        variant="drifting",
+    ),
+    replace(
+        RATE,
+        parameters=(
+            Parameter("rate", "", 0.01),
+            Parameter("later", "", 0.01),
+            Parameter("change_s", "s", 10.0, none=20.0),
+        ),
+        physics="Frames come at one rate at first and at another later: they were dropped, or the light changed.",
+        clock=lambda t_s, rate, later, change_s: (
+            rate * t_s + later * CHANGES_S * np.logaddexp(0.0, (t_s - change_s) / CHANGES_S)
+        ),
+        variant="another rate later",
+    ),
+)
+"""A clock whose rate is not one all along."""
 DRIFT = Effect(
     "speed_drift",
     "sway",

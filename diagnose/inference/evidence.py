@@ -495,7 +495,7 @@ def within(step: Array, covariance: Array, least: Array, most: Array) -> tuple[A
     held: list[int] = []
     bounded, cost = step, 0.0
     bounds = np.zeros(0)
-    sd = np.sqrt(np.diag(covariance))
+    sd = np.sqrt(np.maximum(np.diag(covariance), LEAST_VARIANCE))
     while True:
         # the one whose bound costs most alone: with it held, others may stay within theirs
         over = np.maximum(least - bounded, bounded - most) / sd

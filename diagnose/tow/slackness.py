@@ -20,7 +20,11 @@ runs."""
 LEAST_BLOCKS = 10
 """Means that a run must have for it: a choice."""
 SLACK_LENGTHS_S = (1.0, 2.0, 3.0, 4.5, 7.0)
-"""Windows whose fit begins the search; it then finds the length itself."""
+"""Windows whose fit begins the search; it then finds the length itself ..."""
+LONGEST_S = 10.0
+"""... up to this ..."""
+AS_LONG = 0.95
+"""... and a line that is short for this share of it is not slack."""
 
 
 def slack_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Effect]:
@@ -67,7 +71,13 @@ def _slackest(t_s: Array, rest: Array, power: int) -> tuple[float, float, float]
     z, begin, length = max(grid, default=(0.0, 0.0, 1.0))
     if z > SLACK_Z:
         finer = minimize(
-            lambda x: -short(x[0], x[1]), [begin, length], method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02}
+            lambda x: -short(x[0], x[1]),
+            [begin, length],
+            method="Nelder-Mead",
+            bounds=[(t_s[0] - LONGEST_S, t_s[-1]), (SLACK_LENGTHS_S[0] / 2, LONGEST_S)],
+            options={"xatol": 0.02, "fatol": 0.02},
         )
         z, (begin, length) = -float(finer.fun), finer.x
+        if length > AS_LONG * LONGEST_S:
+            return 0.0, 0.0, 0.0  # a radius that drifts
     return z, float(begin), float(begin + length)

@@ -26,6 +26,11 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
         help="judge a simulator with these derivatives as they are",
     )
     add_effects(sub)
+    sub.add_argument(
+        "--law",
+        action="store_true",
+        help="search the missing force's law also where an effect of the library is named (out/law.json, law.py, law.toml)",
+    )
     sub.add_argument("--write-model", type=Path, metavar="FILE.toml", help="derivatives and effect for a scenario.toml")
     sub.add_argument("--no-page", action="store_true", help="write no HTML page")
     sub.add_argument("-o", "--out", type=Path, help="where gap.json and gap.html go (default: RUN/out)")
@@ -57,9 +62,27 @@ def call(options: argparse.Namespace) -> int:
         write_gap_page(out / "gap.html", found)
         written.append(out / "gap.html")
     options.outcome.result["gap"] = file
+    if options.law or file.verdict in ("unknown", "form_not_exact"):
+        written += _law(options, out, found)
     options.outcome.wrote(*written)
     options.outcome.fail(found.failed)
     return EXIT_SOME_FAILED if found.failed else EXIT_OK
+
+
+def _law(options: argparse.Namespace, out: Path, found: Any) -> list[Path]:
+    from ..pipeline.laws import law_file, law_of, write_law
+    from .common import show_progress
+
+    with show_progress() as show:
+        answer = law_of(found, options.effects, len(options.hold_out), options.law, show)
+    file = law_file(answer, found.diagnosis.file.inputs)
+    print()
+    for sentence in file.sentences:
+        print(sentence)
+    for law in file.laws:
+        print(f"{law.text:60}{law.probability:8.3f}")
+    options.outcome.result["law"] = file
+    return write_law(out, found, answer)
 
 
 def _ranking(file: Any) -> None:

@@ -9,6 +9,7 @@ from .common import (
     EXIT_OK,
     add_effects,
     add_line,
+    print_notes,
 )
 
 NAME = "simulate"
@@ -27,11 +28,14 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
 
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
-    from ..pipeline.simulating import simulate_file
+    from ..pipeline.simulating import beyond_reach, simulate_file
     from ..record.tables import write_table
     from ..simulate import scenario_stability
 
     file, motion = simulate_file(options.scenario, options.effects, options.line)
+    notes = beyond_reach(file, options.scenario, motion, options.effects)
+    print_notes(notes)
+    options.outcome.result["notes"] = notes
     target = options.out or options.scenario.parent / "motion.csv"
     write_table(target, motion)
     verdict = scenario_stability(file)

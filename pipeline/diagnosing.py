@@ -11,6 +11,7 @@ from ..__version__ import __version__
 from ..diagnose.effects import LIBRARY, Effect, installed_effects, load_effects
 from ..diagnose.gap import Diagnosed, diagnosed
 from ..diagnose.inference.apart import measured_apart
+from ..diagnose.inference.evidence import Fitted
 from ..diagnose.tow.data import Recorded, block_step, tow_runs
 from ..diagnose.tow.numbers import COMPLIANCE
 from ..diagnose.tow.towed import TowSimulator
@@ -115,18 +116,20 @@ def _reference(path: Path) -> tuple[np.ndarray, np.ndarray, float]:
     return six, sd, file.speed_m_s
 
 
-def write_model(path: Path, found: Diagnosed) -> None:
+def write_model(path: Path, found: Diagnosed, fitted: Fitted | None = None) -> None:
     """The simulator that reproduces the tank: derivatives, what the line keeps and effect, as tables of a scenario.
 
     Parameters
     ----------
     path : of the file
     found : what was found
+    fitted : which hypothesis; None: the headline
     """
     import tomlkit
 
     diagnosis = found.diagnosis
-    fitted = diagnosis.best.fitted if diagnosis.best is not None else diagnosis.ranking.base
+    if fitted is None:
+        fitted = diagnosis.best.fitted if diagnosis.best is not None else diagnosis.ranking.base
     document = tomlkit.document()
     document.add(
         tomlkit.comment("Derivatives and unmodelled effects that reproduce these runs; put both into a scenario.toml.")

@@ -62,6 +62,39 @@ def render_file(
     return file
 
 
+def beyond_reach(file: ScenarioFile, path: Path, motion: pd.DataFrame, effects: Sequence[Path] = ()) -> list[str]:
+    """Where a motion leaves the range in which the scenario's laws were found, a sentence each.
+
+    Parameters
+    ----------
+    file : the scenario as read
+    path : of the scenario
+    motion : of ``simulate_file``
+    effects : Python files of a user's own effects
+    """
+    if not file.effect or file.tow is None:
+        return []
+    from ..diagnose.simulated import effects_of
+    from .diagnosing import library_of
+
+    speed, length, width = file.tow.speed_m_s, file.model.length_pp_m, file.water.tank_width_m
+    states = {
+        "v": motion["v_m_s"] / speed,
+        "r": motion["r_rad_s"] * length / speed,
+        "y": motion["y_cg_m"] / (width / 2 if width else length),
+        "beta": motion["beta_rad"],
+    }
+    told = []
+    for effect, _ in effects_of(file, path, library_of(effects)):
+        for name, low, high in effect.reach:
+            if name in states and (states[name].min() < low or states[name].max() > high):
+                told.append(
+                    f"{effect.name}: found for {name} from {low:.3g} to {high:.3g}; this motion goes from "
+                    f"{states[name].min():.3g} to {states[name].max():.3g}, where nothing is known of it"
+                )
+    return told
+
+
 def changed_by(file: ScenarioFile, path: Path, effects: Sequence[Path] = ()) -> Changed | None:
     """What a scenario's ``[[effect]]`` tables do to hull and tow; None without any.
 
@@ -80,4 +113,4 @@ def changed_by(file: ScenarioFile, path: Path, effects: Sequence[Path] = ()) -> 
     return lambda hull, tow: with_effects(hull, tow, found, file)
 
 
-__all__ = ["changed_by", "render_file", "simulate_file"]
+__all__ = ["beyond_reach", "changed_by", "render_file", "simulate_file"]

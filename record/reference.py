@@ -12,6 +12,7 @@ from pydantic_core import PydanticUndefined
 from .check_file import CheckFile
 from .corrections import Corrections
 from .gap_file import GapFile
+from .law_file import LawFile
 from .lens_file import LensFile
 from .plan_file import PlanFile, PlanRequest
 from .priors import Priors
@@ -30,6 +31,11 @@ _PAGES: tuple[tuple[str, type[BaseModel], str], ...] = (
     ("out/derivatives.json", DerivativesFile, "Written by `towline identify`."),
     ("out/steady.json", SteadyFile, "Written by `towline steady`."),
     ("out/gap.json", GapFile, "Written by `towline diagnose`."),
+    (
+        "out/law.json",
+        LawFile,
+        "Written by `towline diagnose --law`, and where no effect of the library explains the gap.",
+    ),
     ("out/thorough.json", ThoroughFile, "Written by `towline identify --thorough`."),
     ("out/check.json", CheckFile, "Written by `towline check`."),
     ("lens.json", LensFile, "Written by `towline lens`."),

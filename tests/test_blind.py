@@ -279,7 +279,7 @@ def test_a_current_is_a_sway_velocity() -> None:
 
 def test_every_effect_of_the_library_can_be_drawn_and_moves_the_picture() -> None:
     assert set(EFFECTS) == {effect.name for effect in LIBRARY} | {"slack_line", "constant_tension"}
-    assert set(STRENGTH) == {*EFFECTS, *OUTSIDE}
+    assert set(STRENGTH) == {*EFFECTS, *OUTSIDE, "law"}  # laws are drawn by benchmarks/laws.py
     assert set(RIVALS) == {*EFFECTS} - {"slack_line"}
     for name in [*EFFECTS, *OUTSIDE]:
         case = case_of("case-x", "effect", [name], [4, 1], False)

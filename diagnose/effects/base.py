@@ -163,6 +163,7 @@ class Effect:
     cost : log evidence that is taken off: numbers found beforehand, in a residual
     sizes : shares of the parameters' standard deviations that are as likely: how small the effect may be where it exists
     needs : (run) -> why it cannot be judged with this run, or ""
+    reach : (variable of the dimensionless state, smallest, largest value) that it was found in; empty: it is physics, not a find
     """
 
     name: str
@@ -194,6 +195,7 @@ class Effect:
     sizes: tuple[float, ...] = SIZES
     needs: Callable[[Any], str] = field(default=lambda _: "")
     title: str = ""
+    reach: tuple[tuple[str, float, float], ...] = ()
 
     @property
     def label(self) -> str:

@@ -1,0 +1,451 @@
+"""The grammar of laws: terms of the dimensionless state, and the forces that they make.
+
+v is the drift v/U, r is r L/U, y the place across the tank by its half width, beta the heading, ``turn`` the turning between line
+and hull by L/U. A term times its coefficient is a side force by rho/2 U^2 L^2 or a moment by rho/2 U^2 L^3.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...record.errors import TowlineError
+from ...simulate.model import Array
+from ..effects import Effect, Parameter, Situation
+
+NAME = "law"
+"""First word of the name of a law's effect; its term follows."""
+ACTS = {"Y": ("y",), "N": ("n",), "Y and N": ("y", "n")}
+"""Where a term may act -> its coefficients."""
+WALL = 0.9
+"""Of the way to the wall: what grows towards it grows no more beyond."""
+
+
+@dataclass(frozen=True)
+class State:
+    """A tow at one time, dimensionless; arrays that broadcast to one another.
+
+    Attributes
+    ----------
+    v, r, y, beta, turn : as the module says
+    v_late, r_late : v and r behind by a term's lag
+    time : share of the run that has gone
+    """
+
+    v: Any
+    r: Any
+    y: Any
+    beta: Any
+    turn: Any
+    v_late: Any
+    r_late: Any
+    time: Any
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A number inside a term.
+
+    Attributes
+    ----------
+    name : of it
+    value : where a fit of it begins
+    sd : prior standard deviation about that
+    """
+
+    name: str
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True)
+class Term:
+    """One term: a sum of basis functions, each with a coefficient, and numbers inside them.
+
+    Attributes
+    ----------
+    text : as it is written
+    variables : it depends on
+    parts : how many pieces it is made of: the price of writing it
+    basis : (state, *shapes) -> its functions' values
+    shapes : numbers inside
+    functions : how many
+    lag_s : of v_late and r_late
+    """
+
+    text: str
+    variables: tuple[str, ...]
+    parts: int
+    basis: Callable[..., tuple[Any, ...]]
+    shapes: tuple[Shape, ...] = ()
+    functions: int = 1
+    lag_s: float = 0.0
+
+
+def state_of(s: Situation) -> State:
+    """The dimensionless state of a situation.
+
+    Parameters
+    ----------
+    s : of the tow
+    """
+    by_turn = s.length_pp_m / s.speed_m_s
+    across = np.where(np.isfinite(s.half_width_m), s.half_width_m, s.length_pp_m)
+    return State(
+        s.v_m_s / s.speed_m_s,
+        s.r_rad_s * by_turn,
+        s.y_m / across,
+        s.beta_rad,
+        (s.alpha_rate + s.r_rad_s) * by_turn,
+        s.v_lag / s.speed_m_s,
+        s.r_lag * by_turn,
+        s.t_s / s.duration_s + 0.0 * s.v_m_s,
+    )
+
+
+def _walls(y: Any, power: int) -> Any:
+    y = np.clip(y, -WALL, WALL)
+    return (1 - y) ** -power - (1 + y) ** -power
+
+
+_PLAIN = (
+    Term("1", (), 1, lambda s: (1.0 + 0.0 * s.v,)),
+    Term("v|v|", ("v",), 2, lambda s: (s.v * np.abs(s.v),)),
+    Term("v^3", ("v",), 2, lambda s: (s.v**3,)),
+    Term("v^5", ("v",), 3, lambda s: (s.v**5,)),
+    Term("|v|", ("v",), 2, lambda s: (np.abs(s.v),)),
+    Term("v^2", ("v",), 2, lambda s: (s.v**2,)),
+    Term("sign(v) sqrt|v|", ("v",), 3, lambda s: (np.sign(s.v) * np.sqrt(np.abs(s.v)),)),
+    Term("r|r|", ("r",), 2, lambda s: (s.r * np.abs(s.r),)),
+    Term("r^3", ("r",), 2, lambda s: (s.r**3,)),
+    Term("|r|", ("r",), 2, lambda s: (np.abs(s.r),)),
+    Term("r^2", ("r",), 2, lambda s: (s.r**2,)),
+    Term("v|r|", ("v", "r"), 3, lambda s: (s.v * np.abs(s.r),)),
+    Term("|v|r", ("v", "r"), 3, lambda s: (np.abs(s.v) * s.r,)),
+    Term("v^2 r", ("v", "r"), 3, lambda s: (s.v**2 * s.r,)),
+    Term("v r^2", ("v", "r"), 3, lambda s: (s.v * s.r**2,)),
+    Term("v r", ("v", "r"), 2, lambda s: (s.v * s.r,)),
+    Term("(v+r/2)|v+r/2|", ("v", "r"), 4, lambda s: ((s.v + s.r / 2) * np.abs(s.v + s.r / 2),)),
+    Term("(v-r/2)|v-r/2|", ("v", "r"), 4, lambda s: ((s.v - s.r / 2) * np.abs(s.v - s.r / 2),)),
+    Term("y", ("y",), 1, lambda s: (s.y,)),
+    Term("y|y|", ("y",), 2, lambda s: (s.y * np.abs(s.y),)),
+    Term("y^3", ("y",), 2, lambda s: (s.y**3,)),
+    Term("y^2", ("y",), 2, lambda s: (s.y**2,)),
+    Term("1/(1-y)-1/(1+y)", ("y",), 4, lambda s: (_walls(s.y, 1),)),
+    Term("1/(1-y)^3-1/(1+y)^3", ("y",), 5, lambda s: (_walls(s.y, 3),)),
+    Term("v|y|", ("v", "y"), 3, lambda s: (s.v * np.abs(s.y),)),
+    Term("v y^2", ("v", "y"), 3, lambda s: (s.v * s.y**2,)),
+    Term("r|y|", ("r", "y"), 3, lambda s: (s.r * np.abs(s.y),)),
+    Term("r y^2", ("r", "y"), 3, lambda s: (s.r * s.y**2,)),
+    Term("beta", ("beta",), 1, lambda s: (s.beta,)),
+    Term("beta|beta|", ("beta",), 2, lambda s: (s.beta * np.abs(s.beta),)),
+    Term("beta^3", ("beta",), 2, lambda s: (s.beta**3,)),
+    Term("beta^2", ("beta",), 2, lambda s: (s.beta**2,)),
+    Term("v beta^2", ("v", "beta"), 3, lambda s: (s.v * s.beta**2,)),
+    Term("time", ("time",), 1, lambda s: (s.time - 0.5,)),
+    Term("v time", ("v", "time"), 2, lambda s: (s.v * (s.time - 0.5),)),
+    Term("r time", ("r", "time"), 2, lambda s: (s.r * (s.time - 0.5),)),
+)
+"""Powers, moduli and products whose numbers are the usual ones of the field (Abkowitz, Norrbin), and two of a wall."""
+_OF = {
+    "v": lambda s: s.v,
+    "r": lambda s: s.r,
+    "y": lambda s: s.y,
+    "beta": lambda s: s.beta,
+    "turn": lambda s: s.turn,
+    "time": lambda s: s.time,
+}
+_LEAST = 1e-6
+"""Of a variable whose power is taken: the slope of a power below 1 has no end at 0."""
+_POWER = re.compile(r"(sign )?\|(v|r|y|beta)\|\^([0-9.]+)")
+_SCALED = re.compile(r"(tanh|beyond)\((v|r|y|beta|turn)/([0-9.e-]+)\)")
+_WAVE = re.compile(r"wave\(([0-9.]+) (y|beta|time)\)")
+_BUMP = re.compile(r"bump\((y|beta|time) at (-?[0-9.e-]+), ([0-9.e-]+) wide\)")
+_STATION = re.compile(r"\(v\+(-?[0-9.]+) r\)\|v\+-?[0-9.]+ r\|")
+_LATE = re.compile(r"(v|r)\(t-([0-9.]+) s\)")
+
+
+def term(text: str) -> Term:
+    """A term by its text.
+
+    ``sign |v|^1.7`` is an odd power, ``|v|^1.7`` an even one; ``tanh(v/0.05)`` saturates, ``beyond(v/0.05)`` begins at 0.05 and
+    then grows as v does; ``wave(12 y)`` is a sine and a cosine of 12 y, ``bump(y at 0.1, 0.05 wide)`` is at one place;
+    ``(v+0.3 r)|v+0.3 r|`` is the drag of the section at 0.3 L; ``v(t-2 s)`` is the drift two seconds before, by a first-order lag,
+    less the drift now. The numbers in it are where a fit begins.
+
+    Parameters
+    ----------
+    text : as ``Term.text``
+
+    Raises
+    ------
+    TowlineError : it is none of the grammar
+
+    Examples
+    --------
+    >>> term("v|v|").variables, term("tanh(turn/0.01)").variables
+    (('v',), ('turn',))
+    """
+    for plain in _PLAIN:
+        if plain.text == text:
+            return plain
+    for pattern, made in (
+        (_POWER, _power),
+        (_SCALED, _scaled),
+        (_WAVE, _wave),
+        (_BUMP, _bump),
+        (_STATION, _station),
+        (_LATE, _late),
+    ):
+        if (found := pattern.fullmatch(text)) and _widths_above_zero(found):
+            return made(text, found)
+    raise TowlineError(f"{text!r}: no term of the grammar of laws (docs/law.md)")
+
+
+def _widths_above_zero(found: re.Match[str]) -> bool:
+    """Whether scales, widths, powers and lags are above 0; a place or a station may be anywhere."""
+    last = found[found.re.groups]
+    return found.re is _STATION or found.re is _WAVE or float(last) > 0
+
+
+def _power(text: str, found: re.Match[str]) -> Term:
+    of, odd = _OF[found[2]], bool(found[1])
+
+    def basis(s: State, power: Any) -> tuple[Any]:
+        x = of(s)
+        size = np.maximum(np.abs(x), _LEAST) ** np.clip(power, 0.3, 8.0)
+        return (np.sign(x) * size if odd else size,)
+
+    return Term(text, (found[2],), 3, basis, (Shape("power", float(found[3]), 0.7),))
+
+
+def _scaled(text: str, found: re.Match[str]) -> Term:
+    of, scale, saturates = _OF[found[2]], float(found[3]), found[1] == "tanh"
+
+    def basis(s: State, at: Any) -> tuple[Any]:
+        x = of(s) / np.maximum(at, 0.05 * scale)
+        return (np.tanh(x) if saturates else np.sign(x) * np.maximum(np.abs(x) - 1.0, 0.0),)
+
+    return Term(text, (found[2],), 3, basis, (Shape("at", scale, 0.5 * scale),))
+
+
+def _wave(text: str, found: re.Match[str]) -> Term:
+    of, number = _OF[found[2]], float(found[1])
+    return Term(
+        text,
+        (found[2],),
+        4,
+        lambda s, k: (np.sin(k * of(s)), np.cos(k * of(s))),
+        (Shape("number", number, 0.25 * number),),
+        2,
+    )
+
+
+def _bump(text: str, found: re.Match[str]) -> Term:
+    of, place, width = _OF[found[1]], float(found[2]), float(found[3])
+
+    def basis(s: State, at: Any, wide: Any) -> tuple[Any]:
+        return (np.exp(-0.5 * ((of(s) - at) / np.maximum(np.abs(wide), 0.1 * width)) ** 2),)
+
+    return Term(text, (found[1],), 4, basis, (Shape("at", place, width), Shape("wide", width, 0.5 * width)))
+
+
+def _station(text: str, found: re.Match[str]) -> Term:
+    def basis(s: State, x: Any) -> tuple[Any]:
+        across = s.v + x * s.r
+        return (across * np.abs(across),)
+
+    return Term(text, ("v", "r"), 4, basis, (Shape("x", float(found[1]), 0.3),))
+
+
+def _late(text: str, found: re.Match[str]) -> Term:
+    def of_v(s: State) -> tuple[Any]:
+        return (s.v_late - s.v,)
+
+    def of_r(s: State) -> tuple[Any]:
+        return (s.r_late - s.r,)
+
+    return Term(text, (found[1],), 3, of_v if found[1] == "v" else of_r, lag_s=float(found[2]))
+
+
+def written(text: str, shapes: Sequence[float] | Array) -> str:
+    """The text with the numbers that a fit has found.
+
+    Parameters
+    ----------
+    text : of the term
+    shapes : its numbers, as of ``Term.shapes``
+
+    Examples
+    --------
+    >>> written("tanh(v/0.05)", [0.0312])
+    'tanh(v/0.0312)'
+    """
+    if not len(shapes):
+        return text
+    numbers = [f"{value:.4g}" for value in shapes]
+    if found := _POWER.fullmatch(text):
+        return f"{found[1] or ''}|{found[2]}|^{numbers[0]}"
+    if found := _SCALED.fullmatch(text):
+        return f"{found[1]}({found[2]}/{numbers[0]})"
+    if found := _WAVE.fullmatch(text):
+        return f"wave({numbers[0]} {found[2]})"
+    if found := _BUMP.fullmatch(text):
+        return f"bump({found[1]} at {numbers[0]}, {abs(shapes[1]):.4g} wide)"
+    return f"(v+{numbers[0]} r)|v+{numbers[0]} r|"
+
+
+@dataclass(frozen=True)
+class Range:
+    """What the runs have seen of each variable.
+
+    Attributes
+    ----------
+    low, high : variable -> smallest and largest value
+    usual : variable -> root mean square
+    """
+
+    low: dict[str, float]
+    high: dict[str, float]
+    usual: dict[str, float]
+
+    @property
+    def ends(self) -> dict[str, tuple[float, float]]:
+        """Variable -> smallest and largest value."""
+        return {name: (low, self.high[name]) for name, low in self.low.items()}
+
+
+DRY = 0.05
+"""Of the turning's usual size: dry friction has turned over."""
+WAVES = (5.0, 8.0, 13.0, 20.0, 32.0)
+"""Waves across half a tank, rad; a fit finds the number between them."""
+HEADINGS = (8.0, 13.0, 20.0, 32.0)
+"""Waves in a radian of heading, rad."""
+PLACES = (-1.2, -0.5, 0.0, 0.5, 1.2)
+"""Where a bump may be, in usual sizes of its variable; half of that wide."""
+LAGS_S = (0.5, 1.5, 4.0)
+"""Choices, a factor of three apart."""
+
+
+def grammar(seen: Range, width: bool) -> list[Term]:
+    """The terms that are searched.
+
+    Parameters
+    ----------
+    seen : of the runs
+    width : whether the tank's width is known
+    """
+    found = [t for t in _PLAIN if width or "1/(1" not in t.text]
+    for variable in ("v", "r"):
+        usual = seen.usual[variable]
+        found += [term(f"sign |{variable}|^{power}") for power in (1.5, 2.5)] + [term(f"|{variable}|^1.5")]
+        found += [term(f"tanh({variable}/{0.5 * usual:.2g})"), term(f"beyond({variable}/{usual:.2g})")]
+    found += [term(f"tanh(turn/{DRY * seen.usual['turn']:.2g})"), term(f"tanh(r/{DRY * seen.usual['r']:.2g})")]
+    found += [term("(v+0.3 r)|v+0.3 r|"), term("(v+-0.3 r)|v+-0.3 r|")]
+    found += [term(f"wave({k:g} y)") for k in WAVES] + [term(f"wave({k:g} beta)") for k in HEADINGS]
+    found += [
+        term(f"bump({variable} at {place * seen.usual[variable]:.3g}, {0.5 * seen.usual[variable]:.3g} wide)")
+        for variable in ("y", "beta")
+        for place in PLACES
+    ]
+    found += [term(f"{variable}(t-{lag:g} s)") for variable in ("v", "r") for lag in LAGS_S]
+    return found
+
+
+def effect_of(
+    text: str,
+    acts: str = "Y and N",
+    sd: tuple[float, float] = (0.01, 0.01),
+    reach: Mapping[str, tuple[float, float]] | None = None,
+) -> Effect:
+    """The effect that a term of the grammar is.
+
+    Parameters
+    ----------
+    text : of the term
+    acts : one of ACTS: side force, moment or both
+    sd : usual size of the coefficients of side force and moment
+    reach : variable -> smallest and largest value where it was found; simulating beyond is said
+
+    Raises
+    ------
+    TowlineError : no such term, or no such place
+
+    Examples
+    --------
+    >>> effect_of("v|v|", "Y").parameters[0].name
+    'y'
+    """
+    if acts not in ACTS:
+        raise TowlineError(f"{acts!r}: a law acts in one of {', '.join(ACTS)}")
+    found, channels = term(text), ACTS[acts]
+    sizes, count = dict(zip("yn", sd, strict=True)), found.functions
+
+    def force(s: Situation, *numbers: Any) -> tuple[Any, Any]:
+        values = found.basis(state_of(s), *numbers[len(channels) * count :])
+        size = 0.5 * s.density_kg_m3 * s.speed_m_s**2 * s.length_pp_m**2
+        by = {"y": 0.0 * s.v_m_s, "n": 0.0 * s.v_m_s}
+        for k, channel in enumerate(channels):
+            own = numbers[k * count : (k + 1) * count]
+            by[channel] = sum(number * value for number, value in zip(own, values, strict=True)) + by[channel]
+        return by["y"] * size, by["n"] * size * s.length_pp_m
+
+    names = [f"{channel}{k + 1}" if count > 1 else channel for channel in channels for k in range(count)]
+    return Effect(
+        f"{NAME} {text}",
+        "yaw" if acts == "N" else "sway",
+        (
+            *(Parameter(name, "", sizes[name[0]]) for name in names),
+            *(Parameter(shape.name, "", shape.sd, none=shape.value) for shape in found.shapes),
+        ),
+        f"A force that goes with {text}, found in these runs and in no book.",
+        "Put the term into the simulator (law.toml, law.py), or find what makes it.",
+        "towline diagnose --law",
+        force=force,
+        lag_s=found.lag_s,
+        variant=acts,
+        form=0.0,
+        cost=float(np.log(2.0)) * found.parts,
+        title=f"a force that goes with {text}",
+        reach=tuple((name, reach[name][0], reach[name][1]) for name in found.variables if reach and name in reach),
+    )
+
+
+def values_of(text: str, acts: str, numbers: Sequence[float] | Array, states: State) -> Array:
+    """(2, ...) side force and moment coefficients of a term in states; a lagged one is not counted (0).
+
+    Parameters
+    ----------
+    text, acts : of the term
+    numbers : of its effect
+    states : where
+    """
+    found, channels = term(text), ACTS[acts]
+    total = np.zeros((2, *np.shape(states.v)))
+    if found.lag_s:
+        return total
+    values = found.basis(states, *numbers[len(channels) * found.functions :])
+    for k, channel in enumerate(channels):
+        for number, value in zip(numbers[k * found.functions :], values, strict=False):
+            total["yn".index(channel)] += number * (value + 0.0 * states.v)
+    return total
+
+
+__all__ = [
+    "ACTS",
+    "NAME",
+    "Range",
+    "Shape",
+    "State",
+    "Term",
+    "effect_of",
+    "grammar",
+    "state_of",
+    "term",
+    "values_of",
+    "written",
+]

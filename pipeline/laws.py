@@ -1,0 +1,207 @@
+"""The law of a campaign: searched where something is missing, written as an equation, as an effect and for a scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..__version__ import __version__
+from ..diagnose.gap import Diagnosed
+from ..diagnose.law.search import Law, Searched, searched
+from ..diagnose.tow.towed import TowSimulator
+from ..record.files import write_text
+from ..record.law_file import LawFile, LawRow, LawTerm
+from ..record.results import Measured, write_result
+from .diagnosing import library_of, write_model
+from .executor.copies import side_by_side
+
+Progress = Callable[[str, int, int | None], None]
+SEEN_ONLY = ("camera", "clock")
+"""Stages of faults that move nothing: no law is looked for beside them."""
+NONE = 1e-3
+"""A law below this probability is not told."""
+
+
+@dataclass(frozen=True)
+class LawAnswer:
+    """Whether a law was searched, and what came of it.
+
+    Attributes
+    ----------
+    verdict : "law", "no_gap", "other", "unknown" of the search, or "not_searched"
+    why : in words, where there is no law
+    searched : the search, None where there was no reason for one
+    """
+
+    verdict: str
+    why: str
+    searched: Searched | None = None
+
+
+def law_of(
+    found: Diagnosed,
+    effects: Sequence[Path] = (),
+    held_out: int = 0,
+    asked: bool = True,
+    progress: Progress | None = None,
+) -> LawAnswer:
+    """Search the law that a campaign misses, where it misses one.
+
+    Parameters
+    ----------
+    found : of ``diagnose_folders``
+    effects : the same files
+    held_out : how many runs, the last ones, are kept aside
+    asked : also where an effect of the library explains the gap, or where there seems to be none; else only where nothing explains it
+    progress : is told what is done
+    """
+    file, best = found.diagnosis.file, found.diagnosis.best
+    if file.verdict == "no_gap" and not asked:
+        return LawAnswer("not_searched", "what the simulator leaves of these runs is noise: there is no law to find")
+    if file.verdict == "effect" and best is not None:
+        foreign = [effect for effect in best.effects if effect.stage in SEEN_ONLY]
+        if foreign:
+            names = " and ".join(effect.title or effect.name for effect in foreign)
+            return LawAnswer("not_searched", f"{names}: no force on the hull, and no law of it")
+        if not asked:
+            return LawAnswer("not_searched", "an effect of the library explains the gap")
+    simulator = found.diagnosis.inference.simulator
+    assert isinstance(simulator, TowSimulator)
+    say = None if progress is None else lambda text: progress(f"law: {text}", 0, None)
+    count = len(simulator.runs)
+    held = list(range(count - held_out, count)) if held_out else None
+    rng = np.random.default_rng(len(file.inputs))
+    answer = searched(simulator, library_of(effects), __version__, file.inputs, held, rng, say, side_by_side)
+    return LawAnswer(answer.verdict, _no_law(answer), answer)
+
+
+def _no_law(answer: Searched) -> str:
+    if answer.verdict == "law":
+        return ""
+    if answer.verdict == "other":
+        return f"{' and '.join(answer.other)} explains these runs better than any law of the grammar"
+    if answer.verdict == "no_gap":
+        return "what the simulator leaves of these runs is noise: no law of the grammar explains more of it than chance would"
+    rest = answer.diagnosis.ranking.rest
+    if rest.log_evidence > 0 and rest.span_s:
+        return (
+            f"something happens once, in {rest.run} at {rest.span_s[0]:.0f}-{rest.span_s[1]:.0f} s: an event has no law"
+        )
+    return "no law of one or two terms of the grammar explains these runs"
+
+
+def law_file(answer: LawAnswer, inputs: dict[str, str]) -> LawFile:
+    """law.json.
+
+    Parameters
+    ----------
+    answer : of ``law_of``
+    inputs : files behind the diagnosis
+    """
+    laws = [law for law in answer.searched.laws if law.probability >= NONE] if answer.searched else []
+    seen = answer.searched.seen.ends if answer.searched else {}
+    return LawFile(
+        schema="towline/law",
+        tool=__version__,
+        inputs=inputs,
+        verdict=answer.verdict,  # pyright: ignore[reportArgumentType]
+        why=answer.why,
+        p_law=answer.searched.p_law if answer.searched else 0.0,
+        laws=[_row(law) for law in laws],
+        seen=seen,
+        sentences=_sentences(laws, answer),
+    )
+
+
+def _row(law: Law) -> LawRow:
+    terms = [
+        LawTerm(
+            text=text,
+            acts=acts,  # pyright: ignore[reportArgumentType]
+            effect=effect.name,
+            numbers={
+                parameter.name: Measured(value=float(value), std=float(sd))
+                for parameter, value, sd in zip(effect.parameters, numbers, sds, strict=True)
+            },
+        )
+        for (text, acts), effect, numbers, sds in zip(law.terms, law.effects, law.numbers, law.sd, strict=True)
+    ]
+    return LawRow(
+        text=law.text,
+        probability=law.probability,
+        terms=terms,
+        same=list(law.same),
+        shrink=None if np.isnan(law.shrink) else law.shrink,
+    )
+
+
+def _sentences(laws: Sequence[Law], answer: LawAnswer) -> list[str]:
+    if not laws or answer.searched is None:
+        return [answer.why[:1].upper() + answer.why[1:] + "."]
+    first = laws[0]
+    told = [f"What is missing goes with {first.text} (probability {first.probability:.2f})."]
+    if not np.isnan(first.shrink):
+        told.append(f"With it the gap on runs kept aside falls by {100 * first.shrink:.0f} %.")
+    others = [f"{law.text} ({law.probability:.2f})" for law in laws[1:] if law.probability > 0.05]
+    if others:
+        told.append(f"Nearly as good: {', '.join(others)}.")
+    next_run = answer.searched.diagnosis.file.next_run
+    if next_run is not None:
+        told.append(f"The run that would tell most: {next_run.why}.")
+    ranges = answer.searched.seen.ends
+    seen = sorted({name for effect in first.effects for name, _, _ in effect.reach})
+    spans = ", ".join(f"{name} {ranges[name][0]:.3g} to {ranges[name][1]:.3g}" for name in seen)
+    if spans:
+        told.append(f"It is known for {spans} (dimensionless), and for nothing beyond.")
+    return told
+
+
+def write_law(out: Path, found: Diagnosed, answer: LawAnswer) -> list[Path]:
+    """law.json; with a law also law.py, for ``--effects``, and law.toml, derivatives and law for a scenario.
+
+    Parameters
+    ----------
+    out : folder
+    found : of ``diagnose_folders``
+    answer : of ``law_of``
+    """
+    file = law_file(answer, found.diagnosis.file.inputs)
+    write_result(out / "law.json", file)
+    written = [out / "law.json"]
+    if not file.laws or answer.searched is None:
+        return written
+    first = answer.searched.laws[0]
+    names = [effect.name for effect in first.effects]
+    best = next(
+        c
+        for c in answer.searched.diagnosis.ranking.candidates
+        if list(c.names) == names and [e.variant for e in c.effects] == [e.variant for e in first.effects]
+    )
+    write_text(out / "law.py", _python(first, file.sentences))
+    write_model(out / "law.toml", Diagnosed(answer.searched.diagnosis, found.runs, found.failed), best.fitted)
+    return [*written, out / "law.py", out / "law.toml"]
+
+
+def _python(law: Law, sentences: Sequence[str]) -> str:
+    lines = [f'"""{sentences[0]}', "", *sentences[1:], "", "Written by towline diagnose --law; give it to --effects."]
+    lines += ['"""', "", "from towline.diagnose.law.terms import effect_of", ""]
+    for k, effect in enumerate(law.effects, start=1):
+        text = effect.name.split(" ", 1)[1]
+        sizes = {p.name[0]: p.sd for p in effect.parameters if p.name[0] in "yn" and p.name[1:] in ("", "1", "2")}
+        sd = (sizes.get("y", 0.01), sizes.get("n", 0.01))
+        reach = {name: (float(f"{low:.6g}"), float(f"{high:.6g}")) for name, low, high in effect.reach}
+        lines += [
+            f"LAW_{k} = effect_of(",
+            f"    {text!r},",
+            f"    {effect.variant!r},",
+            f"    sd=({sd[0]:.6g}, {sd[1]:.6g}),",
+            f"    reach={reach!r},",
+            ")",
+        ]
+    return "\n".join([*lines, ""])
+
+
+__all__ = ["LawAnswer", "law_file", "law_of", "write_law"]

@@ -1,0 +1,50 @@
+"""out/law.json: the law that the runs miss, as an equation."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from .results import Measured, ResultFile, _Part
+
+
+class LawTerm(_Part):
+    """One term of a law."""
+
+    text: str = Field(description="of the grammar (docs/law.md), with the numbers that were fitted")
+    acts: Literal["Y", "N", "Y and N"] = Field(description="side force, moment, or both")
+    effect: str = Field(description="name of the effect in law.py and law.toml")
+    numbers: dict[str, Measured] = Field(
+        description="y: of a side force by rho/2 U^2 L^2; n: of a moment by rho/2 U^2 L^3; then the numbers inside"
+    )
+
+
+class LawRow(_Part):
+    """One law."""
+
+    text: str = Field(description="its terms")
+    probability: float = Field(description="posterior, with all that is the same force over the range seen")
+    terms: list[LawTerm] = Field(description="one or two")
+    same: list[str] = Field(default_factory=list, description="other texts of the same force over the range seen")
+    shrink: float | None = Field(default=None, description="of the gap on runs kept aside; null: not worked out")
+
+
+class LawFile(ResultFile):
+    """out/law.json."""
+
+    schema_name: Literal["towline/law"] = Field(default="towline/law", alias="schema", description="this file")
+    version: int = Field(default=1, description="of the schema")
+    verdict: Literal["law", "no_gap", "other", "unknown", "not_searched"] = Field(
+        description="law: the rest of the file says which; else why says why not"
+    )
+    why: str = Field(default="", description="why there is no law, in words")
+    p_law: float = Field(default=0.0, description="probability of all laws together")
+    laws: list[LawRow] = Field(default_factory=list, description="the most probable first")
+    seen: dict[str, tuple[float, float]] = Field(
+        default_factory=dict, description="variable -> smallest and largest value that the runs have seen"
+    )
+    sentences: list[str] = Field(default_factory=list, description="in plain words")
+
+
+__all__ = ["LawFile", "LawRow", "LawTerm"]

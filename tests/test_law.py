@@ -1,0 +1,205 @@
+"""A missing law, written down: the grammar, the search on laws that other code planted, and what is handed on."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from towline.blind.draw import CASES, case_of, gentle, write_cases
+from towline.blind.signature import distances_of, linear
+from towline.blind.truth.cases import Case
+from towline.cli.main import main
+from towline.diagnose.effects import Situation
+from towline.diagnose.law.search import without_linear
+from towline.diagnose.law.terms import ACTS, Range, State, effect_of, grammar, state_of, term, values_of, written
+from towline.record.errors import TowlineError
+from towline.record.law_file import LawFile
+from towline.record.results import read_result
+
+SEEN = Range(
+    {"v": -0.03, "r": -0.1, "y": -0.2, "beta": -0.1, "turn": -0.3, "time": 0.0},
+    {"v": 0.03, "r": 0.1, "y": 0.2, "beta": 0.1, "turn": 0.3, "time": 1.0},
+    {"v": 0.01, "r": 0.04, "y": 0.07, "beta": 0.05, "turn": 0.15, "time": 0.58},
+)
+
+
+def states(n: int = 400) -> State:
+    """Drawn within SEEN."""
+    rng = np.random.default_rng(1)
+    drawn = {name: rng.uniform(low, SEEN.high[name], n) for name, low in SEEN.low.items()}
+    return State(v_late=drawn["v"], r_late=drawn["r"], **drawn)
+
+
+def situation(s: State) -> Situation:
+    """A tow at 1.5 m/s of a hull of 3 m in a tank of 4 m."""
+    speed, length, width = 1.5, 3.0, 4.0
+    nothing = 0.0 * s.v
+    return Situation(
+        t_s=s.time * 40.0, y_m=s.y * width / 2, beta_rad=s.beta, v_m_s=s.v * speed, r_rad_s=s.r * speed / length, alpha_rad=nothing,
+        speed_m_s=speed, line_length_m=1.0, tow_point_m=1.5, tension_n=4.0, alpha_rate=(s.turn - s.r) * speed / length,
+        length_pp_m=length, density_kg_m3=1000.0, half_width_m=width / 2, v_lag=s.v_late * speed,
+        r_lag=s.r_late * speed / length, duration_s=40.0, y_v=-50.0, n_v=-50.0, n_r=-50.0, history=lambda _: 1.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("v|v|", lambda s: s.v * np.abs(s.v)),
+        ("sign |r|^1.7", lambda s: np.sign(s.r) * np.abs(s.r) ** 1.7),
+        ("|v|^2.5", lambda s: np.abs(s.v) ** 2.5),
+        ("tanh(turn/0.01)", lambda s: np.tanh(s.turn / 0.01)),
+        ("beyond(v/0.02)", lambda s: np.sign(s.v) * np.clip(np.abs(s.v) / 0.02 - 1, 0, None)),
+        ("bump(beta at -0.02, 0.03 wide)", lambda s: np.exp(-(((s.beta + 0.02) / 0.03) ** 2) / 2)),
+        ("(v+-0.3 r)|v+-0.3 r|", lambda s: (s.v - 0.3 * s.r) * np.abs(s.v - 0.3 * s.r)),
+        ("1/(1-y)-1/(1+y)", lambda s: 2 * s.y / (1 - s.y**2)),
+    ],
+)
+@pytest.mark.parametrize("acts", list(ACTS))
+def test_a_term_is_the_force_that_its_text_says(text: str, value: Any, acts: str) -> None:
+    """rho/2 U^2 L^2 a side force, rho/2 U^2 L^3 a moment, at 1.5 m/s and 3 m."""
+    s, effect = states(), effect_of(text, acts)
+    numbers = [2.0e-3 * (k + 1) for k in range(len(ACTS[acts]))] + [shape.value for shape in term(text).shapes]
+    side, moment = effect.force(situation(s), *numbers)
+    by = dict(zip(ACTS[acts], numbers, strict=False))
+    np.testing.assert_allclose(side, by.get("y", 0.0) * 500 * 1.5**2 * 3**2 * value(s), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(moment, by.get("n", 0.0) * 500 * 1.5**2 * 3**3 * value(s), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(values_of(text, acts, numbers, s)[0], by.get("y", 0.0) * value(s), rtol=1e-6, atol=1e-12)
+
+
+def test_a_wave_has_both_phases_and_a_number_that_is_fitted() -> None:
+    s = states()
+    found = values_of("wave(12 y)", "N", [3e-4, 4e-4, 13.0], s)[1]
+    np.testing.assert_allclose(found, 5e-4 * np.sin(13.0 * s.y + np.arctan2(4, 3)), atol=1e-12)
+    assert written("wave(12 y)", [13.0]) == "wave(13 y)"
+
+
+def test_a_situation_made_dimensionless_comes_back() -> None:
+    s = states()
+    found = state_of(situation(s))
+    for name in ("v", "r", "y", "beta", "turn", "time", "v_late", "r_late"):
+        np.testing.assert_allclose(getattr(found, name), getattr(s, name), atol=1e-12)
+
+
+def test_every_term_of_the_grammar_reads_back_from_its_text() -> None:
+    terms = grammar(SEEN, True)
+    texts = [t.text for t in terms]
+    assert len(set(texts)) == len(texts)
+    for one in terms:
+        again = term(one.text)
+        assert (again.variables, again.parts, again.shapes) == (one.variables, one.parts, one.shapes)
+        moved = [1.1 * shape.value for shape in one.shapes]
+        assert [s.value for s in term(written(one.text, moved)).shapes] == pytest.approx(moved, rel=1e-3)
+    assert not any("1/(1" in t.text for t in grammar(SEEN, False))
+
+
+@pytest.mark.parametrize("text", ["v|v", "tanh(q/0.1)", "wave(y)", "v(t-0 s)", ""])
+def test_what_is_no_term_is_refused(text: str) -> None:
+    with pytest.raises(TowlineError, match="no term of the grammar"):
+        effect_of(text)
+
+
+def test_what_is_linear_in_v_and_r_counts_for_nothing() -> None:
+    s = states()
+    linear_force = np.array([3 * s.v - 2 * s.r, s.v + s.r])
+    assert np.abs(without_linear(linear_force, s)).max() < 1e-12
+
+
+def planted(numbers: dict[str, float], seed: int, d: float) -> Case:
+    """A campaign of the blind check's reality with a law that its own code makes (blind/truth/laws.py), of this D."""
+    case = case_of("law", "null", [], [seed], coloured=False)
+    case = gentle(replace(case, kind="unknown", effects=["law"], numbers=numbers))
+    by = float(np.sqrt(d / distances_of(case, linear(case)).strength))
+    return gentle(
+        replace(case, numbers={k: v * by if k[4:8] in ("side", "turn") else v for k, v in case.numbers.items()})
+    )
+
+
+@pytest.fixture(scope="module")
+def bump(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Runs with a side force at one place of the tank, and what the command wrote of them."""
+    folder = tmp_path_factory.mktemp("bump")
+    case = planted({"law.kind0": 10.0, "law.side0": 0.02, "law.a0": 0.04, "law.phase0": 0.05}, 12, 1500.0)
+    write_cases(folder, [case])
+    runs = sorted((folder / CASES / "law").glob("run-*"))
+    out = folder / "out"
+    assert main(["diagnose", *map(str, runs), "--law", "--no-page", "-o", str(out)]) == 0
+    return folder, out
+
+
+def test_a_force_at_one_place_is_written_down_as_one(bump: tuple[Path, Path]) -> None:
+    """A bump of 0.04 half widths at 0.05: place and width within four of their standard deviations, and these below a fifth."""
+    file = read_result(bump[1] / "law.json", LawFile)
+    assert file.verdict == "law"
+    (found,) = file.laws[0].terms
+    assert found.text.startswith("bump(y at ")
+    for name, truth in (("at", 0.05), ("wide", 0.04)):
+        number = found.numbers[name]
+        assert abs(number.value - truth) < 4 * number.std
+        assert number.std < 0.2 * truth
+    assert file.laws[0].probability > 0.9
+    assert file.laws[0].shrink is not None
+    assert file.laws[0].shrink > 0.8
+
+
+def test_a_law_is_handed_on_to_the_simulator_with_its_range(
+    bump: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """law.toml and law.py make a scenario whose motion differs from that without the law; beyond the range it says so."""
+    folder, out = bump
+    scenario = folder / "scenario.toml"
+    tables = (out / "law.toml").read_text().replace("[tow]\n", "")
+    head = """name = "again"
+[model]
+length_pp_m = 2.66
+mass_kg = 78.0
+[water]
+density_kg_m3 = 1000.0
+tank_width_m = 4.6
+[time]
+duration_s = 20.0
+rate_hz = 25.0
+[tow]
+speed_m_s = 1.28
+line_length_m = 0.91
+tow_point_m = 1.6
+tension_n = 3.96
+[start]
+y_cg_m = 0.15
+"""
+    scenario.write_text(head.replace("[start]", 'line = "surge"\n[start]') + tables.replace('line = "surge"\n', ""))
+    capsys.readouterr()
+    assert (
+        main(["simulate", str(scenario), "--effects", str(out / "law.py"), "-o", str(folder / "with.csv"), "--json"])
+        == 0
+    )
+    told = json.loads(capsys.readouterr().out)
+    assert told["result"]["notes"] == []
+    plain = folder / "plain.toml"
+    plain.write_text(scenario.read_text().split("[[effect]]")[0])
+    assert main(["simulate", str(plain), "-o", str(folder / "without.csv")]) == 0
+    one, two = (
+        np.loadtxt(folder / f"{name}.csv", delimiter=",", skiprows=1, usecols=1) for name in ("with", "without")
+    )
+    assert np.abs(one - two).max() > 3e-4  # a hundred times what an integrator errs by
+    far = folder / "far.toml"
+    far.write_text(scenario.read_text().replace("y_cg_m = 0.15", "y_cg_m = 0.7"))
+    capsys.readouterr()
+    assert main(["simulate", str(far), "--effects", str(out / "law.py"), "-o", str(folder / "far.csv")]) == 0
+    assert "where nothing is known of it" in capsys.readouterr().out
+
+
+def test_no_law_is_looked_for_in_noise(tmp_path: Path) -> None:
+    case = gentle(case_of("none", "null", [], [5], coloured=True))
+    write_cases(tmp_path, [case])
+    runs = sorted((tmp_path / CASES / "none").glob("run-*"))
+    assert main(["diagnose", *map(str, runs), "--law", "--no-page", "-o", str(tmp_path / "out")]) == 0
+    file = read_result(tmp_path / "out" / "law.json", LawFile)
+    assert (file.verdict, file.laws) == ("no_gap", [])
+    assert "noise" in file.sentences[0]
+    assert not (tmp_path / "out" / "law.py").exists()

@@ -56,20 +56,23 @@ def call(options: argparse.Namespace) -> int:
     if options.write_model is not None:
         write_model(options.write_model, found)
         written.append(options.write_model)
+    options.outcome.result["gap"] = file
+    section = None
+    if options.law or file.verdict in ("unknown", "form_not_exact"):
+        more, section = _law(options, out, found)
+        written += more
     if not options.no_page:
         from ..report.gap_page import write_gap_page
 
-        write_gap_page(out / "gap.html", found)
+        write_gap_page(out / "gap.html", found, section)
         written.append(out / "gap.html")
-    options.outcome.result["gap"] = file
-    if options.law or file.verdict in ("unknown", "form_not_exact"):
-        written += _law(options, out, found)
     options.outcome.wrote(*written)
     options.outcome.fail(found.failed)
     return EXIT_SOME_FAILED if found.failed else EXIT_OK
 
 
-def _law(options: argparse.Namespace, out: Path, found: Any) -> list[Path]:
+def _law(options: argparse.Namespace, out: Path, found: Any) -> tuple[list[Path], Any]:
+    """What was written, and the page's section."""
     from ..pipeline.laws import law_file, law_of, write_law
     from .common import show_progress
 
@@ -82,7 +85,13 @@ def _law(options: argparse.Namespace, out: Path, found: Any) -> list[Path]:
     for law in file.laws:
         print(f"{law.text:60}{law.probability:8.3f}")
     options.outcome.result["law"] = file
-    return write_law(out, found, answer)
+    written = write_law(out, found, answer)
+    if options.no_page:
+        return written, None
+    from ..report.law_section import law_section
+
+    laws = answer.searched.laws if answer.searched is not None else ()
+    return written, law_section(file, laws, found.diagnosis.inference.simulator)
 
 
 def _ranking(file: Any) -> None:

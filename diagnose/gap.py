@@ -321,7 +321,7 @@ def _next(inference: Inference, ranking: Ranking, best: Candidate | None) -> Nex
     design = next_run(inference, best.fitted if best is not None else ranking.base, second.fitted)
     if design is None:
         return None
-    rival, against = second.names[0], best.names[0] if best is not None else "no gap"
+    rival, against = (" + ".join(c.names) if c is not None else "no gap" for c in (second, best))
     why = f"{design.differs}: {_tells(design.distance)} {against} from {rival} {_expected(design.distance)}"
     return NextRun(
         tow_point_m=design.tow_point_m,

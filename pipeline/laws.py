@@ -21,6 +21,8 @@ from .executor.copies import side_by_side
 Progress = Callable[[str, int, int | None], None]
 SEEN_ONLY = ("camera", "clock")
 """Stages of faults that move nothing: no law is looked for beside them."""
+ACTING = {"Y": "a side force", "N": "a moment", "Y and N": "a side force and a moment"}
+"""Where a term acts, in words."""
 NONE = 1e-3
 """A law below this probability is not told."""
 
@@ -34,11 +36,13 @@ class LawAnswer:
     verdict : "law", "no_gap", "other", "unknown" of the search, or "not_searched"
     why : in words, where there is no law
     searched : the search, None where there was no reason for one
+    instead_of : effects of the library that the diagnosis names, and a law explains better
     """
 
     verdict: str
     why: str
     searched: Searched | None = None
+    instead_of: tuple[str, ...] = ()
 
 
 def law_of(
@@ -55,7 +59,7 @@ def law_of(
     found : of ``diagnose_folders``
     effects : the same files
     held_out : how many runs, the last ones, are kept aside
-    asked : also where an effect of the library explains the gap, or where there seems to be none; else only where nothing explains it
+    asked : also where an effect of the library explains the gap, or there seems to be none; else only where nothing explains it
     progress : is told what is done
     """
     file, best = found.diagnosis.file, found.diagnosis.best
@@ -75,7 +79,8 @@ def law_of(
     held = list(range(count - held_out, count)) if held_out else None
     rng = np.random.default_rng(len(file.inputs))
     answer = searched(simulator, library_of(effects), __version__, file.inputs, held, rng, say, side_by_side)
-    return LawAnswer(answer.verdict, _no_law(answer), answer)
+    named = tuple(effect.title or effect.name for effect in best.effects) if best is not None else ()
+    return LawAnswer(answer.verdict, _no_law(answer), answer, named if answer.verdict == "law" else ())
 
 
 def _no_law(answer: Searched) -> str:
@@ -142,7 +147,10 @@ def _sentences(laws: Sequence[Law], answer: LawAnswer) -> list[str]:
     if not laws or answer.searched is None:
         return [answer.why[:1].upper() + answer.why[1:] + "."]
     first = laws[0]
-    told = [f"What is missing goes with {first.text} (probability {first.probability:.2f})."]
+    what = " and ".join(f"{ACTING[acts]} that goes with {text}" for text, acts in first.terms)
+    told = [f"What is missing is {what} (probability {first.probability:.2f})."]
+    if answer.instead_of:
+        told.append(f"That explains these runs better than what the library has: {' and '.join(answer.instead_of)}.")
     if not np.isnan(first.shrink):
         told.append(f"With it the gap on runs kept aside falls by {100 * first.shrink:.0f} %.")
     others = [f"{law.text} ({law.probability:.2f})" for law in laws[1:] if law.probability > 0.05]

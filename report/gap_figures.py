@@ -20,7 +20,7 @@ ROWS = 6
 
 def ladder_figure(file: GapFile) -> Html:
     """Probabilities of the hypotheses."""
-    rows = [(" + ".join(r.effects), r.named) for r in file.ranking[:ROWS]]
+    rows = [(" +\n".join(r.effects), r.named) for r in file.ranking[:ROWS]]
     rows += [("nothing missing", file.p_no_gap), ("in no library", file.p_unknown)]
     rows.sort(key=lambda row: row[1])
     drawing, (ax,) = new_figure(0.36 * len(rows) + 0.8)
@@ -28,7 +28,7 @@ def ladder_figure(file: GapFile) -> Html:
     ax.barh([name.replace("_", " ") for name, _ in rows], [p for _, p in rows], color=BLUE, height=0.6)
     ax.set_xlim(0, 1)
     label(ax, x="probability")
-    names, values = zip(*rows, strict=True)
+    names, values = zip(*((name.replace("\n", " "), p) for name, p in rows), strict=True)
     data = {"": {"hypothesis": names, "probability": values}}
     shown = svg_image(drawing, "probabilities of the hypotheses", "hypotheses", data)
     return figure(shown, "Half of the prior stands for nothing missing.")

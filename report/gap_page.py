@@ -35,18 +35,19 @@ def headline(file: GapFile) -> str:
     return "Open" if is_open(file) else HEADLINES[file.verdict]
 
 
-def write_gap_page(path: Path, found: Diagnosed) -> None:
+def write_gap_page(path: Path, found: Diagnosed, law: Html | None = None) -> None:
     """Write the page atomically.
 
     Parameters
     ----------
     path : of the file
     found : the diagnosis
+    law : ``law_section``, where a law was searched
     """
-    write_document(path, gap_page(found))
+    write_document(path, gap_page(found, law))
 
 
-def gap_page(found: Diagnosed) -> Html:
+def gap_page(found: Diagnosed, law: Html | None = None) -> Html:
     """The page as text."""
     file = found.diagnosis.file
     parts: list[object] = [
@@ -57,6 +58,8 @@ def gap_page(found: Diagnosed) -> Html:
         tag("section", tag("h2", "Measured against simulated"), runs_figure(found.diagnosis)),
         tag("section", tag("h2", "The derivatives, before and after"), _derivatives(file)),
     ]
+    if law is not None:
+        parts.insert(3, law)
     if file.next_run is not None:
         parts.append(tag("section", tag("h2", "The next run"), _next(file)))
     if file.next_measurement is not None:

@@ -37,7 +37,8 @@ class Law:
     Attributes
     ----------
     terms : (text, where it acts) each, with the numbers that were fitted
-    numbers, sd : of each term's effect
+    numbers : of each term's effect
+    covariance : (k, k) of them in turn
     probability : of it and of what is the same over the range seen
     shrink : share of the gap that it takes on runs kept aside, NaN where not worked out
     same : other texts of the same force
@@ -46,11 +47,17 @@ class Law:
 
     terms: tuple[tuple[str, str], ...]
     numbers: tuple[Array, ...]
-    sd: tuple[Array, ...]
+    covariance: Array
     probability: float
     shrink: float
     same: tuple[str, ...]
     effects: tuple[Effect, ...]
+
+    @property
+    def sd(self) -> list[Array]:
+        """Standard deviations of ``numbers``."""
+        sizes = np.cumsum([len(n) for n in self.numbers])[:-1]
+        return np.split(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)), sizes)
 
     @property
     def text(self) -> str:
@@ -206,12 +213,11 @@ def _merged(
         simplest = min(members, key=lambda m: (sum(e.cost for e in m[0].effects), -m[1]))[0]
         fitted, at = simplest.fitted, found.inference.fixed(simplest.fitted.hypothesis)
         count = sum(len(n) for n in fitted.hypothesis.numbers)
-        sd = np.sqrt(np.maximum(np.diag(fitted.solved.covariance)[at : at + count], 0.0))
         told.append(
             Law(
                 _terms(simplest),
                 tuple(fitted.hypothesis.numbers),
-                tuple(np.split(sd, np.cumsum([len(n) for n in fitted.hypothesis.numbers])[:-1])),
+                fitted.solved.covariance[at : at + count, at : at + count],
                 sum(p for _, p in members),
                 shrinks.get(simplest.names, float("nan")),
                 tuple(_written(m) for m, _ in members if m is not simplest),

@@ -140,6 +140,7 @@ def test_an_absent_effect_changes_nothing(model) -> None:
             "constant_tension",
             "bank_suction",
             "speed_drift",
+            "frame_rate",
         }
 
 

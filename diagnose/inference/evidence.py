@@ -496,7 +496,7 @@ def within(step: Array, covariance: Array, least: Array, most: Array) -> tuple[A
     bounded, cost = step, 0.0
     bounds = np.zeros(0)
     sd = np.sqrt(np.maximum(np.diag(covariance), LEAST_VARIANCE))
-    while True:
+    while len(step):
         # the one whose bound costs most alone: with it held, others may stay within theirs
         over = np.maximum(least - bounded, bounded - most) / sd
         over[held] = 0.0
@@ -509,6 +509,7 @@ def within(step: Array, covariance: Array, least: Array, most: Array) -> tuple[A
         weights = np.linalg.solve(covariance[np.ix_(held, held)], away)
         bounded, cost = step + covariance[:, held] @ weights, 0.5 * float(away @ weights)
         bounded[held] = bounds
+    return bounded, cost
 
 
 __all__ = ["TIMES_S", "Fitted", "Inference", "Linear", "Solved", "on_its_side", "within"]

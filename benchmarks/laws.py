@@ -22,7 +22,7 @@ from towline.blind.draw import CASES, case_of, gentle, write_cases
 from towline.blind.signature import distances_of, linear
 from towline.blind.truth.cases import Case, lane_of
 from towline.blind.truth.lanes import Lanes
-from towline.blind.truth.laws import law_force
+from towline.blind.truth.laws import KINDS, TERMS, law_force
 from towline.blind.truth.now import Now
 from towline.diagnose.law.search import force_of, seen_by, without_linear
 from towline.diagnose.law.terms import term
@@ -44,7 +44,7 @@ def drawn(name: str, seed: list[int], null: bool) -> Case:
     rng = np.random.default_rng([*seed, 9])
     numbers: dict[str, float] = {}
     for k in range(1 if rng.random() < 0.6 else 2):
-        kind = int(rng.integers(11))
+        kind = int(rng.integers(KINDS))
         where = rng.random()
         waves = (4.0, 30.0) if kind == 5 else (6.0, 30.0)
         numbers |= {
@@ -97,7 +97,7 @@ def answered(out: Path, case: Case) -> dict:
     simulator = found.diagnosis.inference.simulator
     states, _ = seen_by(simulator)
     if case.effects:
-        kinds = [int(case.numbers[f"law.kind{k}"]) for k in range(2) if f"law.kind{k}" in case.numbers]
+        kinds = [int(case.numbers[f"law.kind{k}"]) for k in range(TERMS) if f"law.kind{k}" in case.numbers]
         answer["true"] = sorted({v for kind in kinds for v in VARIABLES[kind].split()})
         answer["kinds"] = kinds
         if law.searched and law.searched.laws:

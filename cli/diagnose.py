@@ -77,7 +77,7 @@ def _law(options: argparse.Namespace, out: Path, found: Any) -> tuple[list[Path]
     from .common import show_progress
 
     with show_progress() as show:
-        answer = law_of(found, options.effects, len(options.hold_out), options.law, show)
+        answer = law_of(found, show)
     file = law_file(answer, found.diagnosis.file.inputs)
     print()
     for sentence in file.sentences:
@@ -85,13 +85,12 @@ def _law(options: argparse.Namespace, out: Path, found: Any) -> tuple[list[Path]
     for law in file.laws:
         print(f"{law.text:60}{law.probability:8.3f}")
     options.outcome.result["law"] = file
-    written = write_law(out, found, answer)
+    written = write_law(out, found, answer, file)
     if options.no_page:
         return written, None
     from ..report.law_section import law_section
 
-    laws = answer.searched.laws if answer.searched is not None else ()
-    return written, law_section(file, laws, found.diagnosis.inference.simulator)
+    return written, law_section(file, answer.searched)
 
 
 def _ranking(file: Any) -> None:

@@ -28,12 +28,11 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
 
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
-    from ..pipeline.simulating import beyond_reach, simulate_file
+    from ..pipeline.simulating import simulate_noted
     from ..record.tables import write_table
     from ..simulate import scenario_stability
 
-    file, motion = simulate_file(options.scenario, options.effects, options.line)
-    notes = beyond_reach(file, options.scenario, motion, options.effects)
+    file, motion, notes = simulate_noted(options.scenario, options.effects, options.line)
     print_notes(notes)
     options.outcome.result["notes"] = notes
     target = options.out or options.scenario.parent / "motion.csv"

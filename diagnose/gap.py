@@ -67,11 +67,15 @@ class Diagnosed:
     diagnosis : gap.json and what is behind it
     runs : run folders used
     failed : folder -> why
+    library : effects that were tried
+    held : runs kept aside, of ``runs``; None: each in turn
     """
 
     diagnosis: Diagnosis
     runs: list[Run]
     failed: dict[str, str]
+    library: tuple[Effect, ...] = ()
+    held: tuple[int, ...] | None = None
 
 
 @one_thread()

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..__version__ import __version__
 from ..diagnose.effects import LIBRARY, Effect, installed_effects, load_effects
-from ..diagnose.gap import Diagnosed, diagnosed
+from ..diagnose.gap import Diagnosed, Diagnosis, diagnosed
 from ..diagnose.inference.apart import measured_apart
 from ..diagnose.inference.evidence import Fitted
 from ..diagnose.tow.data import Recorded, block_step, tow_runs
@@ -90,20 +90,42 @@ def diagnose_folders(
     ]
     tows = tow_runs(recorded, step)
     inputs = all_inputs(runs)
-    say = None if progress is None else lambda text: progress(text, 0, None)
-    measured = measured_apart(runs, library)
     known = None if reference is None else _reference(reference)
+    simulator = TowSimulator(tows, known, measured_apart(runs, library))
+    found = diagnosed_runs(simulator, library, inputs, held or None, progress)
+    return Diagnosed(found, runs, failed, tuple(library), tuple(held) or None)
+
+
+def diagnosed_runs(
+    simulator: TowSimulator,
+    library: Sequence[Effect],
+    inputs: dict[str, str],
+    held: Sequence[int] | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Diagnose prepared runs, side by side.
+
+    Parameters
+    ----------
+    simulator : of the runs
+    library : effects to try
+    inputs : files behind them -> what they hold
+    held : runs kept aside; None: each in turn
+    progress : is told what is done
+
+    Raises
+    ------
+    EstimationError : the runs cannot be fitted
+    """
+    say = None if progress is None else lambda text: progress(text, 0, None)
     # the bootstrap of an interval: the same runs give the same answer
     rng = np.random.default_rng(int.from_bytes("".join(sorted(inputs.values())).encode()[:8].ljust(8, b"0"), "big"))
     try:
-        found = diagnosed(
-            TowSimulator(tows, known, measured), library, __version__, inputs, held or None, rng, say, side_by_side
-        )
+        return diagnosed(simulator, library, __version__, inputs, held, rng, say, side_by_side)
     except np.linalg.LinAlgError as error:
         raise EstimationError(
             f"the runs' normal equations cannot be solved ({error}); does each run hold a tow?"
         ) from error
-    return Diagnosed(found, runs, failed)
 
 
 def _reference(path: Path) -> tuple[np.ndarray, np.ndarray, float]:
@@ -163,4 +185,4 @@ def write_model(path: Path, found: Diagnosed, fitted: Fitted | None = None) -> N
     write_text(path, tomlkit.dumps(document))
 
 
-__all__ = ["Diagnosed", "diagnose_folders", "library_of", "write_model"]
+__all__ = ["Diagnosed", "diagnose_folders", "diagnosed_runs", "library_of", "write_model"]

@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ..__version__ import __version__
+from ..diagnose.effects import Effect
 from ..diagnose.gap import Diagnosed
 from ..diagnose.law.search import Law, Searched, searched
+from ..diagnose.law.terms import term, text_of
 from ..diagnose.tow.towed import TowSimulator
 from ..record.files import write_text
 from ..record.law_file import LawFile, LawRow, LawTerm
 from ..record.results import Measured, write_result
-from .diagnosing import library_of, write_model
-from .executor.copies import side_by_side
+from .diagnosing import diagnosed_runs, write_model
 
 Progress = Callable[[str, int, int | None], None]
 SEEN_ONLY = ("camera", "clock")
 """Stages of faults that move nothing: no law is looked for beside them."""
 ACTING = {"Y": "a side force", "N": "a moment", "Y and N": "a side force and a moment"}
 """Where a term acts, in words."""
+UNUSED = 0.01
+"""Usual size of a coefficient where a law does not act: it has none there."""
 NONE = 1e-3
 """A law below this probability is not told."""
 
@@ -42,45 +45,32 @@ class LawAnswer:
     verdict: str
     why: str
     searched: Searched | None = None
-    instead_of: tuple[str, ...] = ()
+    instead_of: str = ""
 
 
-def law_of(
-    found: Diagnosed,
-    effects: Sequence[Path] = (),
-    held_out: int = 0,
-    asked: bool = True,
-    progress: Progress | None = None,
-) -> LawAnswer:
-    """Search the law that a campaign misses, where it misses one.
+def law_of(found: Diagnosed, progress: Progress | None = None) -> LawAnswer:
+    """Search the law that a campaign misses.
 
     Parameters
     ----------
     found : of ``diagnose_folders``
-    effects : the same files
-    held_out : how many runs, the last ones, are kept aside
-    asked : also where an effect of the library explains the gap, or there seems to be none; else only where nothing explains it
     progress : is told what is done
     """
     file, best = found.diagnosis.file, found.diagnosis.best
-    if file.verdict == "no_gap" and not asked:
-        return LawAnswer("not_searched", "what the simulator leaves of these runs is noise: there is no law to find")
-    if file.verdict == "effect" and best is not None:
-        foreign = [effect for effect in best.effects if effect.stage in SEEN_ONLY]
-        if foreign:
-            names = " and ".join(effect.title or effect.name for effect in foreign)
-            return LawAnswer("not_searched", f"{names}: no force on the hull, and no law of it")
-        if not asked:
-            return LawAnswer("not_searched", "an effect of the library explains the gap")
+    named = best.effects if best is not None else ()
+    if file.verdict == "effect" and (foreign := [effect for effect in named if effect.stage in SEEN_ONLY]):
+        return LawAnswer("not_searched", f"{_titled(foreign)}: no force on the hull, and no law of it")
     simulator = found.diagnosis.inference.simulator
     assert isinstance(simulator, TowSimulator)
-    say = None if progress is None else lambda text: progress(f"law: {text}", 0, None)
-    count = len(simulator.runs)
-    held = list(range(count - held_out, count)) if held_out else None
-    rng = np.random.default_rng(len(file.inputs))
-    answer = searched(simulator, library_of(effects), __version__, file.inputs, held, rng, say, side_by_side)
-    named = tuple(effect.title or effect.name for effect in best.effects) if best is not None else ()
-    return LawAnswer(answer.verdict, _no_law(answer), answer, named if answer.verdict == "law" else ())
+    say = None if progress is None else lambda text, done, total: progress(f"law: {text}", done, total)
+    answer = searched(
+        simulator, found.library, lambda effects: diagnosed_runs(simulator, effects, file.inputs, found.held, say)
+    )
+    return LawAnswer(answer.verdict, _no_law(answer), answer, _titled(named) if answer.verdict == "law" else "")
+
+
+def _titled(effects: Sequence[Effect]) -> str:
+    return " and ".join(effect.title or effect.name for effect in effects)
 
 
 def _no_law(answer: Searched) -> str:
@@ -150,7 +140,7 @@ def _sentences(laws: Sequence[Law], answer: LawAnswer) -> list[str]:
     what = " and ".join(f"{ACTING[acts]} that goes with {text}" for text, acts in first.terms)
     told = [f"What is missing is {what} (probability {first.probability:.2f})."]
     if answer.instead_of:
-        told.append(f"That explains these runs better than what the library has: {' and '.join(answer.instead_of)}.")
+        told.append(f"That explains these runs better than what the library has: {answer.instead_of}.")
     if not np.isnan(first.shrink):
         told.append(f"With it the gap on runs kept aside falls by {100 * first.shrink:.0f} %.")
     others = [f"{law.text} ({law.probability:.2f})" for law in laws[1:] if law.probability > 0.05]
@@ -159,15 +149,14 @@ def _sentences(laws: Sequence[Law], answer: LawAnswer) -> list[str]:
     next_run = answer.searched.diagnosis.file.next_run
     if next_run is not None:
         told.append(f"The run that would tell most: {next_run.why}.")
-    ranges = answer.searched.seen.ends
-    seen = sorted({name for effect in first.effects for name, _, _ in effect.reach})
-    spans = ", ".join(f"{name} {ranges[name][0]:.3g} to {ranges[name][1]:.3g}" for name in seen)
+    ends = {name: f"{name} {low:.3g} to {high:.3g}" for effect in first.effects for name, low, high in effect.reach}
+    spans = ", ".join(ends[name] for name in sorted(ends))
     if spans:
         told.append(f"It is known for {spans} (dimensionless), and for nothing beyond.")
     return told
 
 
-def write_law(out: Path, found: Diagnosed, answer: LawAnswer) -> list[Path]:
+def write_law(out: Path, found: Diagnosed, answer: LawAnswer, file: LawFile) -> list[Path]:
     """law.json; with a law also law.py, for ``--effects``, and law.toml, derivatives and law for a scenario.
 
     Parameters
@@ -175,21 +164,15 @@ def write_law(out: Path, found: Diagnosed, answer: LawAnswer) -> list[Path]:
     out : folder
     found : of ``diagnose_folders``
     answer : of ``law_of``
+    file : of ``law_file``
     """
-    file = law_file(answer, found.diagnosis.file.inputs)
     write_result(out / "law.json", file)
     written = [out / "law.json"]
     if not file.laws or answer.searched is None:
         return written
     first = answer.searched.laws[0]
-    names = [effect.name for effect in first.effects]
-    best = next(
-        c
-        for c in answer.searched.diagnosis.ranking.candidates
-        if list(c.names) == names and [e.variant for e in c.effects] == [e.variant for e in first.effects]
-    )
     write_text(out / "law.py", _python(first, file.sentences))
-    write_model(out / "law.toml", Diagnosed(answer.searched.diagnosis, found.runs, found.failed), best.fitted)
+    write_model(out / "law.toml", replace(found, diagnosis=answer.searched.diagnosis), first.fitted)
     return [*written, out / "law.py", out / "law.toml"]
 
 
@@ -197,15 +180,15 @@ def _python(law: Law, sentences: Sequence[str]) -> str:
     lines = [f'"""{sentences[0]}', "", *sentences[1:], "", "Written by towline diagnose --law; give it to --effects."]
     lines += ['"""', "", "from towline.diagnose.law.terms import effect_of", ""]
     for k, effect in enumerate(law.effects, start=1):
-        text = effect.name.split(" ", 1)[1]
-        sizes = {p.name[0]: p.sd for p in effect.parameters if p.name[0] in "yn" and p.name[1:] in ("", "1", "2")}
-        sd = (sizes.get("y", 0.01), sizes.get("n", 0.01))
+        text = text_of(effect)
+        coefficients = effect.parameters[: len(effect.parameters) - len(term(text).shapes)]
+        sizes = {"y": UNUSED, "n": UNUSED} | {p.name[0]: p.sd for p in coefficients}
         reach = {name: (float(f"{low:.6g}"), float(f"{high:.6g}")) for name, low, high in effect.reach}
         lines += [
             f"LAW_{k} = effect_of(",
             f"    {text!r},",
             f"    {effect.variant!r},",
-            f"    sd=({sd[0]:.6g}, {sd[1]:.6g}),",
+            f"    sd=({sizes['y']:.6g}, {sizes['n']:.6g}),",
             f"    reach={reach!r},",
             ")",
         ]

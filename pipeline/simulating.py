@@ -6,13 +6,16 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..record.scenario import ScenarioFile
 from ..simulate import read_scenario, simulate_scenario
-from ..simulate.model import ExtraForce, Hull, Tow
+from ..simulate.model import Array, ExtraForce, Hull, Tow
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from ..diagnose.effects import Effect
     from ..record.schema import Line
 
 Changed = Callable[[Hull, Tow], tuple[Hull, Tow, ExtraForce | None]]
@@ -33,8 +36,26 @@ def simulate_file(
     ------
     InputError : names file, key, value and what was expected
     """
+    return simulate_noted(scenario, effects, line)[:2]
+
+
+def simulate_noted(
+    scenario: Path, effects: Sequence[Path] = (), line: Line | None = None
+) -> tuple[ScenarioFile, pd.DataFrame, list[str]]:
+    """The same, and where the motion leaves the range in which the scenario's laws were found, a sentence each.
+
+    Parameters
+    ----------
+    scenario, effects, line : as of ``simulate_file``
+
+    Raises
+    ------
+    InputError : names file, key, value and what was expected
+    """
     file = read_scenario(scenario, line)
-    return file, simulate_scenario(file, scenario.parent, changed_by(file, scenario, effects))
+    found = _named_by(file, scenario, effects)
+    motion = simulate_scenario(file, scenario.parent, _changed_by(file, found))
+    return file, motion, _beyond_reach(file, motion, [effect for effect, _ in found])
 
 
 def render_file(
@@ -58,59 +79,50 @@ def render_file(
 
     file = read_scenario(scenario, line)
     told = None if progress is None else lambda done, total: progress(file.name, done, total)
-    render_scenario(file, scenario.parent, out, told, changed_by(file, scenario, effects))
+    render_scenario(file, scenario.parent, out, told, _changed_by(file, _named_by(file, scenario, effects)))
     return file
 
 
-def beyond_reach(file: ScenarioFile, path: Path, motion: pd.DataFrame, effects: Sequence[Path] = ()) -> list[str]:
-    """Where a motion leaves the range in which the scenario's laws were found, a sentence each.
-
-    Parameters
-    ----------
-    file : the scenario as read
-    path : of the scenario
-    motion : of ``simulate_file``
-    effects : Python files of a user's own effects
-    """
-    if not file.effect or file.tow is None:
+def _named_by(file: ScenarioFile, path: Path, effects: Sequence[Path]) -> list[tuple[Effect, Array]]:
+    """Effects of a scenario's ``[[effect]]`` tables with their numbers."""
+    if not file.effect:
         return []
     from ..diagnose.simulated import effects_of
     from .diagnosing import library_of
 
-    speed, length, width = file.tow.speed_m_s, file.model.length_pp_m, file.water.tank_width_m
-    states = {
-        "v": motion["v_m_s"] / speed,
-        "r": motion["r_rad_s"] * length / speed,
-        "y": motion["y_cg_m"] / (width / 2 if width else length),
-        "beta": motion["beta_rad"],
-    }
+    return effects_of(file, path, library_of(effects))
+
+
+def _changed_by(file: ScenarioFile, found: list[tuple[Effect, Array]]) -> Changed | None:
+    """What effects do to hull and tow; None without any."""
+    if not found:
+        return None
+    from ..diagnose.simulated import with_effects
+
+    return lambda hull, tow: with_effects(hull, tow, found, file)
+
+
+def _beyond_reach(file: ScenarioFile, motion: pd.DataFrame, effects: Sequence[Effect]) -> list[str]:
+    """Where a motion leaves the range in which effects were found, a sentence each."""
+    if not any(effect.reach for effect in effects):
+        return []
+    from ..diagnose.law.terms import dimensionless
+
+    width = file.water.tank_width_m
+    columns = (motion[name].to_numpy() for name in ("v_m_s", "r_rad_s", "y_cg_m", "beta_rad"))
+    own = (file.tow.speed_m_s, file.model.length_pp_m, width / 2 if width else np.nan)
+    # how the line turns against the hull is in no motion's table
+    states = dimensionless(*own, *columns, turn_rad_s=np.nan, time=np.nan)
     told = []
-    for effect, _ in effects_of(file, path, library_of(effects)):
+    for effect in effects:
         for name, low, high in effect.reach:
-            if name in states and (states[name].min() < low or states[name].max() > high):
+            least, most = np.min(getattr(states, name)), np.max(getattr(states, name))
+            if least < low or most > high:
                 told.append(
                     f"{effect.name}: found for {name} from {low:.3g} to {high:.3g}; this motion goes from "
-                    f"{states[name].min():.3g} to {states[name].max():.3g}, where nothing is known of it"
+                    f"{least:.3g} to {most:.3g}, where nothing is known of it"
                 )
     return told
 
 
-def changed_by(file: ScenarioFile, path: Path, effects: Sequence[Path] = ()) -> Changed | None:
-    """What a scenario's ``[[effect]]`` tables do to hull and tow; None without any.
-
-    Parameters
-    ----------
-    file : the scenario as read
-    path : of the scenario
-    effects : Python files of a user's own effects
-    """
-    if not file.effect:
-        return None
-    from ..diagnose.simulated import effects_of, with_effects
-    from .diagnosing import library_of
-
-    found = effects_of(file, path, library_of(effects))
-    return lambda hull, tow: with_effects(hull, tow, found, file)
-
-
-__all__ = ["beyond_reach", "changed_by", "render_file", "simulate_file"]
+__all__ = ["render_file", "simulate_file", "simulate_noted"]

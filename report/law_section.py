@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..diagnose.law.search import Law, force_of, seen_by
-from ..diagnose.law.terms import NAME, State, term
+from ..diagnose.law.search import Searched, force_of
+from ..diagnose.law.terms import State, term, text_of
+from ..diagnose.tow.towed import TowSimulator
 from .draw import BLUE, GREY, Columns, label, new_figure, svg_image
 from .format import significant
 from .html import Html, bullets, figure, number, table, tag
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ..diagnose.tow.towed import TowSimulator
     from ..record.law_file import LawFile
 
 DRAWS = 200
@@ -32,17 +31,16 @@ WORDS = {
 }
 
 
-def law_section(file: LawFile, laws: tuple[Law, ...], simulator: TowSimulator) -> Html:
+def law_section(file: LawFile, searched: Searched | None) -> Html:
     """Of law.json, with a picture of the first law.
 
     Parameters
     ----------
     file : law.json
-    laws : of the search
-    simulator : of the runs
+    searched : what was found; None: nothing was searched
     """
     parts: list[object] = [tag("h2", "The missing law"), bullets(file.sentences)]
-    if file.laws and laws:
+    if file.laws and searched is not None:
         rows: list[list[object]] = []
         for row in file.laws:
             numbers = "; ".join(
@@ -52,34 +50,35 @@ def law_section(file: LawFile, laws: tuple[Law, ...], simulator: TowSimulator) -
             )
             shrink = "" if row.shrink is None else number(f"{row.shrink:.2f}")
             rows.append([row.text, number(f"{row.probability:.3f}"), numbers, shrink])
-        parts += [law_figure(laws[0], simulator), table(["law", "probability", "numbers", "shrink"], rows)]
+        parts += [law_figure(searched), table(["law", "probability", "numbers", "shrink"], rows)]
         size = "½ρU²L² for a side force Y, ½ρU²L³ for a moment N"
         parts.append(tag("p", f"Numbers y and n times {size}; the others are those inside the terms (docs/law.md)."))
     return tag("section", *parts, id="law")
 
 
-def law_figure(law: Law, simulator: TowSimulator) -> Html:
-    """Force against the law's first variable, at the runs' mean speed, with its band, and where the runs have been.
+def law_figure(searched: Searched) -> Html:
+    """Force of the first law against its first variable, at the runs' mean speed, with its band, and where the runs have been.
 
     Parameters
     ----------
-    law : of the search
-    simulator : of the runs
+    searched : with a law
     """
-    states, seen = seen_by(simulator)
-    variables = [v for effect in law.effects for v in term(effect.name[len(NAME) + 1 :]).variables]
+    law, states, simulator = searched.laws[0], searched.states, searched.diagnosis.inference.simulator
+    assert isinstance(simulator, TowSimulator)
+    terms = [term(text_of(effect)) for effect in law.effects]
+    if any(one.lag_s for one in terms):
+        return Html("")  # a force that remembers is no curve over the state
+    variables = [v for one in terms for v in one.variables]
     variable = variables[0] if variables else "time"
     alone = set(variables) <= {variable}
-    at = _grid(variable, seen.ends[variable]) if alone else states
+    at = _grid(variable, searched.seen.ends[variable]) if alone else states
     first = simulator.runs[0]
     size = 0.5 * first.density_kg_m3 * simulator.speed_m_s**2 * first.length_pp_m**2
     scale = np.array([[size], [size * first.length_pp_m]])
     rng = np.random.default_rng(0)
-    mean = np.concatenate(law.numbers)
-    draws = rng.multivariate_normal(mean, law.covariance, DRAWS)
-    cuts = np.cumsum([len(n) for n in law.numbers])[:-1]
+    draws = rng.multivariate_normal(np.concatenate(law.numbers), law.covariance, DRAWS)
     told = scale * force_of(law.effects, law.numbers, at)
-    spread = np.std([scale * force_of(law.effects, np.split(d, cuts), at) for d in draws], axis=0)
+    spread = np.std([scale * force_of(law.effects, law.apart(d), at) for d in draws], axis=0)
     shown = [k for k in range(2) if np.abs(told[k]).max() > 0] or [0]
     drawing, axes = new_figure(2.8, columns=len(shown))
     x = getattr(at, variable)
@@ -108,8 +107,7 @@ def law_figure(law: Law, simulator: TowSimulator) -> Html:
 
 def _grid(variable: str, ends: tuple[float, float]) -> State:
     """The variable over its range, the others 0."""
-    nothing: NDArray[np.float64] = np.zeros(GRID)
-    values = dict.fromkeys(("v", "r", "y", "beta", "turn", "v_late", "r_late", "time"), nothing)
+    values = {f.name: np.zeros(GRID) for f in fields(State)}
     return State(**(values | {variable: np.linspace(*ends, GRID)}))
 
 

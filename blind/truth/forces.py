@@ -9,6 +9,7 @@ import numpy as np
 
 from .damping import drift_cubic, mixed_cubes, moduli, plain_cubes, skeg_drag, steep_drift, strip_drag, whole_drag
 from .lanes import Array, Lanes
+from .laws import TERMS as LAW_TERMS
 from .laws import law_force
 from .lift import convolved, fin, growing_side, ringing, stalling_fin, wire
 from .now import Now
@@ -101,7 +102,7 @@ TERMS = (
     ("sloshing.side_n", sloshing),
     ("magnet.side_n", magnet),
     ("magnet.moment_n_m", magnet),
-    *((f"law.{name}{k}", law_force) for k in range(2) for name in ("side", "turn")),
+    *((f"law.{name}{k}", law_force) for k in range(LAW_TERMS) for name in ("side", "turn")),
 )
 """A number that switches a force on, and the force."""
 

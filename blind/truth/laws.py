@@ -1,6 +1,6 @@
 """Forces that nobody has a name for: laws drawn from a grammar of their own, of one or two terms.
 
-Each number of a term stands for itself in a lane (``law.k0`` its kind, ``law.side0`` and ``law.turn0`` its sizes ...). Kinds:
+Each number of a term stands for itself in a lane (``law.kind0`` its kind, ``law.side0`` and ``law.turn0`` its sizes ...). Kinds:
 0 a power of the drift, 1 of the yaw rate, 2 a product of powers of both, 3 a drift that saturates, 4 a drift that works from a
 threshold on, 5 waves across the tank, 6 waves in heading, 7 a drift force that changes with the place, 8 the hull's section at a
 station, by the power of its own drift, 9 a moment of constant size against the turning, 10 a bump at a place.

@@ -6,19 +6,18 @@ a second one, and competes with the library, faults of camera, clock and line am
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from ...simulate.model import Array
 from ..effects import Effect
-from ..gap import Diagnosis, diagnosed
-from ..inference.engine import Progress
+from ..gap import Diagnosis
+from ..inference.evidence import Fitted
 from ..inference.ranking import Candidate
-from ..inference.spread import Spread, one_by_one
 from ..tow.towed import TowSimulator
-from .terms import ACTS, NAME, Range, State, effect_of, grammar, term, values_of, written
+from .terms import ACTS, NAME, Range, State, dimensionless, effect_of, grammar, term, text_of, values_of, written
 
 SIDE_SHARE, ARM_SHARE = 0.1, 0.25
 """Usual force of a missing term: this share of the line's pull, its moment at this share of the length; sizes down to a
@@ -36,33 +35,52 @@ class Law:
 
     Attributes
     ----------
-    terms : (text, where it acts) each, with the numbers that were fitted
-    numbers : of each term's effect
-    covariance : (k, k) of them in turn
+    fitted : the hypothesis that has it
+    covariance : (k, k) of its effects' numbers in turn
     probability : of it and of what is the same over the range seen
     shrink : share of the gap that it takes on runs kept aside, NaN where not worked out
     same : other texts of the same force
-    effects : as the engine knows them
     """
 
-    terms: tuple[tuple[str, str], ...]
-    numbers: tuple[Array, ...]
+    fitted: Fitted
     covariance: Array
     probability: float
     shrink: float
     same: tuple[str, ...]
-    effects: tuple[Effect, ...]
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """As the engine knows its terms."""
+        return self.fitted.hypothesis.effects
+
+    @property
+    def numbers(self) -> tuple[Array, ...]:
+        """Of each term's effect."""
+        return self.fitted.hypothesis.numbers
 
     @property
     def sd(self) -> list[Array]:
         """Standard deviations of ``numbers``."""
-        sizes = np.cumsum([len(n) for n in self.numbers])[:-1]
-        return np.split(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)), sizes)
+        return self.apart(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+    @property
+    def terms(self) -> tuple[tuple[str, str], ...]:
+        """(text, where it acts) each, with the numbers that were fitted."""
+        return _terms(self.fitted)
 
     @property
     def text(self) -> str:
         """In words a page can show."""
-        return " + ".join(f"{where}: {text}" for text, where in self.terms)
+        return _written(self.fitted)
+
+    def apart(self, numbers: Array) -> list[Array]:
+        """Numbers of all effects in turn (k,) -> of each.
+
+        Parameters
+        ----------
+        numbers : (k,)
+        """
+        return np.split(numbers, np.cumsum([len(n) for n in self.numbers])[:-1])
 
 
 @dataclass(frozen=True)
@@ -75,7 +93,7 @@ class Searched:
     p_law : of all laws together
     verdict : "law", "no_gap", "other" (effects of the library explain it better) or "unknown"
     other : the effects that do, where they do
-    seen : of the runs
+    states, seen : of ``seen_by``
     diagnosis : of the engine, behind it
     """
 
@@ -83,6 +101,7 @@ class Searched:
     p_law: float
     verdict: str
     other: tuple[str, ...]
+    states: State
     seen: Range
     diagnosis: Diagnosis
 
@@ -94,27 +113,24 @@ def seen_by(simulator: TowSimulator) -> tuple[State, Range]:
     ----------
     simulator : of the runs
     """
-    columns: dict[str, list[Array]] = {name: [] for name in ("v", "r", "y", "beta", "turn", "time")}
+    parts = []
     for run in simulator.runs:
         good = np.isfinite(run.values[:, :2]).all(axis=1)
         t_s, (y, beta) = run.centre_s[good], run.values[good, :2].T
         tow = run.data.tow
-        rate, turning = np.gradient(y, t_s), np.gradient(beta, t_s)
         alpha = np.arcsin(np.clip((y + tow.tow_point_m * np.sin(beta)) / tow.line_length_m, -1.0, 1.0))
-        by_turn = run.length_pp_m / tow.speed_m_s
-        columns["v"].append(rate / tow.speed_m_s - beta)
-        columns["r"].append(turning * by_turn)
-        columns["y"].append(y / (run.half_width_m if np.isfinite(run.half_width_m) else run.length_pp_m))
-        columns["beta"].append(beta)
-        columns["turn"].append((np.gradient(alpha, t_s) + turning) * by_turn)
-        columns["time"].append(t_s / max(float(t_s[-1]), 1e-9))
-    every = {name: np.concatenate(parts) for name, parts in columns.items()}
+        v, r = np.gradient(y, t_s) - tow.speed_m_s * beta, np.gradient(beta, t_s)
+        turn, time = np.gradient(alpha, t_s) + r, t_s / max(float(t_s[-1]), 1e-9)
+        own = (tow.speed_m_s, run.length_pp_m, run.half_width_m)
+        parts.append(dimensionless(*own, v, r, y, beta, turn_rad_s=turn, time=time))
+    every = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(State)}
+    moved = {name: x for name, x in every.items() if not name.endswith("_late")}
     seen = Range(
-        {n: float(x.min()) for n, x in every.items()},
-        {n: float(x.max()) for n, x in every.items()},
-        {n: float(np.sqrt(np.mean(x**2))) for n, x in every.items()},
+        {n: float(x.min()) for n, x in moved.items()},
+        {n: float(x.max()) for n, x in moved.items()},
+        {n: float(np.sqrt(np.mean(x**2))) for n, x in moved.items()},
     )
-    return State(v_late=every["v"], r_late=every["r"], **every), seen
+    return State(**every), seen
 
 
 def law_effects(simulator: TowSimulator, states: State, seen: Range) -> list[Effect]:
@@ -141,14 +157,7 @@ def law_effects(simulator: TowSimulator, states: State, seen: Range) -> list[Eff
 
 
 def searched(
-    simulator: TowSimulator,
-    library: Sequence[Effect],
-    tool: str,
-    inputs: dict[str, str],
-    held: Sequence[int] | None = None,
-    rng: np.random.Generator | None = None,
-    progress: Progress | None = None,
-    spread: Spread = one_by_one,
+    simulator: TowSimulator, library: Sequence[Effect], diagnose: Callable[[list[Effect]], Diagnosis]
 ) -> Searched:
     """Search for the law that these runs miss.
 
@@ -156,15 +165,14 @@ def searched(
     ----------
     simulator : of the runs
     library : effects that compete
-    tool, inputs, held, rng, progress, spread : as of ``gap.diagnosed``
+    diagnose : effects to try -> what comes of these runs with them (``gap.diagnosed``)
 
     Raises
     ------
     EstimationError : the simulator as it is cannot be fitted at all
     """
     states, seen = seen_by(simulator)
-    terms = law_effects(simulator, states, seen)
-    found = diagnosed(simulator, [*terms, *library], tool, inputs, held, rng, progress, spread)
+    found = diagnose([*law_effects(simulator, states, seen), *library])
     ranking = found.ranking
     laws, others = [], []
     for candidate, probability in zip(ranking.candidates, ranking.probabilities, strict=True):
@@ -180,6 +188,7 @@ def searched(
         p_law,
         verdict,
         best_other,
+        states,
         seen,
         found,
     )
@@ -212,32 +221,30 @@ def _merged(
     for _, members in groups[:LISTED]:
         simplest = min(members, key=lambda m: (sum(e.cost for e in m[0].effects), -m[1]))[0]
         fitted, at = simplest.fitted, found.inference.fixed(simplest.fitted.hypothesis)
-        count = sum(len(n) for n in fitted.hypothesis.numbers)
+        count = fitted.hypothesis.size
         told.append(
             Law(
-                _terms(simplest),
-                tuple(fitted.hypothesis.numbers),
+                fitted,
                 fitted.solved.covariance[at : at + count, at : at + count],
                 sum(p for _, p in members),
                 shrinks.get(simplest.names, float("nan")),
-                tuple(_written(m) for m, _ in members if m is not simplest),
-                simplest.effects,
+                tuple(_written(m.fitted) for m, _ in members if m is not simplest),
             )
         )
     return told
 
 
-def _terms(candidate: Candidate) -> tuple[tuple[str, str], ...]:
-    """With the numbers that were fitted."""
+def _terms(fitted: Fitted) -> tuple[tuple[str, str], ...]:
+    """(text, where it acts) of each effect, with the numbers that were fitted."""
     found = []
-    for effect, numbers in zip(candidate.effects, candidate.fitted.hypothesis.numbers, strict=True):
-        text = effect.name[len(NAME) + 1 :]
+    for effect, numbers in zip(fitted.hypothesis.effects, fitted.hypothesis.numbers, strict=True):
+        text = text_of(effect)
         found.append((written(text, numbers[len(numbers) - len(term(text).shapes) :]), effect.variant))
     return tuple(found)
 
 
-def _written(candidate: Candidate) -> str:
-    return " + ".join(f"{where}: {text}" for text, where in _terms(candidate))
+def _written(fitted: Fitted) -> str:
+    return " + ".join(f"{where}: {text}" for text, where in _terms(fitted))
 
 
 def force_of(effects: Sequence[Effect], numbers: Sequence[Array], states: State) -> Array:
@@ -249,7 +256,7 @@ def force_of(effects: Sequence[Effect], numbers: Sequence[Array], states: State)
     states : where
     """
     return np.sum(
-        [values_of(e.name[len(NAME) + 1 :], e.variant, n, states) for e, n in zip(effects, numbers, strict=True)],
+        [values_of(text_of(e), e.variant, n, states) for e, n in zip(effects, numbers, strict=True)],
         axis=0,
     )
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,8 @@ NAME = "law"
 """First word of the name of a law's effect; its term follows."""
 ACTS = {"Y": ("y",), "N": ("n",), "Y and N": ("y", "n")}
 """Where a term may act -> its coefficients."""
+WIDE = "wide"
+"""Name of a bump's width, which has no sign."""
 WALL = 0.9
 """Of the way to the wall: what grows towards it grows no more beyond."""
 
@@ -75,6 +78,7 @@ class Term:
     shapes : numbers inside
     functions : how many
     lag_s : of v_late and r_late
+    form : the text with places for the shapes; empty where there are none
     """
 
     text: str
@@ -84,6 +88,7 @@ class Term:
     shapes: tuple[Shape, ...] = ()
     functions: int = 1
     lag_s: float = 0.0
+    form: str = ""
 
 
 def state_of(s: Situation) -> State:
@@ -93,18 +98,57 @@ def state_of(s: Situation) -> State:
     ----------
     s : of the tow
     """
-    by_turn = s.length_pp_m / s.speed_m_s
-    across = np.where(np.isfinite(s.half_width_m), s.half_width_m, s.length_pp_m)
+    return dimensionless(
+        s.speed_m_s, s.length_pp_m, s.half_width_m, s.v_m_s, s.r_rad_s, s.y_m, s.beta_rad,
+        turn_rad_s=s.alpha_rate + s.r_rad_s, time=s.t_s / s.duration_s + 0.0 * s.v_m_s, v_late_m_s=s.v_lag,
+        r_late_rad_s=s.r_lag,
+    )  # fmt: skip
+
+
+def dimensionless(
+    speed_m_s: Any,
+    length_m: Any,
+    half_width_m: Any,
+    v_m_s: Any,
+    r_rad_s: Any,
+    y_m: Any,
+    beta_rad: Any,
+    *,
+    turn_rad_s: Any,
+    time: Any,
+    v_late_m_s: Any = None,
+    r_late_rad_s: Any = None,
+) -> State:
+    """The state of a motion.
+
+    Parameters
+    ----------
+    speed_m_s, length_m, half_width_m : of the tow, the model and the tank (NaN: not known, y is then by the length)
+    v_m_s, r_rad_s, y_m, beta_rad, turn_rad_s, time : of the motion; turn: between line and hull
+    v_late_m_s, r_late_rad_s : v and r behind by a lag; None: no lag
+    """
+    by_turn = length_m / speed_m_s
+    v, r = v_m_s / speed_m_s, r_rad_s * by_turn
     return State(
-        s.v_m_s / s.speed_m_s,
-        s.r_rad_s * by_turn,
-        s.y_m / across,
-        s.beta_rad,
-        (s.alpha_rate + s.r_rad_s) * by_turn,
-        s.v_lag / s.speed_m_s,
-        s.r_lag * by_turn,
-        s.t_s / s.duration_s + 0.0 * s.v_m_s,
+        v,
+        r,
+        y_m / np.where(np.isfinite(half_width_m), half_width_m, length_m),
+        beta_rad,
+        turn_rad_s * by_turn,
+        v if v_late_m_s is None else v_late_m_s / speed_m_s,
+        r if r_late_rad_s is None else r_late_rad_s * by_turn,
+        time,
     )
+
+
+def beyond(x: Any) -> Any:
+    """Nothing to +-1, then as x does.
+
+    Parameters
+    ----------
+    x : by where it begins
+    """
+    return np.sign(x) * np.maximum(np.abs(x) - 1.0, 0.0)
 
 
 def _walls(y: Any, power: int) -> Any:
@@ -151,14 +195,6 @@ _PLAIN = (
     Term("r time", ("r", "time"), 2, lambda s: (s.r * (s.time - 0.5),)),
 )
 """Powers, moduli and products whose numbers are the usual ones of the field (Abkowitz, Norrbin), and two of a wall."""
-_OF = {
-    "v": lambda s: s.v,
-    "r": lambda s: s.r,
-    "y": lambda s: s.y,
-    "beta": lambda s: s.beta,
-    "turn": lambda s: s.turn,
-    "time": lambda s: s.time,
-}
 _LEAST = 1e-6
 """Of a variable whose power is taken: the slope of a power below 1 has no end at 0."""
 _POWER = re.compile(r"(sign )?\|(v|r|y|beta)\|\^([0-9.]+)")
@@ -213,28 +249,30 @@ def _widths_above_zero(found: re.Match[str]) -> bool:
 
 
 def _power(text: str, found: re.Match[str]) -> Term:
-    of, odd = _OF[found[2]], bool(found[1])
+    of, odd = attrgetter(found[2]), bool(found[1])
 
     def basis(s: State, power: Any) -> tuple[Any]:
         x = of(s)
         size = np.maximum(np.abs(x), _LEAST) ** np.clip(power, 0.3, 8.0)
         return (np.sign(x) * size if odd else size,)
 
-    return Term(text, (found[2],), 3, basis, (Shape("power", float(found[3]), 0.7),))
+    form = f"{found[1] or ''}|{found[2]}|^{{:.4g}}"
+    return Term(text, (found[2],), 3, basis, (Shape("power", float(found[3]), 0.7),), form=form)
 
 
 def _scaled(text: str, found: re.Match[str]) -> Term:
-    of, scale, saturates = _OF[found[2]], float(found[3]), found[1] == "tanh"
+    of, scale, saturates = attrgetter(found[2]), float(found[3]), found[1] == "tanh"
 
     def basis(s: State, at: Any) -> tuple[Any]:
         x = of(s) / np.maximum(at, 0.05 * scale)
-        return (np.tanh(x) if saturates else np.sign(x) * np.maximum(np.abs(x) - 1.0, 0.0),)
+        return (np.tanh(x) if saturates else beyond(x),)
 
-    return Term(text, (found[2],), 3, basis, (Shape("at", scale, 0.5 * scale),))
+    form = f"{found[1]}({found[2]}/{{:.4g}})"
+    return Term(text, (found[2],), 3, basis, (Shape("at", scale, 0.5 * scale),), form=form)
 
 
 def _wave(text: str, found: re.Match[str]) -> Term:
-    of, number = _OF[found[2]], float(found[1])
+    of, number = attrgetter(found[2]), float(found[1])
     return Term(
         text,
         (found[2],),
@@ -242,16 +280,18 @@ def _wave(text: str, found: re.Match[str]) -> Term:
         lambda s, k: (np.sin(k * of(s)), np.cos(k * of(s))),
         (Shape("number", number, 0.25 * number),),
         2,
+        form=f"wave({{:.4g}} {found[2]})",
     )
 
 
 def _bump(text: str, found: re.Match[str]) -> Term:
-    of, place, width = _OF[found[1]], float(found[2]), float(found[3])
+    of, place, width = attrgetter(found[1]), float(found[2]), float(found[3])
 
     def basis(s: State, at: Any, wide: Any) -> tuple[Any]:
         return (np.exp(-0.5 * ((of(s) - at) / np.maximum(np.abs(wide), 0.1 * width)) ** 2),)
 
-    return Term(text, (found[1],), 4, basis, (Shape("at", place, width), Shape("wide", width, 0.5 * width)))
+    shapes = (Shape("at", place, width), Shape(WIDE, width, 0.5 * width))
+    return Term(text, (found[1],), 4, basis, shapes, form=f"bump({found[1]} at {{:.4g}}, {{:.4g}} wide)")
 
 
 def _station(text: str, found: re.Match[str]) -> Term:
@@ -259,17 +299,13 @@ def _station(text: str, found: re.Match[str]) -> Term:
         across = s.v + x * s.r
         return (across * np.abs(across),)
 
-    return Term(text, ("v", "r"), 4, basis, (Shape("x", float(found[1]), 0.3),))
+    form = "(v+{0:.4g} r)|v+{0:.4g} r|"
+    return Term(text, ("v", "r"), 4, basis, (Shape("x", float(found[1]), 0.3),), form=form)
 
 
 def _late(text: str, found: re.Match[str]) -> Term:
-    def of_v(s: State) -> tuple[Any]:
-        return (s.v_late - s.v,)
-
-    def of_r(s: State) -> tuple[Any]:
-        return (s.r_late - s.r,)
-
-    return Term(text, (found[1],), 3, of_v if found[1] == "v" else of_r, lag_s=float(found[2]))
+    late, now = attrgetter(f"{found[1]}_late"), attrgetter(found[1])
+    return Term(text, (found[1],), 3, lambda s: (late(s) - now(s),), lag_s=float(found[2]))
 
 
 def written(text: str, shapes: Sequence[float] | Array) -> str:
@@ -287,16 +323,19 @@ def written(text: str, shapes: Sequence[float] | Array) -> str:
     """
     if not len(shapes):
         return text
-    numbers = [f"{value:.4g}" for value in shapes]
-    if found := _POWER.fullmatch(text):
-        return f"{found[1] or ''}|{found[2]}|^{numbers[0]}"
-    if found := _SCALED.fullmatch(text):
-        return f"{found[1]}({found[2]}/{numbers[0]})"
-    if found := _WAVE.fullmatch(text):
-        return f"wave({numbers[0]} {found[2]})"
-    if found := _BUMP.fullmatch(text):
-        return f"bump({found[1]} at {numbers[0]}, {abs(shapes[1]):.4g} wide)"
-    return f"(v+{numbers[0]} r)|v+{numbers[0]} r|"
+    found = term(text)
+    told = (abs(x) if shape.name == WIDE else x for shape, x in zip(found.shapes, shapes, strict=True))
+    return found.form.format(*told)
+
+
+def text_of(effect: Effect) -> str:
+    """The text of the term that a law's effect is.
+
+    Parameters
+    ----------
+    effect : of ``effect_of``
+    """
+    return effect.name.removeprefix(f"{NAME} ")
 
 
 @dataclass(frozen=True)
@@ -320,7 +359,7 @@ class Range:
 
 
 DRY = 0.05
-"""Of the turning's usual size: dry friction has turned over."""
+"""Of a variable's usual size: dry friction has turned over."""
 WAVES = (5.0, 8.0, 13.0, 20.0, 32.0)
 """Waves across half a tank, rad; a fit finds the number between them."""
 HEADINGS = (8.0, 13.0, 20.0, 32.0)
@@ -386,13 +425,9 @@ def effect_of(
     sizes, count = dict(zip("yn", sd, strict=True)), found.functions
 
     def force(s: Situation, *numbers: Any) -> tuple[Any, Any]:
-        values = found.basis(state_of(s), *numbers[len(channels) * count :])
+        y, n = _coefficients(found, channels, numbers, state_of(s))
         size = 0.5 * s.density_kg_m3 * s.speed_m_s**2 * s.length_pp_m**2
-        by = {"y": 0.0 * s.v_m_s, "n": 0.0 * s.v_m_s}
-        for k, channel in enumerate(channels):
-            own = numbers[k * count : (k + 1) * count]
-            by[channel] = sum(number * value for number, value in zip(own, values, strict=True)) + by[channel]
-        return by["y"] * size, by["n"] * size * s.length_pp_m
+        return y * size, n * size * s.length_pp_m
 
     names = [f"{channel}{k + 1}" if count > 1 else channel for channel in channels for k in range(count)]
     return Effect(
@@ -424,28 +459,38 @@ def values_of(text: str, acts: str, numbers: Sequence[float] | Array, states: St
     numbers : of its effect
     states : where
     """
-    found, channels = term(text), ACTS[acts]
-    total = np.zeros((2, *np.shape(states.v)))
+    found = term(text)
     if found.lag_s:
-        return total
-    values = found.basis(states, *numbers[len(channels) * found.functions :])
+        return np.zeros((2, *np.shape(states.v)))
+    return np.array(_coefficients(found, ACTS[acts], numbers, states))
+
+
+def _coefficients(found: Term, channels: Sequence[str], numbers: Sequence[Any] | Array, states: State) -> list[Any]:
+    """Of side force and moment, by a term's effect's numbers: its functions' in each channel, then its shapes."""
+    count = found.functions
+    values = found.basis(states, *numbers[len(channels) * count :])
+    by = {"y": 0.0 * states.v, "n": 0.0 * states.v}
     for k, channel in enumerate(channels):
-        for number, value in zip(numbers[k * found.functions :], values, strict=False):
-            total["yn".index(channel)] += number * (value + 0.0 * states.v)
-    return total
+        for number, value in zip(numbers[k * count : (k + 1) * count], values, strict=True):
+            by[channel] = by[channel] + number * value
+    return [by["y"], by["n"]]
 
 
 __all__ = [
     "ACTS",
+    "DRY",
     "NAME",
     "Range",
     "Shape",
     "State",
     "Term",
+    "beyond",
+    "dimensionless",
     "effect_of",
     "grammar",
     "state_of",
     "term",
+    "text_of",
     "values_of",
     "written",
 ]

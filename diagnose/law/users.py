@@ -14,10 +14,8 @@ from typing import Any
 import numpy as np
 
 from ..effects import Effect, Parameter
-from .terms import NAME
+from .terms import DRY, NAME, beyond
 
-DRY = 0.05
-"""Of a state's usual size: dry friction has turned over."""
 SHARE = 0.1
 """A missing term is usually this share of what the equation has; a thirtieth of that is as likely (``Effect.sizes``)."""
 
@@ -48,7 +46,7 @@ def _of(name: str) -> list[UserTerm]:
         UserTerm(f"sign {name}", 2, lambda s: np.tanh(s[name] / DRY)),
         UserTerm(f"sin {name} - {name}", 2, lambda s: np.sin(s[name]) - s[name]),
         UserTerm(f"tanh {name}", 3, lambda s: np.tanh(s[name])),
-        UserTerm(f"beyond {name}", 3, lambda s: np.sign(s[name]) * np.maximum(np.abs(s[name]) - 1.0, 0.0)),
+        UserTerm(f"beyond {name}", 3, lambda s: beyond(s[name])),
     ]
 
 

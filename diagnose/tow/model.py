@@ -190,9 +190,8 @@ class TowModel:
         by_force = (rates[..., 1:3] - rates[..., :1]).transpose(1, 2, 0, 3) / PROBE_N
         once = course.early @ by_force[:-1] + course.late @ by_force[1:]
         blocks = self.count - BEYOND
-        push = np.zeros((*once.shape[:3], 2, blocks))
-        for block in range(blocks):
-            push[2 * block : 2 * block + 2, ..., block] = once[2 * block : 2 * block + 2]
+        push, nodes = np.zeros((*once.shape, blocks)), np.arange(2 * blocks)
+        push[nodes, ..., nodes // 2] = once[nodes]
         push = push.reshape(*once.shape[:3], 2 * blocks)
         changes = np.clip(carried(course.transition, push, np.zeros_like(push[0])), -BLOW_UP, BLOW_UP)
         found = self._seen.by_motion(group, course.path, changes, lags)

@@ -64,23 +64,16 @@ class TowSeen:
         ----------
         path : (states, nodes, runs); changes : (nodes, runs, states, numbers) of it
         """
-        # each state is moved, or, where what is seen depends on the past, the whole path along with each number
-        small = ALONG_SHARE * group.steps[None, :, None, :]
-        along = small * changes if group.remembers else None
-        size, direct = len(path) if along is None else group.size, group.seen()
-        numbers, _ = joined([group.columns((), size)], lags_s)
-        whole = np.repeat(path[..., None], numbers.width, axis=3)
-        if along is None:
-            for s in range(size):
-                whole[s, ..., 1 + s] += STATE_STEP
-        else:
-            whole[..., 1:] += along.transpose(2, 0, 1, 3)
+        direct = group.seen()
         beside, _ = joined([group.columns(direct, 0)], lags_s)
         with np.errstate(all="ignore"):
-            series = self._series(numbers, whole)
-            moved = (series[..., 1:] - series[..., :1]).transpose(0, 2, 1, 3)
-            # (nodes, runs, 4, numbers)
-            slope = moved / STATE_STEP @ changes if along is None else moved / small
+            # each state is moved, or, where what is seen depends on the past, the whole path along with each number
+            if group.remembers:
+                small = ALONG_SHARE * group.steps[None, :, None, :]
+                series, moved = self._moved(group, path, (small * changes).transpose(2, 0, 1, 3), lags_s)
+                slope = moved / small
+            else:
+                series, slope = self._by_motion(group, path, changes, lags_s)
             # the motion is the same in these columns
             shown = self._series(beside, path[..., None])
             own = (shown[..., 1:] - shown[..., :1]) / group.steps[None, None][..., direct]
@@ -103,18 +96,28 @@ class TowSeen:
         path : (states, nodes, runs)
         changes : (nodes, runs, states, k) of it
         """
-        size = len(path)
-        numbers, _ = joined([group.columns((), size)], lags_s)
-        whole = np.repeat(path[..., None], numbers.width, axis=3)
-        for s in range(size):
-            whole[s, ..., 1 + s] += STATE_STEP
         with np.errstate(all="ignore"):
-            series = self._series(numbers, whole)
-        slope = (series[..., 1:] - series[..., :1]).transpose(0, 2, 1, 3) / STATE_STEP @ changes
+            series, slope = self._by_motion(group, path, changes, lags_s)
         return [
             _Mean(run.centre_s, run.spread_s2, self._step_s / 2, len(series))(slope[:, i])
             for i, run in enumerate(self._runs)
         ]
+
+    def _by_motion(
+        self, group: Variations, path: Array, changes: Array, lags_s: tuple[float, ...]
+    ) -> tuple[Array, Array]:
+        """Series at every node, and its slopes (nodes, runs, 4, k) by changes of the motion."""
+        stepped = STATE_STEP * np.eye(len(path))[:, None, None, :]
+        series, moved = self._moved(group, path, stepped, lags_s)
+        return series, moved / STATE_STEP @ changes
+
+    def _moved(self, group: Variations, path: Array, moves: Array, lags_s: tuple[float, ...]) -> tuple[Array, Array]:
+        """Series of a path, and by how much moves (states, nodes, runs, k) of it change it: (nodes, runs, 4, k)."""
+        numbers, _ = joined([group.columns((), moves.shape[3])], lags_s)
+        whole = np.repeat(path[..., None], numbers.width, axis=3)
+        whole[..., 1:] += moves
+        series = self._series(numbers, whole)
+        return series, (series[..., 1:] - series[..., :1]).transpose(0, 2, 1, 3)
 
     def values(self, numbers: Numbers, path: Array) -> list[list[Array]]:
         """Values of every column and run (n, 4) along paths (states, nodes, runs, columns)."""

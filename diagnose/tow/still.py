@@ -80,24 +80,26 @@ def still_noise(records: Sequence[Array | None], step_s: float) -> list[StillNoi
     found: list[StillNoise | None] = [None] * len(records)
     if not stretches:
         return found
-    sizes, colour = np.ones(len(stretches)), StillNoise(np.eye(1), np.eye(1), 0.0)
-    for _ in range(ROUNDS):
-        scaled = [
-            (t, values / np.sqrt(size))
-            for parts, size in zip(stretches.values(), sizes, strict=True)
-            for t, values in parts
-        ]
-        colour = _colour(scaled)
-        squares, freedoms = np.array(
-            [np.sum([_whitened(t, values[None], colour)[::2] for t, values in parts], axis=0)
-             for parts in stretches.values()]
-        ).T  # fmt: skip
-        sizes = _sizes(squares, freedoms)
+    parts = list(stretches.values())
+    colour, sizes = _together(parts, np.ones(len(parts)))
+    for _ in range(ROUNDS - 1):
         if np.ptp(sizes) < SAME_SIZE * sizes.max():
             break
+        colour, sizes = _together(parts, sizes)
     for k, size in zip(stretches, sizes, strict=True):
         found[k] = StillNoise(size * colour.white, size * colour.slow, colour.time_s * step_s)
     return found
+
+
+def _together(records: Sequence[Sequence[tuple[Array, Array]]], sizes: Array) -> tuple[StillNoise, Array]:
+    """Colour of records (stretches each) of these sizes, its time constant in steps, and their sizes beside it."""
+    colour = _colour(
+        [(t, values / np.sqrt(size)) for parts, size in zip(records, sizes, strict=True) for t, values in parts]
+    )
+    squares, freedoms = np.array(
+        [np.sum([_whitened(t, values[None], colour)[::2] for t, values in parts], axis=0) for parts in records]
+    ).T
+    return colour, _sizes(squares, freedoms)
 
 
 def _stretches(record: Array) -> list[tuple[Array, Array]]:

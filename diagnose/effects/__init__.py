@@ -20,7 +20,7 @@ from .camera import (
     SHUTTER,
 )
 from .hull import ASYMMETRY, BANK, CABLE, COUPLING, CROSSFLOW, CROSSFLOW_ENDS, CUBIC, CUBIC_FORMS, CURRENT, MEMORY
-from .line import ELASTIC, FRICTION, FRICTION_FORMS, KEPT, LAW, LAWS, OFFSET, TENSION, slack
+from .line import ELASTIC, FRICTION, FRICTION_FORMS, KEPT, LAW, LAWS, OFFSET, TENSION, jerked, slack
 
 LIBRARY: tuple[Effect, ...] = (
     CROSSFLOW,
@@ -55,7 +55,7 @@ LIBRARY: tuple[Effect, ...] = (
     DELAY,
     SHUTTER,
 )
-"""All but ``slack_line``, whose window is found in the runs (``slack``)."""
+"""All but ``slack_line``, whose window or course is found in the runs (``slack``, ``jerked``)."""
 
 __all__ = [
     "LAWS",
@@ -66,6 +66,7 @@ __all__ = [
     "Seen",
     "Situation",
     "installed_effects",
+    "jerked",
     "load_effects",
     "slack",
 ]

@@ -15,6 +15,8 @@ GIVES = 0.15
 """Share of the way at which a line that a wave slackens has lost most of its pull."""
 SLACK_FORM = 0.01
 """A slack line's course is a guess, its time and size are fitted."""
+JERK_FORM = 0.03
+"""What carries a model ahead takes a course of its own, and bounces are told by a camera coarsely."""
 RUB_RATE = 0.004
 """rad/s at which dry friction has turned over (it is smoothed there)."""
 STRIBECK_RATE = 0.02
@@ -231,6 +233,43 @@ def springing(bounce: Callable[[Any], Any], variant: str, cost: float, form: flo
         sizes=(1.0,),
         cost=cost,
         form=form,
+    )
+
+
+def jerked(
+    ahead: Callable[[Any], Any], pull: Callable[[Any], Any], loose: Callable[[Any], Any], variant: str, cost: float
+) -> Effect:
+    """A line that keeps its length goes slack and comes straight with a jerk; the engine finds the course in the taut-line radius.
+
+    Parameters
+    ----------
+    ahead : time -> by how much the line is shorter, m, (..., runs, 1)
+    pull : time -> what it pulls with beyond the straight tow's resistance, over that
+    loose : time -> how far it is slack, 0..1
+    variant : which event, in words
+    cost : log evidence that finding it costs
+    """
+
+    def tension(s: Situation, share, _, later):
+        t_s, resistance = s.t_s - later, s.tension_n - s.beyond_n
+        return share * (resistance * pull(t_s) - s.beyond_n * loose(t_s))
+
+    def stretch(seen: Seen, _, nearer, later):
+        return -nearer * ahead(seen.t_s - later)
+
+    return replace(
+        slack([]),
+        parameters=(
+            Parameter("share", "", 1.0, one_sided=True),
+            Parameter("nearer", "", 1.0, one_sided=True),
+            Parameter("later_s", "s", 0.05),
+        ),
+        physics="The carriage slows, or a wave or a hand carries the model ahead: the line goes slack and straightens with a jerk.",
+        tension=tension,
+        stretch=stretch,
+        variant=variant,
+        form=JERK_FORM,
+        cost=cost,
     )
 
 

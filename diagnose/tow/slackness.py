@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from scipy.optimize import minimize
 
 from ...geometry.checks.bundle import half_sine
-from ...simulate.model import Array
-from ..effects import Effect, slack
+from ...simulate.model import RESISTANCE_EXPONENT, Array
+from ..effects import Effect, jerked, slack
+from .courses import by_run
 from .data import TowRun
+from .jerks import STEP_S, Event, Straight, events
+from .start import straight_pull
 
 SLACK_Z = 8.0
 """A window counts as slack when the radius falls short by so many standard deviations: many are tried. A choice."""
 LIKE_THE_MOST = 0.3
 """Windows below this share of the clearest one's significance are left out: a fit that lacks the slack line errs a little in all
 runs."""
+KINDS = 2
+"""Kinds of what carries the models ahead that are tried as effects: a choice, for time."""
+FOUND_COST = 10.0
+"""Log evidence that finding an event's six numbers in a run's residual costs: a choice."""
+SURGING = 1.05
+"""Usual mass in surge over the model's."""
+NOTHING = (np.zeros_like,) * 3
+"""Course of a line that stays taut."""
 LEAST_BLOCKS = 10
 """Means that a run must have for it: a choice."""
 SLACK_LENGTHS_S = (1.0, 2.0, 3.0, 4.5, 7.0)
@@ -57,6 +69,58 @@ def slack_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Ef
         for count in range(1, len(order) + 1):
             found.append(slack([w if i in order[:count] else None for i, w in enumerate(windows)], wave))
     return found
+
+
+def jerk_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Effect]:
+    """The likeliest slackenings of lines that keep their length, from the taut line's residual: in the run that shows most, in the
+    two, ... in all that show any; by the two likeliest kinds of what carried the models.
+
+    Parameters
+    ----------
+    runs, residuals : as ``slack_effects`` has them
+    """
+    shown: dict[int, list[Event]] = {}
+    for index, (run, residual) in enumerate(zip(runs, residuals, strict=True)):
+        radius = residual[:, 2]
+        good = np.isfinite(radius)
+        if good.sum() < LEAST_BLOCKS:
+            continue
+        ahead = np.where(good, np.nanmedian(radius) - radius, 0.0)
+        shown[index] = events(run.centre_s, ahead, run.usual_sd(2), _straight(run))
+    sure = {index: max(found[0].gain, 0.0) for index, found in shown.items()}
+    clear = max(SLACK_Z**2 / 2, LIKE_THE_MOST**2 * max(sure.values(), default=0.0))
+    order = sorted((i for i in sure if sure[i] > clear), key=lambda i: -sure[i])
+    found: list[Effect] = []
+    kinds = sorted(
+        {e.push for i in order for e in shown[i]},
+        key=lambda push: -sum(e.gain for i in order for e in shown[i] if e.push == push),
+    )
+    for push in kinds[:KINDS]:
+        own = {i: next(e for e in shown[i] if e.push == push) for i in order}
+        for count in range(1, len(order) + 1):
+            taken = order[:count]
+            said = ", ".join(f"run {i + 1} {own[i].begin_s:.1f}-{own[i].begin_s + own[i].length_s:.1f} s" for i in sorted(taken))
+            courses = [_course(own[i], runs[i].step_s / 2) if i in taken else NOTHING for i in range(len(runs))]
+            found.append(jerked(*map(by_run, zip(*courses, strict=True)), f"{push.words}, {said}", FOUND_COST * count))
+    return found
+
+
+def _straight(run: TowRun) -> Straight:
+    pull, _ = straight_pull(run)
+    return Straight(run.data.tow.speed_m_s, pull / (SURGING * run.run.model.mass_kg), RESISTANCE_EXPONENT)
+
+
+def _course(event: Event, node_s: float) -> tuple[Callable[[Array], Array], ...]:
+    """By how much the line is shorter, its pull beyond R, over R, and how far it is slack, as means about each node."""
+    t_s, ahead, pull = event.course()
+    width = max(1, round(node_s / STEP_S))
+    # straight lines between nodes then hold all of a jerk
+    kernel = np.convolve(np.ones(width), np.ones(width)) / width**2
+    t_s = np.concatenate([t_s[0] - STEP_S * np.arange(width, 0, -1), t_s, t_s[-1] + STEP_S * np.arange(1, width + 1)])
+    pads = ((width, width), (0, 0))
+    rows = np.pad(np.column_stack([ahead, pull - 1, pull == 0]), pads)
+    smooth = [np.convolve(row, kernel, mode="same") for row in rows[:, 1:].T]
+    return tuple(partial(np.interp, xp=t_s, fp=row, left=0.0, right=0.0) for row in (rows[:, 0], *smooth))
 
 
 def _slackest(t_s: Array, rest: Array, power: int) -> tuple[float, float, float]:

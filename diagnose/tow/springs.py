@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from scipy.optimize import minimize
 from ...simulate.model import Array
 from ..effects import Effect
 from ..effects.line import ELASTIC, springing
+from .courses import by_run
 from .data import TowRun
 
 LINE = 2
@@ -133,16 +135,12 @@ def _courses(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:
         splines.append(CubicSpline(run.centre_s[0] + step * np.arange(n * FINER) / FINER, values))
     if explained < CLEAR + 3 * numbers:
         return []
-    count = len(splines)
-
-    def bounce(t_s: Any) -> Array:
-        times = np.broadcast_to(np.asarray(t_s, dtype=float), np.broadcast_shapes(np.shape(t_s), (count, 1)))
-        found = np.empty(times.shape)
-        for k, spline in enumerate(splines):
-            found[..., k, :] = spline(np.clip(times[..., k, :], spline.x[0], spline.x[-1]))
-        return found
-
+    bounce = by_run([partial(_within, spline) for spline in splines])
     return [springing(bounce, "bounces as its radius shows", cost, COURSE_FORM)]
+
+
+def _within(spline: CubicSpline, t_s: Array) -> Array:
+    return spline(np.clip(t_s, spline.x[0], spline.x[-1]))
 
 
 def _rest(run: TowRun, radius: Array) -> Array | None:

@@ -21,7 +21,7 @@ from .noise import measured_noise, tow_noise
 from .numbers import SIX, shared_numbers
 from .rates import OWN, own_numbers
 from .shifts import shift_effects
-from .slackness import slack_effects
+from .slackness import jerk_effects, slack_effects
 from .springs import springing_effects
 from .start import base_hypotheses, lawful_hypotheses, settings_of, straight_pull
 from .unknown import free_forms
@@ -166,7 +166,7 @@ class TowSimulator(TowModel):
         """Windows in which the line may have gone slack, its bounces, and when the camera may have been turned."""
         residuals = [residual for residual, _ in base.linear.rows]
         return [
-            *slack_effects(self.runs, residuals),
+            *(jerk_effects if self._fields.surge.all() else slack_effects)(self.runs, residuals),
             *springing_effects(self.runs, residuals),
             *shift_effects(self.runs, residuals),
         ]

@@ -333,4 +333,7 @@ def load_cell(case: Case, path: Path, index: int) -> tuple[Array, Array]:
     pull[true_s < 0] = numbers["tension"]
     pull *= case.runs[index].stated["tension_n"] / numbers["tension"]
     noise = CELL_SD * numbers["tension"] * rng.normal(size=len(pull))
-    return true_s - cell_late(numbers, true_s, case.duration_s), pull + noise
+    stated = true_s - cell_late(numbers, true_s, case.duration_s)
+    # a logger whose clock is set back writes nothing until it has caught up with itself
+    rising = np.concatenate([[True], stated[1:] > np.maximum.accumulate(stated)[:-1]])
+    return stated[rising], (pull + noise)[rising]

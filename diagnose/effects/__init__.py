@@ -6,6 +6,7 @@ from .base import STAGES, Effect, Parameter, Seen, Situation, installed_effects,
 from .camera import (
     DECK,
     DELAY,
+    DELAY_FORMS,
     DRIFT,
     DRIFT_RAMPS,
     LENS,
@@ -18,6 +19,8 @@ from .camera import (
     SCALE,
     SHIFT,
     SHUTTER,
+    delayed_each,
+    delayed_since,
 )
 from .hull import ASYMMETRY, BANK, CABLE, COUPLING, CROSSFLOW, CROSSFLOW_ENDS, CUBIC, CUBIC_FORMS, CURRENT, MEMORY
 from .line import ELASTIC, FRICTION, FRICTION_FORMS, KEPT, LAW, LAWS, OFFSET, TENSION, jerked, slack
@@ -53,6 +56,7 @@ LIBRARY: tuple[Effect, ...] = (
     RATE,
     *RATE_FORMS,
     DELAY,
+    *DELAY_FORMS,
     SHUTTER,
 )
 """All but ``slack_line``, whose window or course is found in the runs (``slack``, ``jerked``)."""
@@ -65,6 +69,8 @@ __all__ = [
     "Parameter",
     "Seen",
     "Situation",
+    "delayed_each",
+    "delayed_since",
     "installed_effects",
     "jerked",
     "load_effects",

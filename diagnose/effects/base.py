@@ -150,6 +150,7 @@ class Effect:
     offset : (*numbers) -> tow point's offset to starboard beyond what is stated, m
     stretch : (seen, *numbers) -> how much the line lengthens as the model swings, m
     clock : (t_s, *numbers) -> change of time, s
+    cell : (run's name, t_s, *numbers) -> change of the time of what a load cell said at t_s, s; of lines that keep their length
     observe : (seen, *numbers) -> change of measured x, y, beta, marker distance
     correct : (run, datum fit, *numbers) -> (run, mapping) as they would be without the fault
     shift : (*numbers) -> change of measured y, beta, line radius and marker distance when the fault is taken out of a run that came
@@ -182,6 +183,7 @@ class Effect:
     offset: Callable[..., Any] | None = None
     stretch: Callable[..., Any] | None = None
     clock: Callable[..., Any] | None = None
+    cell: Callable[..., Any] | None = None
     observe: Callable[..., tuple[Any, Any, Any, Any]] | None = None
     correct: Callable[..., tuple[Any, Any]] | None = None
     shift: Callable[..., tuple[Any, Any, Any, Any]] | None = None

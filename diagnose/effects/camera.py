@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -118,6 +118,14 @@ def _delayed(s: Situation, delay):
     return s.tension_n * (s.history(s.t_s - delay) / s.history(s.t_s) - 1)
 
 
+def _late(_run, _t_s, delay):
+    return delay
+
+
+def _later_and_later(_run, t_s, delay, per_s):
+    return delay + per_s * t_s
+
+
 def _drift(s: Situation, share, settling, sooner, level):
     """A straight drift over the run, and one that settles, early or late (Legendre's polynomials), about a
     level that need not be the stated one."""
@@ -148,7 +156,14 @@ def _no_history(run) -> str:
     tow = run.file.tow
     if tow is None or tow.tension is None:
         return "no tension history"
-    return "" if tow.line == "constant" else 'line = "surge": the motion makes the tension, a history moves nothing'
+    return "" if tow.line == "constant" else 'line = "surge": a history is compared with what the motion makes'
+
+
+def _no_cell(run) -> str:
+    tow = run.file.tow
+    if tow is None or tow.tension is None:
+        return "no tension history"
+    return "" if tow.line == "surge" else 'line = "constant": a history moves the model'
 
 
 LENS = Effect(
@@ -335,3 +350,53 @@ DELAY = Effect(
     needs=_no_history,
     title="the delay between load cell and video",
 )
+DELAY_FORMS = (
+    replace(DELAY, tension=None, cell=_late, needs=_no_cell, variant="beside the line's pull"),
+    replace(
+        DELAY,
+        parameters=(*DELAY.parameters, Parameter("per_s", "", 0.005)),
+        tension=None,
+        cell=_later_and_later,
+        needs=_no_cell,
+        variant="beside the line's pull, growing",
+    ),
+)
+"""Where the line keeps its length: its pull follows from the motion, and the load cell's record is compared with it."""
+
+
+def delayed_each(late_s: Mapping[str, float], cost: float) -> Effect:
+    """A load cell whose clock was started anew before each run; the engine finds the delays in its record.
+
+    Parameters
+    ----------
+    late_s : run's name -> delay; runs that are not named have none
+    cost : log evidence that finding them costs
+    """
+    return replace(
+        DELAY_FORMS[0],
+        parameters=(Parameter("share", "", 1.0),),
+        cell=lambda run, _t_s, share: share * late_s.get(run, 0.0),
+        variant="in each run another: " + ", ".join(f"{run} {late:.2f} s" for run, late in late_s.items()),
+        bound=True,
+        sizes=(1.0,),
+        cost=cost,
+    )
+
+
+def delayed_since(since_s: float, cost: float) -> Effect:
+    """A load cell whose clock jumps; the engine finds when in its record.
+
+    Parameters
+    ----------
+    since_s : when, from the runs' start
+    cost : log evidence that finding it costs
+    """
+    return replace(
+        DELAY_FORMS[0],
+        parameters=(*DELAY.parameters, Parameter("jump_s", "s", 0.2)),
+        cell=lambda _run, t_s, delay, jump: delay + jump * (t_s >= since_s),
+        variant=f"another from {since_s:.1f} s on",
+        bound=True,
+        sizes=(1.0,),
+        cost=cost,
+    )

@@ -1,13 +1,14 @@
 """A run as the diagnosis sees it: few, evenly spaced means of y, beta, taut-line radius and marker distance, with their noise.
 
-The last two carry no hydrodynamics (theory.md 4): faults of camera, clock and line show there. Means over a third of a second keep
+The last two carry no hydrodynamics (theory.md 4): faults of camera, clock and line show there. Where a load cell stood in a line
+that keeps its length, its means are a fifth channel (``cell``). Means over a third of a second keep
 all that a tow does and make the noise's covariance small enough to be held whole.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,10 +21,12 @@ from ...identify.data import RunData, run_data
 from ...record.run import Run
 from ...record.tables import SEEN
 from ...simulate.model import Array
+from .cell import cell_means
 from .still import StillNoise, still_noise
 
-CHANNELS = ("y", "beta", "line", "distance")
-LINE = CHANNELS.index("line")
+CHANNELS = ("y", "beta", "line", "distance", "pull")
+LINE, PULL = CHANNELS.index("line"), CHANNELS.index("pull")
+"""The last one only where some run of the campaign has it."""
 TOGETHER = ([0, 1], [2], [3])
 """Channels whose errors are taken together: y and beta are shown by the same dynamics."""
 MOST_BLOCKS = 130
@@ -70,13 +73,14 @@ class TowRun:
     start_s, step_s : of the blocks
     centre_s : (n,), mean time of the frames in each block, from start_s
     spread_s2 : (n,), variance of those times
-    values : (n, 4), CHANNELS; NaN where not measured
-    covariance : (4, n, n), measurement noise of each channel
+    values : (n, c), CHANNELS; NaN where not measured
+    covariance : (c, n, n), measurement noise of each channel
     cross : (n, n), of y with beta
-    modes : (k, n, 4), change with each common mode of the camera (unit variance)
+    modes : (k, n, c), change with each common mode of the camera (unit variance)
     shutter : (n, 4, 3), change of x, y, beta and distance by 1 s of readout, per rate of x, y, beta
     length_pp_m, density_kg_m3, half_width_m : of model, water and tank (NaN: not given)
     run : as stated
+    cell_s, cell_spread_s2 : (n,), mean time and variance of the load cell's samples in each block, by its own clock
     """
 
     name: str
@@ -95,6 +99,8 @@ class TowRun:
     density_kg_m3: float
     half_width_m: float
     run: Run
+    cell_s: Array
+    cell_spread_s2: Array
 
     def usual_sd(self, channel: int) -> float:
         """Standard deviation of a block's mean in a channel, the median over the blocks."""
@@ -162,7 +168,28 @@ def tow_runs(recorded: Sequence[Recorded], step_s: float) -> list[TowRun]:
             for channels in TOGETHER
         ]
         noises.update(zip(alike, map(list, zip(*together, strict=True)), strict=True))
-    return [_tow_run(each, noises[k], step_s) for k, each in enumerate(recorded)]
+    found = [_tow_run(each, noises[k], step_s) for k, each in enumerate(recorded)]
+    return [_with_cell(run) for run in found] if any(run.data.gauge is not None for run in found) else found
+
+
+def _with_cell(run: TowRun) -> TowRun:
+    """The same with the load cell's channel."""
+    n = len(run.centre_s)
+    cell = cell_means(run, n)
+    if cell is None:
+        nothing = np.full((n, 1), np.nan)
+        return _with_channel(run, nothing, np.eye(n))
+    wide = _with_channel(run, cell.pull_n[:, None], cell.covariance)
+    return replace(wide, cell_s=cell.centre_s, cell_spread_s2=cell.spread_s2)
+
+
+def _with_channel(run: TowRun, values: Array, covariance: Array) -> TowRun:
+    return replace(
+        run,
+        values=np.column_stack([run.values, values]),
+        covariance=np.concatenate([run.covariance, covariance[None]]),
+        modes=np.pad(run.modes, ((0, 0), (0, 0), (0, 1))),
+    )
 
 
 def _held_still(recorded: Recorded, step_s: float) -> Array | None:
@@ -213,6 +240,8 @@ def _tow_run(recorded: Recorded, still: Sequence[StillNoise | None], step_s: flo
         run.water.density_kg_m3,
         0.5 * width if width else float("nan"),
         run,
+        centre,
+        spread,
     )
 
 

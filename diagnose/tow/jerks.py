@@ -167,7 +167,9 @@ def events(t_s: Array, ahead_m: Array, sd_m: float, tow: Straight) -> list[Event
     tow : that it befell
     """
     step = float(np.median(np.diff(t_s)))
-    starts = [(p, np.log([1.0, n, h, 1.0, SPRING_RAD_S, DAMPING, 1.0])) for p in PUSHES for n in LENGTHS_S for h in HARD]
+    starts = [
+        (p, np.log([1.0, n, h, 1.0, SPRING_RAD_S, DAMPING, 1.0])) for p in PUSHES for n in LENGTHS_S for h in HARD
+    ]
     pushes, numbers = [p for p, _ in starts], np.array([x for _, x in starts])
     far, _ = surged(pushes, numbers, tow)
     best: dict[Push, tuple[float, Array]] = {}

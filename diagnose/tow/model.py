@@ -23,9 +23,9 @@ from ..inference.shooting import (
     integrated,
     stepped,
 )
-from .data import TowRun, corrected
+from .data import PULL, TowRun, corrected
 from .numbers import shared_numbers
-from .rates import OWN, Fields, Numbers, TowRates, tow_of
+from .rates import OWN, STATES, Fields, Numbers, TowRates, tow_of
 from .seen import TowSeen
 from .variations import PROBE_N, Variations, joined
 
@@ -63,7 +63,7 @@ class TowModel:
     # the measured side ------------------------------------------------------------------------------------------------
 
     def measured(self, hypothesis: Hypothesis) -> list[Array]:
-        """Values of every run (n, 4), with the hypothesis's camera faults taken out."""
+        """Values of every run (n, c), with the hypothesis's camera faults taken out."""
         answers = []
         for tow in self.runs:
             values = tow.values
@@ -74,7 +74,7 @@ class TowModel:
         return answers
 
     def _correction(self, tow: TowRun, effect: Effect, numbers: Array) -> Array:
-        """Change of the values (n, 4) when the fault is taken out."""
+        """Change of the values (n, c) when the fault is taken out."""
         assert effect.correct is not None
         share = None if effect.when is None else effect.when(tow.name, tow.centre_s)
         if share is not None and not share.any():
@@ -83,10 +83,11 @@ class TowModel:
         if key not in self._corrections:
             if tow.marks is None:
                 shift = (0.0, 0.0, 0.0, 0.0) if effect.shift is None else effect.shift(*numbers)
-                change = np.zeros_like(tow.values) + np.array(shift)
+                change = np.zeros((len(tow.values), 4)) + np.array(shift)
             else:
                 change = corrected(tow, *effect.correct(tow.marks.run, tow.marks.fit, *numbers))
-            self._corrections[key] = change
+            # what a load cell says no camera spoils
+            self._corrections[key] = np.pad(change, ((0, 0), (0, tow.values.shape[1] - 4)))
         return self._corrections[key] if share is None else share[:, None] * self._corrections[key]
 
     # the simulated side -----------------------------------------------------------------------------------------------
@@ -106,7 +107,7 @@ class TowModel:
     def _linear(self, hypotheses: Sequence[Hypothesis], closings: int) -> list[Slopes]:
         """``linear`` of hypotheses with the same states."""
         lags = _lags(hypotheses)
-        groups = [Variations(h, len(self.runs), self.shared_names) for h in hypotheses]
+        groups = [self._variations(h) for h in hypotheses]
         courses = self._courses(hypotheses, groups, lags, closings)
         transition, push, start = self._steps(groups, courses, lags)
         moved = carried(transition, push, start)  # (nodes, hypotheses, runs, states, 1 + numbers)
@@ -124,13 +125,13 @@ class TowModel:
         return result
 
     def values(self, hypotheses: Sequence[Hypothesis]) -> list[list[Array]]:
-        """What hypotheses say would be measured: per hypothesis and run (n, 4)."""
+        """What hypotheses say would be measured: per hypothesis and run (n, c)."""
         return _by_law(hypotheses, self._values)
 
     def _values(self, hypotheses: Sequence[Hypothesis]) -> list[list[Array]]:
         """``values`` of hypotheses with the same states."""
         lags = _lags(hypotheses)
-        groups = [Variations(h, len(self.runs), self.shared_names) for h in hypotheses]
+        groups = [self._variations(h) for h in hypotheses]
         numbers, _ = joined([g.columns((), 0) for g in groups], lags)
         courses = self._courses(hypotheses, groups, lags, MOST_CLOSINGS)
         paths = np.stack([c.path for c in courses], axis=-1) + _closing(courses, numbers.start())
@@ -139,7 +140,7 @@ class TowModel:
     def begun(self, h: Hypothesis) -> Hypothesis:
         """The hypothesis with a path near its own, integrated by steps four times as long, for ``linear`` to close."""
         lags, step = _lags([h]), BEGUN_STEPS * self._half
-        numbers, _ = joined([Variations(h, len(self.runs), self.shared_names).columns((), 0)], lags)
+        numbers, _ = joined([self._variations(h).columns((), 0)], lags)
         rates, count = self._rates(numbers), -(-(len(self.node_s) - 1) // BEGUN_STEPS) + 1
         path = integrated(rates, numbers.start(), count, step)
         t_s = step * np.arange(count)
@@ -157,7 +158,7 @@ class TowModel:
         (windows, runs, states), (windows, runs, states, numbers); 0 beyond a run's end
         """
         assert h.path is not None
-        group = Variations(h, len(self.runs), self.shared_names)
+        group = self._variations(h)
         numbers, _ = joined([group.columns((), 0)], h.path.lags_s)
         path = h.path.states
         rates = self._slopes_of_rates(numbers, path[..., None])[..., 0].transpose(1, 2, 0)
@@ -183,7 +184,7 @@ class TowModel:
         -------
         of each run (n, 2, 2, n): y, m, and heading, rad; by a side force, N, and a moment, N m; in every block
         """
-        lags, group = _lags([h]), Variations(h, len(self.runs), self.shared_names)
+        lags, group = _lags([h]), self._variations(h)
         course = self._courses([h], [group], lags, 0)[0]
         numbers, _ = joined([group.columns((), 0, probed=True)], lags)
         rates = self._slopes_of_rates(numbers, course.path[..., None])
@@ -196,6 +197,20 @@ class TowModel:
         changes = np.clip(carried(course.transition, push, np.zeros_like(push[0])), -BLOW_UP, BLOW_UP)
         found = self._seen.by_motion(group, course.path, changes, lags)
         return [answer[:, :2].reshape(len(answer), 2, 2, blocks)[..., : len(answer)] for answer in found]
+
+    @property
+    def celled(self) -> bool:
+        """Whether a load cell says what lines pull with."""
+        return self.runs[0].values.shape[1] > PULL
+
+    def pulls(self, h: Hypothesis, path: Path) -> Array:
+        """(nodes, runs) what the lines pull with along a path that need not be the hypothesis's own, N."""
+        numbers, _ = joined([self._variations(replace(h, effects=(), numbers=())).columns((), 0)], ())
+        with np.errstate(all="ignore"):
+            return self._rates(numbers).pulls(self.node_s[:, None, None], path.states[:STATES, ..., None])[1][..., 0]
+
+    def _variations(self, h: Hypothesis) -> Variations:
+        return Variations(h, len(self.runs), self.shared_names, self.celled)
 
     @property
     def _half(self) -> float:

@@ -123,7 +123,7 @@ def _designs(made: Sequence[TowRun], pattern: TowRun) -> tuple[list[TowRun], lis
         )
         if across > here.line_length_m * np.sin(STEEPEST_RAD):
             continue
-        values = np.zeros((len(pattern.centre_s), 4))
+        values = np.where(np.isfinite(pattern.values).any(axis=0), 0.0, np.nan) * np.ones_like(pattern.values)
         data = replace(pattern.data, tow=here, tension=None, speed=None)
         runs.append(replace(pattern, name=f"design {len(runs)}", data=data, values=values, marks=None))
         settings.append((x_t, here.line_length_m, here.speed_m_s, y, beta))

@@ -292,10 +292,14 @@ class TowRates:
         """One number for each column, whether or not the state is the same in all."""
         return np.zeros((*state.shape[:-1], self._width))
 
-    def beyond(self, t: Any, state: Array) -> Array:
-        """T beyond the straight tow's that the line has without effects on it, N."""
+    def pulls(self, t: Any, state: Array) -> tuple[Array, Array]:
+        """T beyond the straight tow's that the line has without effects on it, and all that it pulls with, N."""
         now = self._now(t, state)
-        return self._taut(t, state, now).tension_n - now.tow.tension_n
+        taut = self._taut(t, state, now)
+        whole = taut.tension_n
+        if self._pulling and not self._lawful:
+            whole = whole + self._change(t, state, now, taut)
+        return taut.tension_n - now.tow.tension_n, whole
 
     def pushes(self, t: Any, state: Array, effect: Effect, numbers: Array) -> tuple[Array, Array, Array]:
         """Side force, moment and change of T of an effect along one column's motion (states, times, runs, 1).
@@ -403,17 +407,22 @@ class TowRates:
 
     def _pulled(self, t: Any, state: Array, now: _Moment, taut: Taut) -> Array:
         """The rates where effects change T: beyond what keeps the line's length, which they do not ask."""
-        change = self._zeros(now.core[2])
-        base = self._on_line(self._situation(t, now), now, taut)
-        for a, part in self._parts(self._pulling, base, state):
-            assert a.effect.tension is not None
-            change[..., a.columns] += a.effect.tension(part, *a.numbers)
+        change = self._change(t, state, now, taut)
         angle = now.core[0] + now.core[1]
         v_pull, r_pull = accelerated(now.hull, *line_force(now.tow, change, np.sin(angle), np.cos(angle)))
         rates = taut.rates.copy()
         rates[2] += v_pull
         rates[3] += r_pull
         return rates
+
+    def _change(self, t: Any, state: Array, now: _Moment, taut: Taut) -> Array:
+        """By how much effects change what the line pulls with."""
+        change = self._zeros(now.core[2])
+        base = self._on_line(self._situation(t, now), now, taut)
+        for a, part in self._parts(self._pulling, base, state):
+            assert a.effect.tension is not None
+            change[..., a.columns] += a.effect.tension(part, *a.numbers)
+        return change
 
     def _parts(self, active: Sequence[Active], base: Situation, state: Array):
         """Effects with the situation in their columns."""

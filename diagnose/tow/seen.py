@@ -1,16 +1,17 @@
-"""What would be measured of a simulated tow: means over blocks' frames of y, heading, taut-line radius and marker distance."""
+"""What would be measured of a simulated tow: means over blocks' frames of y, heading, taut-line radius and marker distance, and
+of a load cell's pull where one stood in the line."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...simulate.model import Array, Tow, full_x_cg, full_x_cg_rate, full_y_cg, full_y_cg_rate
 from ..effects import Seen
 from ..inference.shooting import STATE_STEP
-from .data import TowRun
+from .data import PULL, TowRun
 from .numbers import COMPLIANCE
 from .rates import (
     PAID_STATES,
@@ -45,7 +46,7 @@ class TowSeen:
 
     def __init__(self, runs: Sequence[TowRun], fields: Fields, node_s: Array) -> None:
         self._runs, self._fields, self._node_s = list(runs), fields, node_s
-        self._step_s = runs[0].step_s
+        self._step_s, self._celled = runs[0].step_s, runs[0].values.shape[1] > PULL
         tows = [r.data.tow for r in runs]
         self._stated = np.array(
             [[t.line_length_m, t.tow_point_m, t.tow_point_offset_m, t.post_m[0]] for t in tows], dtype=float
@@ -58,7 +59,7 @@ class TowSeen:
     def slopes(
         self, group: Variations, path: Array, changes: Array, lags_s: tuple[float, ...]
     ) -> list[tuple[Array, Array]]:
-        """Values (n, 4) and slopes (n, 4, numbers) of every run.
+        """Values (n, c) and slopes (n, c, numbers) of every run.
 
         Parameters
         ----------
@@ -81,15 +82,15 @@ class TowSeen:
         answers = []
         for i, run in enumerate(self._runs):
             late = _late(beside, run)
-            mean = _Mean(run.centre_s + late[:, 0], run.spread_s2, self._step_s / 2, len(series))
+            mean = self._means(run, late[..., 0], len(series))
             change, rate = mean(slope[:, i]), mean.rate(series[:, :, i, 0])
-            for column, k in enumerate(direct, start=1):
-                change[:, :, k] += rate * (late[:, column, None] - late[:, :1]) / group.steps[i, k]
+            later = (late[..., 1:] - late[..., :1]) / group.steps[i, list(direct)]
+            change[:, :, list(direct)] += rate[..., None] * later
             answers.append((mean(series[:, :, i, 0]), change))
         return answers
 
     def by_motion(self, group: Variations, path: Array, changes: Array, lags_s: tuple[float, ...]) -> list[Array]:
-        """Change (n, 4, k) of every run's values with k changes of the motion itself.
+        """Change (n, c, k) of every run's values with k changes of the motion itself.
 
         Parameters
         ----------
@@ -98,21 +99,18 @@ class TowSeen:
         """
         with np.errstate(all="ignore"):
             series, slope = self._by_motion(group, path, changes, lags_s)
-        return [
-            _Mean(run.centre_s, run.spread_s2, self._step_s / 2, len(series))(slope[:, i])
-            for i, run in enumerate(self._runs)
-        ]
+        return [self._means(run, 0.0, len(series))(slope[:, i]) for i, run in enumerate(self._runs)]
 
     def _by_motion(
         self, group: Variations, path: Array, changes: Array, lags_s: tuple[float, ...]
     ) -> tuple[Array, Array]:
-        """Series at every node, and its slopes (nodes, runs, 4, k) by changes of the motion."""
+        """Series at every node, and its slopes (nodes, runs, c, k) by changes of the motion."""
         stepped = STATE_STEP * np.eye(len(path))[:, None, None, :]
         series, moved = self._moved(group, path, stepped, lags_s)
         return series, moved / STATE_STEP @ changes
 
     def _moved(self, group: Variations, path: Array, moves: Array, lags_s: tuple[float, ...]) -> tuple[Array, Array]:
-        """Series of a path, and by how much moves (states, nodes, runs, k) of it change it: (nodes, runs, 4, k)."""
+        """Series of a path, and by how much moves (states, nodes, runs, k) of it change it: (nodes, runs, c, k)."""
         numbers, _ = joined([group.columns((), moves.shape[3])], lags_s)
         whole = np.repeat(path[..., None], numbers.width, axis=3)
         whole[..., 1:] += moves
@@ -120,27 +118,36 @@ class TowSeen:
         return series, (series[..., 1:] - series[..., :1]).transpose(0, 2, 1, 3)
 
     def values(self, numbers: Numbers, path: Array) -> list[list[Array]]:
-        """Values of every column and run (n, 4) along paths (states, nodes, runs, columns)."""
+        """Values of every column and run (n, c) along paths (states, nodes, runs, columns)."""
         with np.errstate(all="ignore"):
             series = self._series(numbers, path)
         answers: list[list[Array]] = [[] for _ in range(series.shape[3])]
         for i, run in enumerate(self._runs):
             late = _late(numbers, run)
             for column, found in enumerate(answers):
-                mean = _Mean(run.centre_s + late[:, column], run.spread_s2, self._step_s / 2, len(series))
-                found.append(mean(series[:, :, i, column]))
+                found.append(self._means(run, late[..., column], len(series))(series[:, :, i, column]))
         return answers
 
+    def _means(self, run: TowRun, late: Array | float, nodes: int) -> _Means:
+        """Of a run whose channels are seen so much later, (n, c) s."""
+        cell, at = run.values.shape[1] > PULL, np.broadcast_to(late, run.values.shape)
+        node_s = self._step_s / 2
+        camera = _Mean(run.centre_s + at[:, 0], run.spread_s2, node_s, nodes)
+        return _Means(camera, _Mean(run.cell_s + at[:, PULL], run.cell_spread_s2, node_s, nodes) if cell else None)
+
     def _series(self, numbers: Numbers, path: Array) -> Array:
-        """(nodes, 4, runs, columns) at every node."""
+        """(nodes, c, runs, columns) at every node."""
         tow = tow_of(self._fields, numbers)
         t_s = self._node_s[:, None, None]
         seen = self._see(t_s, path, tow, numbers.lawful)
         # a line with a law of its own has all that it gives in its length
         gives = COMPLIANCE in self._fields.names and not numbers.lawful
-        if gives or (self._fields.surge.any() and any(a.effect.stretch is not None for a in numbers.active)):
-            beyond = TowRates(self._fields, numbers, tow).beyond(t_s, path)
+        stretched = self._fields.surge.any() and any(a.effect.stretch is not None for a in numbers.active)
+        whole = []
+        if gives or stretched or self._celled:
+            beyond, pull = TowRates(self._fields, numbers, tow).pulls(t_s, path)
             seen = replace(seen, beyond_n=np.where(self._fields.surge, beyond, 0.0))
+            whole = [pull] if self._celled else []
         x, y, beta = seen.pose
         more = np.zeros((4, *y.shape))
         if gives:
@@ -155,7 +162,7 @@ class TowSeen:
                 for channel, change in enumerate(a.effect.observe(here, *a.numbers)):
                     more[channel][..., a.columns] += change
         x, y, beta = x + more[0], y + more[1] + numbers.own[:, 4], beta + more[2] + numbers.own[:, 5]
-        return np.stack([y, beta, self._line(x, y, beta), more[3]], axis=1)
+        return np.stack([y, beta, self._line(x, y, beta), more[3], *whole], axis=1)
 
     def _line(self, x: Array, y: Array, beta: Array) -> Array:
         """Radius of the stated tow point about the stated post, minus the stated length."""
@@ -187,12 +194,35 @@ def _stretched(more: Array, columns: slice, seen: Seen, longer: Array) -> None:
 
 
 def _late(numbers: Numbers, run: TowRun) -> Array:
-    """By how much every block of a run is seen later, (n, columns) s."""
-    late = np.zeros((len(run.centre_s), numbers.width))
+    """By how much every block of a run is seen later, (n, c, columns) s: by the camera's clock, the cell's channel by its own."""
+    late = np.zeros((*run.values.shape, numbers.width))
     for a in numbers.active:
         if a.effect.clock is not None:
-            late[:, a.columns] += a.effect.clock(run.centre_s[:, None], *a.numbers)
+            late[:, :PULL, a.columns] += a.effect.clock(run.centre_s[:, None], *a.numbers)[:, None]
+        if a.effect.cell is not None and late.shape[1] > PULL:
+            late[:, PULL, a.columns] += a.effect.cell(run.name, run.cell_s[:, None], *a.numbers)
     return late
+
+
+@dataclass(frozen=True)
+class _Means:
+    """Means of all channels: the camera's, and the load cell's over its own samples, where there is one."""
+
+    camera: _Mean
+    cell: _Mean | None
+
+    def __call__(self, series: Array) -> Array:
+        """(nodes, c, ...) to (n, c, ...)."""
+        return self._both(series, _Mean.__call__)
+
+    def rate(self, series: Array) -> Array:
+        """The same of its rate."""
+        return self._both(series, _Mean.rate)
+
+    def _both(self, series: Array, how: Callable[[_Mean, Array], Array]) -> Array:
+        if self.cell is None:
+            return how(self.camera, series)
+        return np.concatenate([how(self.camera, series[:, :PULL]), how(self.cell, series[:, PULL:])], axis=1)
 
 
 class _Mean:

@@ -99,7 +99,9 @@ def jerk_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Eff
         own = {i: next(e for e in shown[i] if e.push == push) for i in order}
         for count in range(1, len(order) + 1):
             taken = order[:count]
-            said = ", ".join(f"run {i + 1} {own[i].begin_s:.1f}-{own[i].begin_s + own[i].length_s:.1f} s" for i in sorted(taken))
+            said = ", ".join(
+                f"run {i + 1} {own[i].begin_s:.1f}-{own[i].begin_s + own[i].length_s:.1f} s" for i in sorted(taken)
+            )
             courses = [_course(own[i], runs[i].step_s / 2) if i in taken else NOTHING for i in range(len(runs))]
             found.append(jerked(*map(by_run, zip(*courses, strict=True)), f"{push.words}, {said}", FOUND_COST * count))
     return found

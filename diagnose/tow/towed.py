@@ -16,6 +16,7 @@ from ..inference.grams import reduced
 from ..inference.hypothesis import FREE, Hypothesis
 from ..inference.noise import Noise, RunNoise
 from .data import CHANNELS, TowRun
+from .delays import delay_effects
 from .model import TowModel
 from .noise import measured_noise, tow_noise
 from .numbers import SIX, shared_numbers
@@ -169,7 +170,14 @@ class TowSimulator(TowModel):
             *(jerk_effects if self._fields.surge.all() else slack_effects)(self.runs, residuals),
             *springing_effects(self.runs, residuals),
             *shift_effects(self.runs, residuals),
+            *(delay_effects(self.runs, self.node_s, self._pulled(base.hypothesis)) if self.celled else ()),
         ]
+
+    def _pulled(self, h: Hypothesis) -> Array:
+        """(nodes, runs) what the lines of a hypothesis would pull with along the measured motion."""
+        path = self.starts()[0].path
+        assert path is not None
+        return self.pulls(h, path)
 
     def free_forms(self, shaken_hz: Sequence[float]) -> Sequence[Effect]:
         """Forces of many shapes, faults of what is seen, and what shakes at these frequencies."""
@@ -185,13 +193,13 @@ class TowSimulator(TowModel):
 
 
 def _modes(runs: Sequence[TowRun]) -> list[Array]:
-    """Per run (n, 4, k): the cameras' common errors; runs of one datum share them."""
+    """Per run (n, c, k): the cameras' common errors; runs of one datum share them."""
     keys = list(dict.fromkeys(run.data.common_key for run in runs if len(run.modes)))
     counts = {k: next(len(r.modes) for r in runs if r.data.common_key == k and len(r.modes)) for k in keys}
     offsets = dict(zip(keys, np.cumsum([0, *counts.values()])[:-1], strict=True))
     tables = []
     for run in runs:
-        table = np.zeros((len(run.centre_s), 4, sum(counts.values())))
+        table = np.zeros((*run.values.shape, sum(counts.values())))
         if len(run.modes):
             at = offsets[run.data.common_key]
             table[:, :, at : at + len(run.modes)] = run.modes.transpose(1, 2, 0)

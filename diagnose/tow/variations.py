@@ -57,6 +57,7 @@ class Variations:
     h : the hypothesis
     runs : of the campaign
     names : of the shared numbers
+    celled : whether a load cell says what lines pull with
 
     Attributes
     ----------
@@ -66,8 +67,8 @@ class Variations:
     steps : (runs, size)
     """
 
-    def __init__(self, h: Hypothesis, runs: int, names: Sequence[str]) -> None:
-        self._h = h
+    def __init__(self, h: Hypothesis, runs: int, names: Sequence[str], celled: bool = False) -> None:
+        self._h, self._celled = h, celled
         self._seen_only = tuple(k for k, name in enumerate(names) if name == COMPLIANCE)
         self.shared = len(h.shared)
         self.fixed = self.shared + len(OWN)
@@ -99,12 +100,17 @@ class Variations:
     def seen(self) -> tuple[int, ...]:
         """Numbers that show in what is measured beside the motion they make."""
         alone = self._seen_only
-        if any(effect.stretch is not None and not _absent(effect, numbers) for effect, numbers, _ in self.each()):
-            # a line that gives does so by its tension: what changes that shows at once
+        if self._celled or any(
+            effect.stretch is not None and not _absent(effect, numbers) for effect, numbers, _ in self.each()
+        ):
+            # a line that gives does so by its tension, which a load cell shows: what changes that shows at once
             alone = tuple(range(self.shared))
         found = [*alone, *(self.shared + k for k in SEEN)]
         for effect, numbers, at in self.each():
-            works = (effect.length, effect.offset, effect.stretch, effect.observe, effect.clock)
+            works = (effect.length, effect.offset, effect.stretch, effect.observe, effect.clock, effect.cell)
+            if self._celled:
+                # a load cell shows at once what pulls, and what pushes a model that the line holds
+                works += (effect.force, effect.tension, effect.keeps, effect.law, effect.coupling, effect.speed)
             if any(work is not None for work in works):
                 found += range(at, at + len(numbers))
         return tuple(found)

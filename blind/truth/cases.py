@@ -335,5 +335,5 @@ def load_cell(case: Case, path: Path, index: int) -> tuple[Array, Array]:
     noise = CELL_SD * numbers["tension"] * rng.normal(size=len(pull))
     stated = true_s - cell_late(numbers, true_s, case.duration_s)
     # a logger whose clock is set back writes nothing until it has caught up with itself
-    rising = np.concatenate([[True], stated[1:] > np.maximum.accumulate(stated)[:-1]])
+    rising = np.concatenate([[True], stated[1:] > np.maximum.accumulate(stated)[:-1] + 1e-3 / CELL_HZ])
     return stated[rising], (pull + noise)[rising]

@@ -62,6 +62,8 @@ LIBRARY: tuple[Effect, ...] = (
 """All but ``slack_line``, whose window or course is found in the runs (``slack``, ``jerked``)."""
 
 __all__ = [
+    "DELAY_FORMS",
+    "ELASTIC",
     "LAWS",
     "LIBRARY",
     "STAGES",

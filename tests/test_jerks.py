@@ -1,0 +1,122 @@
+"""A taut line that falls slack and straightens with a jerk: its course from the radius, and its name from a reality of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from towline.blind.draw import case_of
+from towline.blind.truth.folders import write_case
+from towline.diagnose.tow.jerks import PUSHES, STEP_S, Push, Straight, events, surged
+from towline.diagnose.tow.slackness import SLACK_Z, jerk_effects
+from towline.pipeline.diagnosing import diagnose_folders
+
+TOW = Straight(1.28, 0.05, 1.85)
+SPRING, DAMPING = 15.0, 0.2
+BLOCK_S, SD_M = 0.35, 3e-4
+
+
+def numbers(begin: float, length: float, hard: float) -> np.ndarray:
+    return np.array([begin, *np.log([length, hard, 1.0, SPRING, DAMPING, 1.0])])
+
+
+def exact(push: Push, length: float, hard: float, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same motion by an integrator with error control, written down anew: ahead, m, and pull over the resistance."""
+
+    def held(ahead: float, speed: float) -> float:
+        spring = max(TOW.pull_m_s2 - SPRING**2 * ahead, 0.0)
+        return max(spring - min(spring / TOW.pull_m_s2, 1.0) * 2 * DAMPING * SPRING * speed, 0.0)
+
+    def rates(t: float, state: np.ndarray) -> list[float]:
+        ahead, speed = state
+        carried = hard * float(push(np.array([t / length]))[0])
+        drag = (1 + speed / TOW.speed_m_s) ** TOW.exponent
+        return [speed, TOW.pull_m_s2 * (carried - drag) + held(ahead, speed)]
+
+    found = solve_ivp(rates, (0, t_s[-1]), [0.0, 0.0], t_eval=t_s, max_step=0.005, rtol=1e-8, atol=1e-10)
+    return found.y[0], np.array([held(*state) for state in found.y.T]) / TOW.pull_m_s2
+
+
+@pytest.mark.parametrize("push", PUSHES[:4], ids=lambda p: p.words)
+def test_surge_on_a_stiff_line_is_what_an_exact_integrator_makes_of_it(push: Push) -> None:
+    ahead, pull = surged([push], numbers(0.0, 2.5, 2.0)[None], TOW)
+    t_s = STEP_S * (np.arange(len(ahead)) + 1)
+    wanted, held = exact(push, 2.5, 2.0, t_s)
+    assert wanted.max() > 2e-3  # it does fall slack
+    # steps of the first order: a bounce is off by one of them, at up to the closing speed
+    slack = np.abs(np.gradient(wanted, t_s)).max() * STEP_S
+    assert np.abs(ahead[:, 0] - wanted).max() < 3 * slack
+    # what the jerks give back is the momentum that was lost while the line was slack
+    assert np.sum(pull - 1) * STEP_S == pytest.approx(np.sum(held - 1) * STEP_S, abs=0.02 * 2.5)
+
+
+def test_the_jerk_gives_back_what_the_slack_line_did_not_pull() -> None:
+    """Momentum: a wave carries as much back as ahead, so that over all of it the line's pull is the resistance."""
+    even = replace(TOW, exponent=0.0)
+    _, pull = surged([Push(1)], numbers(0.0, 2.0, 1.8)[None], even)
+    assert pull.min() == 0.0
+    assert pull.max() > 2.0
+    lost = np.sum(np.minimum(pull - 1, 0)) * STEP_S
+    assert np.sum(pull - 1) * STEP_S == pytest.approx(0.0, abs=0.02 * abs(lost))
+
+
+def seen(push: Push, begin: float, length: float, hard: float, t_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Block means of the exact course, with noise."""
+    fine = np.arange(0.0, 20.0, 0.002)
+    ahead, _ = exact(push, length, hard, fine)
+    at = t_s[:, None] - begin + BLOCK_S * ((np.arange(50) + 0.5) / 50 - 0.5)
+    return np.interp(at, fine, ahead, left=0.0, right=0.0).mean(axis=1) + rng.normal(0, SD_M, len(t_s))
+
+
+@pytest.mark.parametrize(("waves", "length", "hard"), [(0, 2.0, 1.7), (1, 2.0, 1.6), (3, 6.0, 2.0)])
+def test_an_event_is_found_in_the_radius_with_its_time_length_and_strength(
+    waves: int, length: float, hard: float
+) -> None:
+    rng, t_s = np.random.default_rng(4), BLOCK_S * (np.arange(125) + 0.5)
+    found = events(t_s, seen(Push(waves), 14.0, length, hard, t_s, rng), SD_M, TOW)
+    best = next(e for e in found if e.push == Push(waves))
+    assert found[0].gain > SLACK_Z**2 / 2
+    assert best.gain > found[0].gain - 5
+    # what pushes less than the resistance shows nowhere: the middle is told, length and strength go together
+    assert abs(best.begin_s + best.length_s / 2 - 14.0 - length / 2) < 0.1 * length
+    # what the line does not pull, and gives back, is what matters of it
+    t, _, pull = best.course()
+    fine = np.arange(0.0, 20.0, STEP_S)
+    _, held = exact(Push(waves), length, hard, fine)
+    told = np.interp(fine + 14.0, t, pull, left=1.0, right=1.0)
+    slow = np.ones(50) / 50
+    course, wanted = (np.convolve(x - 1, slow, "same") for x in (told, held))
+    assert np.corrcoef(course, wanted)[0, 1] > 0.9
+
+
+def test_noise_holds_no_event() -> None:
+    t_s = BLOCK_S * (np.arange(125) + 0.5)
+    gains = [events(t_s, np.random.default_rng(k).normal(0, SD_M, 125), SD_M, TOW)[0].gain for k in range(12)]
+    assert max(gains) < SLACK_Z**2 / 2 / 2
+
+
+def test_taut_runs_suggest_nothing(tow_runs: Callable[[int, int], list]) -> None:
+    runs = tow_runs(4, 3)
+    rng = np.random.default_rng(5)
+    left = [
+        np.column_stack([rng.normal(0, run.usual_sd(c), len(run.centre_s)) for c in range(run.values.shape[1])])
+        for run in runs
+    ]
+    assert jerk_effects(runs, left) == []
+
+
+def test_a_slack_line_is_named_in_a_reality_of_its_own(tmp_path: Path) -> None:
+    """blind/truth shares no code with the diagnosis: three degrees of freedom, a spring of its own stiffness, a train of waves."""
+    case = case_of("case-x", "effect", ["slack_line"], [12, 1], False)
+    event = {"slack_line.begin_s@1": 12.0, "slack_line.length_s@1": 6.0, "slack_line.crest@1": 2.0}
+    case = replace(case, numbers=event, runs=case.runs[:3], extra={}, history=False)
+    found = diagnose_folders(write_case(tmp_path, case)).diagnosis.file
+    assert found.verdict in ("effect", "form_not_exact")
+    assert "slack_line" in found.ranking[0].effects
+    assert "run 2" in found.ranking[0].form
+    assert max(found.where.runs, key=lambda name: found.where.runs[name]).endswith("-2")

@@ -12,6 +12,8 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ...record.errors import InputError
 from ...record.own_code import run_own
 from ...simulate.model import Array
@@ -21,6 +23,12 @@ STAGES = ("camera", "clock", "line", "sway", "yaw")
 
 SIZES = (1.0, 0.3, 0.1, 0.03)
 """An effect is as likely to be small as to be large, down to what nobody would see."""
+
+
+SWINGS_S = (11.0, 15.0, 21.0, 30.0)
+"""Periods from which what goes to and fro along the tank is sought; slower ones are drifts."""
+MOST_FASTER = 0.5
+"""No fit goes further from one of these, as a share of its frequency."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +134,32 @@ class Seen:
     def columns(self) -> tuple[str, ...]:
         """Fields that may have columns; ``shutter`` is the camera's, the same in all."""
         return tuple(f.name for f in fields(self) if f.name != "shutter")
+
+
+def along_the_run(s: Situation, straight: Any, bent: Any, twice: Any) -> Any:
+    """What changes slowly over a run: Legendre's polynomials of the first to the third order, -1 to 1 from its begin to its end.
+
+    Parameters
+    ----------
+    s : situation
+    straight, bent, twice : sizes of the three
+    """
+    at = 2 * s.t_s / s.duration_s - 1
+    return straight * at + bent * (1.5 * at**2 - 0.5) + twice * (2.5 * at**3 - 1.5 * at)
+
+
+def swinging(s: Situation, period_s: float, sine: Any, cosine: Any, faster: Any) -> Any:
+    """What goes to and fro over a run, about once in a period.
+
+    Parameters
+    ----------
+    s : situation
+    period_s : from which a fit begins
+    sine, cosine : sizes
+    faster : by how much its frequency is higher, as a share
+    """
+    phase = 2 * np.pi / period_s * (1 + np.clip(faster, -MOST_FASTER, MOST_FASTER)) * s.t_s
+    return sine * np.sin(phase) + cosine * np.cos(phase)
 
 
 @dataclass(frozen=True)

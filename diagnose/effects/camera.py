@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .base import Effect, Parameter, Seen, Situation
+from .base import SWINGS_S, Effect, Parameter, Seen, Situation, along_the_run, swinging
 
 EXACT = 0.003
 """Share of what a fault of geometry explains that may be left over: its form is known, its time to a part of a block."""
@@ -50,15 +50,26 @@ def _lens(run, fit, k1):
     return _fitted(_changed(run, camera=camera.model_copy(update={"distortion": bent})), fit)
 
 
-def _deck(run, fit, depth):
-    marks = tuple(m.model_copy(update={"depth_m": m.depth_m + float(depth)}) for m in run.file.marker)
+def _deck(run, fit, depth, trim=0.0, squat=0.0):
+    """Deeper, by the bow more than by the stern, and as the square of the speed."""
+    ahead = [m.body_m[0] for m in run.file.marker]
+    middle, half = 0.5 * (max(ahead) + min(ahead)), max(0.5 * (max(ahead) - min(ahead)), 1e-9)
+    all_of_them = float(depth) + float(squat) * (run.file.tow.speed_m_s or 0.0) ** 2
+    marks = tuple(
+        m.model_copy(update={"depth_m": m.depth_m + all_of_them + float(trim) * (x - middle) / half})
+        for m, x in zip(run.file.marker, ahead, strict=True)
+    )
     return _changed(run, marker=marks), fit.mapping
 
 
-def _scale(run, fit, scale):
+def _squat(run, fit, depth, squat):
+    return _deck(run, fit, depth, 0.0, squat)
+
+
+def _scale(run, fit, ahead, aside):
     points = tuple(
         p.model_copy(
-            update={"tank_m": (p.tank_m[0] * (1 + float(scale)), p.tank_m[1] * (1 + float(scale)), p.tank_m[2])}
+            update={"tank_m": (p.tank_m[0] * (1 + float(ahead)), p.tank_m[1] * (1 + float(aside)), p.tank_m[2])}
         )
         for p in run.file.datum
     )
@@ -127,11 +138,17 @@ def _later_and_later(_run, t_s, delay, per_s):
 
 
 def _drift(s: Situation, share, settling, sooner, level):
-    """A straight drift over the run, and one that settles, early or late (Legendre's polynomials), about a
-    level that need not be the stated one."""
-    at = 2 * s.t_s / s.duration_s - 1
-    bent, twice = 1.5 * at**2 - 0.5, 2.5 * at**3 - 1.5 * at
-    return s.speed_m_s * (level + 0.5 * share * at + settling * bent + sooner * twice)
+    """A straight drift over the run, and one that settles, early or late, about a level that need not be the stated one."""
+    return s.speed_m_s * (level + along_the_run(s, 0.5 * share, settling, sooner))
+
+
+def _drift_swings(period_s: float) -> Callable[..., Any]:
+    """A carriage whose control swings."""
+
+    def speed(s: Situation, sine, cosine, faster, level):
+        return s.speed_m_s * (level + swinging(s, period_s, sine, cosine, faster))
+
+    return speed
 
 
 def _ramp(at: float) -> Callable[..., Any]:
@@ -189,6 +206,18 @@ DECK = Effect(
     needs=_no_pixels,
     title="the marks' true height",
 )
+DECK_FORMS = (
+    replace(DECK, parameters=(*DECK.parameters, Parameter("trim_m", "m", 0.01, apart=RULE_M)), variant="of each mark"),
+    replace(
+        DECK,
+        parameters=(*DECK.parameters, Parameter("squat_s2_m", "s2/m", 0.01)),
+        correct=_squat,
+        physics="The hull sinks and the marks with it, as the square of the speed, so that they are projected to the wrong place.",
+        cure="Measure the marks' height under way, or tow at one speed and give the height there.",
+        variant="with the speed",
+    ),
+)
+"""Beside one error of all of them."""
 SHIFT = Effect(
     "camera_shift",
     "camera",
@@ -208,10 +237,17 @@ SCALE = Effect(
     "The datum points stand elsewhere than tank_m says, all by one factor.",
     "Measure the datum's length and width again.",
     "thesis 4.6",
-    correct=_scale,
+    correct=lambda run, fit, scale: _scale(run, fit, scale, scale),
     form=EXACT,
     needs=_no_pixels,
     title="the datum's true scale",
+)
+SCALE_APART = replace(
+    SCALE,
+    parameters=(Parameter("ahead", "", 0.01, apart=5e-4), Parameter("aside", "", 0.01, apart=5e-4)),
+    physics="The datum points stand elsewhere than tank_m says, ahead by one factor and aside by another.",
+    correct=_scale,
+    variant="ahead and aside apart",
 )
 POST = Effect(
     "datum_bias",
@@ -273,8 +309,10 @@ SHUTTER = Effect(
     needs=_no_pixels,
     title="a rolling shutter",
 )
-CHANGES_S = 1.0
-"""How long a camera takes to go over to another rate."""
+RATE_CHANGES_S = (8.0, 16.0, 26.0, 40.0)
+"""Times from which one at which a camera goes over to another rate is sought ..."""
+CHANGES_S = 0.3
+"""... and how long it takes."""
 RATE = Effect(
     "frame_rate",
     "clock",
@@ -293,18 +331,21 @@ RATE_FORMS = (
         clock=lambda t_s, rate, drift: rate * t_s + 0.5 * drift * t_s**2,
         variant="drifting",
     ),
-    replace(
-        RATE,
-        parameters=(
-            Parameter("rate", "", 0.01),
-            Parameter("later", "", 0.01),
-            Parameter("change_s", "s", 10.0, none=20.0),
-        ),
-        physics="Frames come at one rate at first and at another later: they were dropped, or the light changed.",
-        clock=lambda t_s, rate, later, change_s: (
-            rate * t_s + later * CHANGES_S * np.logaddexp(0.0, (t_s - change_s) / CHANGES_S)
-        ),
-        variant="another rate later",
+    *(
+        replace(
+            RATE,
+            parameters=(
+                Parameter("rate", "", 0.01),
+                Parameter("later", "", 0.01),
+                Parameter("change_s", "s", 5.0, none=at),
+            ),
+            physics="Frames come at one rate at first and at another later: they were dropped, or the light changed.",
+            clock=lambda t_s, rate, later, change_s: (
+                rate * t_s + later * CHANGES_S * np.logaddexp(0.0, (t_s - change_s) / CHANGES_S)
+            ),
+            variant=f"another rate from about {at:g} s on",
+        )
+        for at in RATE_CHANGES_S
     ),
 )
 """A clock whose rate is not one all along."""
@@ -337,6 +378,21 @@ DRIFT_RAMPS = tuple(
         variant=f"a ramp at {at:g} of the run",
     )
     for at in RAMPS
+)
+DRIFT_SWINGS = tuple(
+    replace(
+        DRIFT,
+        parameters=(
+            Parameter("sine", "", 0.005),
+            Parameter("cosine", "", 0.005),
+            Parameter("faster", "", 0.15),
+            Parameter("level", "", 0.005),
+        ),
+        physics="The carriage's speed swings slowly.",
+        speed=_drift_swings(period),
+        variant=f"to and fro, about {period:g} s",
+    )
+    for period in SWINGS_S
 )
 """Beside a drift all along."""
 DELAY = Effect(

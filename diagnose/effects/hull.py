@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .base import Effect, Parameter, Situation
+from .base import SWINGS_S, Effect, Parameter, Situation, along_the_run, swinging
 
 STRIPS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 """Stations along the hull from -1 (stern) to 1 (bow), and their shares."""
@@ -59,10 +59,47 @@ def _cable(s: Situation, side, moment):
     return side + 0.0 * s.v_m_s, moment + 0.0 * s.v_m_s
 
 
+def _moduli(s: Situation, y_vv, y_vr, n_vv, n_vr, n_rr):
+    """v|v| and v|r| aside, these and r|r| in the moment; depth times coefficient of a hull that drags as a plate of it."""
+    size, turn = -0.5 * s.density_kg_m3 * s.length_pp_m, s.r_rad_s * s.length_pp_m
+    v, own, rate = s.v_m_s, np.abs(s.v_m_s), np.abs(turn)
+    return size * v * (y_vv * own + y_vr * rate), size * s.length_pp_m * (
+        v * (n_vv * own + n_vr * rate) + n_rr * turn * rate
+    )
+
+
+def _one_part(place: float) -> Callable[..., tuple[Any, Any]]:
+    """A skeg, a deep forefoot: drag of the hull at one place, ``place`` + ``ahead`` in lengths ahead of midship."""
+
+    def force(s: Situation, drag, ahead):
+        arm = (place + ahead) * s.length_pp_m
+        across = s.v_m_s + arm * s.r_rad_s
+        side = -0.5 * s.density_kg_m3 * s.length_pp_m * drag * across * np.abs(across)
+        return side, arm * side
+
+    return force
+
+
 def _current(s: Situation, speed, shear):
     """The water moves to starboard at ``speed`` + ``shear`` y: the hull's sway through it is smaller by as much."""
     flow = speed + shear * s.y_m
     return -s.y_v * flow, -s.n_v * flow
+
+
+def _current_along(s: Situation, speed, along, bent, twice):
+    """It changes along the tank, as Legendre's polynomials of the way do: grows, or goes to and fro once or so."""
+    flow = speed + along_the_run(s, along, bent, twice)
+    return -s.y_v * flow, -s.n_v * flow
+
+
+def _current_swings(period_s: float) -> Callable[..., tuple[Any, Any]]:
+    """Eddies that an earlier tow has left: to and fro along the tank."""
+
+    def force(s: Situation, speed, sine, cosine, faster):
+        flow = speed + swinging(s, period_s, sine, cosine, faster)
+        return -s.y_v * flow, -s.n_v * flow
+
+    return force
 
 
 def _memory(s: Situation, sway, yaw, moment):
@@ -109,6 +146,31 @@ CROSSFLOW_ENDS = replace(
     CROSSFLOW, parameters=(*CROSSFLOW.parameters, Parameter("ends_depth_m", "m", 0.05)), variant="fuller at the ends"
 )
 """Or finer: a number below zero."""
+CROSSFLOW_FORMS = (
+    replace(
+        CROSSFLOW,
+        parameters=(
+            Parameter("y_v_v_m", "m", 0.15, one_sided=True),
+            Parameter("y_v_r_m", "m", 0.05),
+            Parameter("n_v_v_m", "m", 0.05),
+            Parameter("n_v_r_m", "m", 0.03),
+            Parameter("n_r_r_m", "m", 0.02, one_sided=True),
+        ),
+        force=_moduli,
+        source="Fedyaevsky and Sobolev (1963)",
+        variant="second-order moduli",
+    ),
+    *(
+        replace(
+            CROSSFLOW,
+            parameters=(Parameter("drag_depth_m", "m", 0.1, one_sided=True), Parameter("ahead", "", 0.15)),
+            force=_one_part(place),
+            variant=f"of the {part} alone",
+        )
+        for place, part in ((-0.35, "after body"), (0.0, "middle body"), (0.35, "fore body"))
+    ),
+)
+"""Beside sections that drag by their own speed alone."""
 CUBIC = Effect(
     "cubic_damping",
     "sway",
@@ -185,6 +247,32 @@ CURRENT = Effect(
     force=_current,
     title="a current across the tank",
 )
+CURRENT_ALONG = replace(
+    CURRENT,
+    parameters=(
+        CURRENT.parameters[0],
+        Parameter("along_m_s", "m/s", 0.004),
+        Parameter("bent_m_s", "m/s", 0.003),
+        Parameter("twice_m_s", "m/s", 0.003),
+    ),
+    force=_current_along,
+    variant="that changes along the tank",
+)
+CURRENT_SWINGS = tuple(
+    replace(
+        CURRENT,
+        parameters=(
+            CURRENT.parameters[0],
+            Parameter("sine_m_s", "m/s", 0.002),
+            Parameter("cosine_m_s", "m/s", 0.002),
+            Parameter("faster", "", 0.15),
+        ),
+        force=_current_swings(period),
+        variant=f"to and fro, about {period:g} s",
+    )
+    for period in SWINGS_S
+)
+"""Beside one that is stronger at one wall."""
 _OF_BANK = (Parameter("suction_m2", "m2", 0.01, one_sided=True), Parameter("moment_m2", "m2", 0.005))
 """Numbers of a force on the whole hull: their usual sizes, choices; ..."""
 _BY_SECTIONS = (*_OF_BANK, Parameter("ahead", "", 0.2), Parameter("turn_m2", "m2", 0.003))

@@ -30,6 +30,13 @@ def _friction(s: Situation, moment, oil=0.0, stick=0.0):
     return 0.0 * s.alpha_rad, -grip * np.tanh(turning / RUB_RATE) - oil * turning
 
 
+def _at_the_post(s: Situation, moment, oil):
+    """The line's other end rubs: a moment on the line, and by its length a force across it at the tow point."""
+    grip = moment * np.tanh(s.alpha_rate / RUB_RATE) + oil * s.alpha_rate
+    side = -grip / s.line_length_m * np.cos(s.alpha_rad + s.beta_rad)
+    return side, s.tow_point_m * side
+
+
 def _varies(s: Situation, power, late):
     """With the angle, or with the angle a little earlier where a winch or a falling weight follows it."""
     angle = s.alpha_rad - late * s.alpha_rate
@@ -133,6 +140,7 @@ FRICTION_FORMS = (
         source="Stribeck (1902)",
         variant="sticking, and oil",
     ),
+    replace(FRICTION, parameters=(*FRICTION.parameters, _OIL), force=_at_the_post, variant="at the post"),
 )
 """Beside the dry one. Oil alone is damping, which the derivatives take up."""
 

@@ -98,13 +98,13 @@ def ranked(
     fitted = _fit_all(inference, base, [(e,) for e in (*singles, *best_free)], gross, starts)
     single_prior, forms = np.log(P_SINGLE / max(len(names), 1)), _of_forms(scores, usable)
     candidates = [
-        Candidate(effects, f, f.log_evidence - base.log_evidence, single_prior + forms[effects[0].name])
+        Candidate(effects, f, _worth(f) - base.log_evidence, single_prior + forms[effects[0].name])
         for effects, f in fitted
         if effects[0] not in free
     ]
     candidates += _as_candidates(inference, base, unlike, single_prior)
     free_found = [
-        Candidate(effects, f, f.log_evidence - base.log_evidence, np.log(P_UNKNOWN))
+        Candidate(effects, f, _worth(f) - base.log_evidence, np.log(P_UNKNOWN))
         for effects, f in fitted
         if effects[0] in free
     ]
@@ -139,7 +139,7 @@ def _as_candidates(
             fitted = inference.fit([h], [forces], REFIT_STEPS, (1,))[0]
         except EstimationError:
             continue
-        found.append(Candidate(h.effects, fitted, fitted.log_evidence - base.log_evidence, single_prior))
+        found.append(Candidate(h.effects, fitted, _worth(fitted) - base.log_evidence, single_prior))
     return found
 
 
@@ -199,7 +199,7 @@ def _siblings(
     others = [e for e in usable if e.name == best.names[0] and e.label != best.effects[0].label]
     others = sorted(others, key=lambda e: -scores[e.label])[:SIBLINGS]
     fitted = _fit_all(inference, base, [(e,) for e in others], gross) if others else []
-    return [Candidate(effects, f, f.log_evidence - base.log_evidence, best.log_prior) for effects, f in fitted]
+    return [Candidate(effects, f, _worth(f) - base.log_evidence, best.log_prior) for effects, f in fitted]
 
 
 def _converged(inference: Inference, candidates: list[Candidate], base: Fitted) -> list[Candidate]:
@@ -216,7 +216,7 @@ def _converged(inference: Inference, candidates: list[Candidate], base: Fitted) 
         if not moving:
             break
     better = [
-        replace(c, fitted=f, log_evidence=f.log_evidence - base.log_evidence) for c, f in zip(few, fitted, strict=True)
+        replace(c, fitted=f, log_evidence=_worth(f) - base.log_evidence) for c, f in zip(few, fitted, strict=True)
     ]
     rest = [c for c in candidates if c not in few]
     return sorted((*better, *rest), key=lambda c: -c.log_evidence)
@@ -386,7 +386,7 @@ def _pairs(
         for (effect,), fitted in _fit_all(inference, first.fitted, [(e,) for e in second], gross):
             pair = (*first.effects, effect)
             own = prior + sum(forms[name] for name in (*first.names, effect.name)) - first.form
-            found.append(Candidate(pair, fitted, fitted.log_evidence - base.log_evidence, own))
+            found.append(Candidate(pair, fitted, _worth(fitted) - base.log_evidence, own))
     return found
 
 

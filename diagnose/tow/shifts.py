@@ -1,4 +1,7 @@
-"""A camera that was turned between two runs, or during one: when, from the residuals of what holds no dynamics."""
+"""A camera that was turned, or a post that was moved: between two runs, during one, for a while, slowly or little by little.
+
+When, from the residuals of what holds no dynamics.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import numpy as np
 
 from ...simulate.model import Array
 from ..effects import Effect
-from ..effects.camera import SHIFT
+from ..effects.camera import POST, SHIFT
 from .data import TowRun
 
 STEP_Z = 8.0
@@ -17,36 +20,98 @@ STEP_Z = 8.0
 choice."""
 EDGE = 4
 """Blocks before or after a step."""
+OVER_S = (3.0, 9.0, 20.0)
+"""How long a slow turn may take, about the clearest step."""
+WHILE_COST = 3.0
+"""Log evidence that a second time found beforehand costs: a choice."""
 NEAR = 6
 """Blocks about a step that say when it was."""
 
 
 def shift_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Effect]:
-    """Turned before each run but the first, and where one run's line and marker distance show the clearest step.
+    """Turned before each run but the first, little by little in all of them, and where one run's line and marker distance show the
+    clearest step: for good, for a while, or slowly. And a post that was moved before a run.
 
     Parameters
     ----------
     runs : as the diagnosis sees them
     residuals : per run (n, 4), measured minus simulated by the fit without effects
     """
-    if any(run.marks is None or SHIFT.needs(run.marks.run) for run in runs):
-        return []
     names = [run.name for run in runs]
-    found = [_since(names, k, 0.0) for k in range(1, len(runs))]
+    found = [_since(POST, names, k) for k in range(1, len(runs))] if all(run.marks is not None for run in runs) else []
+    if any(run.marks is None or SHIFT.needs(run.marks.run) for run in runs):
+        return found
+    found += [_since(SHIFT, names, k) for k in range(1, len(runs))]
+    if len(runs) > 1:
+        found.append(_little_by_little(runs))
     steps = [(*_step(run, residuals[k]), k) for k, run in enumerate(runs)]
     clearest, time, where = max(steps)
     if clearest > STEP_Z:
-        found.append(_since(names, where, time, runs[where].step_s))
+        found.append(_since(SHIFT, names, where, time, runs[where].step_s))
+        begin, end = _while(runs[where], residuals[where])
+        found.append(_between(names, where, begin, end, runs[where].step_s))
+        found += [_slowly(names, where, time, over) for over in OVER_S]
     return found
 
 
-def _since(names: Sequence[str], first: int, time_s: float, step_s: float = 1.0) -> Effect:
+def _since(effect: Effect, names: Sequence[str], first: int, time_s: float = 0.0, step_s: float = 1.0) -> Effect:
     def when(name: str, t_s: Array) -> Array:
         place = names.index(name)
         return _share(t_s, time_s, step_s) if time_s and place == first else np.full(len(t_s), float(place >= first))
 
     at = f", {time_s:.1f} s" if time_s else ""
-    return replace(SHIFT, variant=f"from {names[first]}{at} on", when=when)
+    return replace(effect, variant=f"from {names[first]}{at} on", when=when)
+
+
+def _between(names: Sequence[str], where: int, begin_s: float, end_s: float, step_s: float) -> Effect:
+    def when(name: str, t_s: Array) -> Array:
+        here = float(names.index(name) == where)
+        return here * (_share(t_s, begin_s, step_s) - _share(t_s, end_s, step_s))
+
+    return replace(SHIFT, variant=f"in {names[where]}, {begin_s:.1f}-{end_s:.1f} s", when=when, cost=WHILE_COST)
+
+
+def _slowly(names: Sequence[str], where: int, middle_s: float, over_s: float) -> Effect:
+    def when(name: str, t_s: Array) -> Array:
+        place = names.index(name)
+        turned = np.clip((t_s - middle_s) / over_s + 0.5, 0.0, 1.0)
+        return turned if place == where else np.full(len(t_s), float(place > where))
+
+    return replace(SHIFT, variant=f"from {names[where]}, {middle_s:.1f} s on, over {over_s:g} s", when=when)
+
+
+def _little_by_little(runs: Sequence[TowRun]) -> Effect:
+    lasts = {run.name: len(run.centre_s) * run.step_s for run in runs}
+    ends = np.cumsum(list(lasts.values()))
+    begins = dict(zip(lasts, ends - np.array(list(lasts.values())), strict=True))
+    return replace(
+        SHIFT, variant="little by little in all runs", when=lambda name, t_s: (begins[name] + t_s) / float(ends[-1])
+    )
+
+
+def _while(run: TowRun, residual: Array) -> tuple[float, float]:
+    """Begin and end of the stretch, in the middle of a run, whose line and marker distance differ most from the rest."""
+    both = _rests(run, residual)
+    n = both.shape[1]
+    sums = np.concatenate([np.zeros((len(both), 1)), np.cumsum(both, axis=1)], axis=1)
+    begin, end = (k[..., None] for k in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    count = np.where((end - begin >= EDGE) & (end - begin <= n - EDGE), end - begin, 0)[..., 0]
+    inside = (sums[:, None, :n] - sums[:, :n, None]) ** 2
+    # of a mean of zero over the whole run
+    shown = np.where(count > 0, inside.sum(axis=0) / np.maximum(count * (1 - count / n), 1e-9), 0.0)
+    first, last = np.unravel_index(int(np.argmax(shown)), shown.shape)
+    return float(run.centre_s[first] - run.step_s / 2), float(run.centre_s[last] - run.step_s / 2)
+
+
+def _rests(run: TowRun, residual: Array) -> Array:
+    """(channels, n): line and marker distance over their noise, about their means; none where too little was seen."""
+    rests = [np.zeros((0, len(run.centre_s)))]
+    for channel in (2, 3):
+        good = np.isfinite(residual[:, channel])
+        if good.sum() >= 4 * EDGE:
+            sd = run.usual_sd(channel)
+            rests.append(np.where(good, residual[:, channel] - residual[good, channel].mean(), 0.0)[None] / sd)
+    return np.concatenate(rests)
 
 
 def _share(centre_s: Array, time_s: float, step_s: float) -> Array:
@@ -56,15 +121,10 @@ def _share(centre_s: Array, time_s: float, step_s: float) -> Array:
 
 def _step(run: TowRun, residual: Array) -> tuple[float, float]:
     """Significance and time of the clearest step in line and marker distance together."""
-    rests = []
-    for channel in (2, 3):
-        good = np.isfinite(residual[:, channel])
-        if good.sum() >= 4 * EDGE:
-            sd = run.usual_sd(channel)
-            rests.append(np.where(good, residual[:, channel] - residual[good, channel].mean(), 0.0) / sd)
-    if not rests:
+    both = _rests(run, residual)
+    if not len(both):
         return 0.0, 0.0
-    n, both, t_s = len(run.centre_s), np.array(rests), run.centre_s
+    n, t_s = len(run.centre_s), run.centre_s
 
     def shown(time_s: float, some: slice) -> float:
         share = _share(t_s[some], time_s, run.step_s)

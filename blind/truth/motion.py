@@ -158,7 +158,7 @@ def _aside(q: Lanes, t: float, y: Array, b: Array) -> Array:
         gone = 0.5 * (1 + np.tanh((t - q["tow_point_offset.slip_s"]) / SLIPS_S))
         place = place + q["tow_point_offset.slip_m"] * gone
     if q.has("tow_point_offset.slide_m"):
-        place = place - q["tow_point_offset.slide_m"] * np.tanh((y / q["line"] + b) / RAIL_RAD)
+        place = place - q["tow_point_offset.slide_m"] * np.tanh(((y + q["x_t"] * b) / q["line"] + b) / RAIL_RAD)
     return place
 
 

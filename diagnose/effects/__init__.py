@@ -40,7 +40,20 @@ from .hull import (
     CURRENT_SWINGS,
     MEMORY,
 )
-from .line import ELASTIC, FRICTION, FRICTION_FORMS, KEPT, LAW, LAWS, OFFSET, TENSION, jerked, slack
+from .line import (
+    ELASTIC,
+    FRICTION,
+    FRICTION_FORMS,
+    KEPT,
+    LAW,
+    LAWS,
+    OFFSET,
+    OFFSET_FORMS,
+    TENSION,
+    jerked,
+    offset_each,
+    slack,
+)
 
 LIBRARY: tuple[Effect, ...] = (
     CROSSFLOW,
@@ -64,6 +77,7 @@ LIBRARY: tuple[Effect, ...] = (
     LAW,
     ELASTIC,
     OFFSET,
+    *OFFSET_FORMS,
     FRICTION,
     *FRICTION_FORMS,
     LENS,
@@ -99,5 +113,6 @@ __all__ = [
     "installed_effects",
     "jerked",
     "load_effects",
+    "offset_each",
     "slack",
 ]

@@ -17,6 +17,10 @@ SLACK_FORM = 0.01
 """A slack line's course is a guess, its time and size are fitted."""
 JERK_FORM = 0.03
 """What carries a model ahead takes a course of its own, and bounces are told by a camera coarsely."""
+RAIL = 0.1
+"""Sine of the line's angle to the hull at which it has gone three quarters of a rail's way."""
+SLIPS_S = 0.5
+"""How long a tow point takes to slip."""
 RUB_RATE = 0.004
 """rad/s at which dry friction has turned over (it is smoothed there)."""
 STRIBECK_RATE = 0.02
@@ -35,6 +39,26 @@ def _at_the_post(s: Situation, moment, oil):
     grip = moment * np.tanh(s.alpha_rate / RUB_RATE) + oil * s.alpha_rate
     side = -grip / s.line_length_m * np.cos(s.alpha_rad + s.beta_rad)
     return side, s.tow_point_m * side
+
+
+def _turned_by(s: Situation, offset: Any) -> tuple[Any, Any]:
+    """The moment of a line that pulls beside the centre line."""
+    return 0.0 * s.alpha_rad, -offset * s.tension_n * np.cos(s.alpha_rad + s.beta_rad)
+
+
+def _moved_aside(seen: Seen, offset: Any) -> tuple[Any, Any, Any, Any]:
+    """A model that its line holds beside the centre line lies to the other side of where it would."""
+    beta, nothing = seen.pose[2], 0.0 * seen.side
+    return offset * np.sin(beta), -offset * np.cos(beta), nothing, nothing
+
+
+def _along_the_rail(side: Any, slides: Any) -> Any:
+    """The line draws its point along a rail, to the side it pulls to."""
+    return slides * np.tanh(side / RAIL)
+
+
+def _slipped(t_s: Any, before: Any, slipped: Any, when: Any) -> Any:
+    return before + slipped * 0.5 * (1 + np.tanh((t_s - when) / SLIPS_S))
 
 
 def _varies(s: Situation, power, late):
@@ -120,6 +144,49 @@ OFFSET = Effect(
     offset=lambda offset_m: offset_m,
     title="a tow point off the centre line",
 )
+OFFSET_FORMS = (
+    replace(
+        OFFSET,
+        parameters=(Parameter("slides_m", "m", 0.006),),
+        physics="The tow point slides on a rail or a bridle to the side that the line pulls to, and the line turns the model.",
+        cure="Fix the tow point.",
+        offset=None,
+        force=lambda s, slides: _turned_by(s, _along_the_rail(np.sin(s.alpha_rad + s.beta_rad), slides)),
+        observe=lambda seen, slides: _moved_aside(seen, _along_the_rail(seen.side, slides)),
+        variant="on a rail",
+    ),
+    *(
+        replace(
+            OFFSET,
+            parameters=(*OFFSET.parameters, Parameter("slipped_m", "m", 0.005), Parameter("when_s", "s", 4.0, none=at)),
+            physics="The tow point slips during a run, and the line pulls beside the centre line.",
+            offset=None,
+            force=lambda s, *numbers: _turned_by(s, _slipped(s.t_s, *numbers)),
+            observe=lambda seen, *numbers: _moved_aside(seen, _slipped(seen.t_s, *numbers)),
+            variant=f"slips at about {at:g} s",
+        )
+        for at in (10.0, 20.0, 30.0)
+    ),
+)
+"""Beside one that stands off all along."""
+
+
+def offset_each(runs: int) -> Effect:
+    """A tow point that was set anew before each run.
+
+    Parameters
+    ----------
+    runs : of the campaign
+    """
+    return replace(
+        OFFSET,
+        parameters=tuple(Parameter(f"offset_{k + 1}_m", "m", 0.005, apart=1e-3) for k in range(runs)),
+        offset=lambda *offsets: np.array(offsets),
+        variant="in each run another",
+        bound=True,
+    )
+
+
 FRICTION = Effect(
     "swivel_friction",
     "line",

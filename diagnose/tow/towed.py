@@ -10,7 +10,7 @@ import numpy as np
 
 from ...geometry.normal import inverse_of_normal
 from ...simulate.model import Array
-from ..effects import LAWS, Effect
+from ..effects import LAWS, Effect, offset_each
 from ..inference.apart import Apart
 from ..inference.grams import reduced
 from ..inference.hypothesis import FREE, Hypothesis
@@ -170,6 +170,7 @@ class TowSimulator(TowModel):
             *(jerk_effects if self._fields.surge.all() else slack_effects)(self.runs, residuals),
             *springing_effects(self.runs, residuals),
             *shift_effects(self.runs, residuals),
+            *((offset_each(len(self.runs)),) if len(self.runs) > 1 else ()),
             *(delay_effects(self.runs, self.node_s, self._pulled(base.hypothesis)) if self.celled else ()),
         ]
 

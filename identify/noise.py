@@ -81,7 +81,10 @@ class Whitener:
         found = np.zeros_like(rows)
         since = np.arange(rows.shape[-1]) - self.begins
         for channel, coefficients in enumerate(self.regression):
-            orders = [*_shorter(coefficients, self.innovation[channel]), (coefficients, float(self.innovation[channel]))]
+            orders = [
+                *_shorter(coefficients, self.innovation[channel]),
+                (coefficients, float(self.innovation[channel])),
+            ]
             for order, (regression, spread) in enumerate(orders):
                 whole = order == len(coefficients)
                 at = np.flatnonzero(since >= order if whole else since == order)

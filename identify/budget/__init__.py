@@ -6,16 +6,17 @@ own. Contributions c u, input by input, sum to the fit's covariance; that is che
 
 from .combine import Budget, Judged, budget_of, judged
 from .components import Component, ModeOrigin
-from .given import Given
+from .given import Shape, absent
 from .repeats import Repeats, repeats_of
 
 __all__ = [
     "Budget",
     "Component",
-    "Given",
     "Judged",
     "ModeOrigin",
     "Repeats",
+    "Shape",
+    "absent",
     "budget_of",
     "judged",
     "repeats_of",

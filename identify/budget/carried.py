@@ -8,8 +8,8 @@ to port.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -114,7 +114,9 @@ def carried_on(budget: Budget, speed_m_s: float, length_pp_m: float, rng: np.ran
         for name, unit, here in zigzag(*_matrices(at), np.radians(angle), speed_m_s, length_pp_m):
             found.append(_carried(f"{angle:g}/{angle:g} zigzag: {name}", unit, float(here[0]), None, here[1:]))
     index = stability_index(drawn)
-    return CarriedOn(tuple(found), Stability(bool(stability_index(budget.value[:, None])[0] > 0), float((index > 0).mean())))
+    return CarriedOn(
+        tuple(found), Stability(bool(stability_index(budget.value[:, None])[0] > 0), float((index > 0).mean()))
+    )
 
 
 def stability_index(six: Array) -> Array:

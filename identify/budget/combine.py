@@ -13,7 +13,7 @@ from ..data import RunData
 from ..fit import Fit
 from .components import INFINITE, Component, ModeOrigin, components_of
 from .gains import gains_of
-from .given import Given, Shape, given_components
+from .given import Shape, given_components
 
 LEVEL = 0.95
 """Level of confidence of an expanded uncertainty (ITTC 7.5-02-06-04: 95 %)."""
@@ -95,7 +95,6 @@ def budget_of(
     runs: Sequence[RunData],
     modes: Mapping[str, Sequence[ModeOrigin]] | None = None,
     shapes: Sequence[Shape] = (),
-    known: Mapping[str, Given] | None = None,
 ) -> Budget:
     """The budget of a joint fit by output error.
 
@@ -105,7 +104,6 @@ def budget_of(
     runs : as fitted
     modes : key of common modes -> where they come from; None: each key is a line
     shapes : inputs of the camera's side that the fit takes as exact
-    known : name of an input that the fit takes as exact -> how well it is known
 
     Raises
     ------
@@ -117,7 +115,7 @@ def budget_of(
     """
     gains = gains_of(fit, runs)
     surge = fit.form == "full" and runs[0].tow.line == "surge"
-    lines = components_of(gains, modes or {}) + given_components(gains, shapes, known or {}, surge)
+    lines = components_of(gains, modes or {}) + given_components(gains, shapes, surge)
     return Budget(gains.names, gains.units, gains.value, np.sqrt(np.diag(fit.covariance)), tuple(lines))
 
 

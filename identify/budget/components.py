@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -58,6 +58,27 @@ class Component:
         """It is in the combined uncertainty."""
         return self.status != "not included"
 
+    def known(self, u: float, evaluation: Evaluation, degrees: float, origin: str) -> Component:
+        """The line of an input that the fit takes as exact, now that its standard uncertainty is stated.
+
+        Parameters
+        ----------
+        u : in the line's unit
+        evaluation : type A or B
+        degrees : of freedom of u
+        origin : where u comes from
+
+        Raises
+        ------
+        ValueError : the line is in the fit already, or has no sensitivity
+        """
+        if self.included or self.sensitivity is None:
+            raise ValueError(f"{self.source}, {self.name}: nothing to add")
+        covariance = u**2 * np.outer(self.sensitivity, self.sensitivity)
+        return replace(
+            self, u=u, evaluation=evaluation, degrees=degrees, origin=origin, covariance=covariance, status="added"
+        )
+
 
 @dataclass(frozen=True)
 class ModeOrigin:
@@ -69,6 +90,7 @@ class ModeOrigin:
     weight : (k, k), its share of the modes' covariance, which is 1; the shares of a camera sum to the unit matrix
     u, unit : of the input behind, where it is a single one, or of each of many
     origin, evaluation, degrees : as in ``Component``
+    mode : which mode it is, where it is a single one
     """
 
     source: str
@@ -79,6 +101,7 @@ class ModeOrigin:
     unit: str = ""
     evaluation: Evaluation = "B"
     degrees: float = INFINITE
+    mode: int | None = None
 
 
 @dataclass
@@ -89,7 +112,15 @@ class _Lines:
     found: list[Component] = field(default_factory=list)
 
     def single(
-        self, source: str, name: str, run: str, u: float, unit: str, moved: Array, origin: str, degrees: float = INFINITE
+        self,
+        source: str,
+        name: str,
+        run: str,
+        u: float,
+        unit: str,
+        moved: Array,
+        origin: str,
+        degrees: float = INFINITE,
     ) -> None:
         """An input whose standard uncertainty moves the quantities by ``moved``."""
         self.found.append(
@@ -118,7 +149,7 @@ def components_of(gains: Gains, modes: Mapping[str, Sequence[ModeOrigin]]) -> li
     _gauges(lines)
     _modes(lines, modes)
     if gains.problem.gyration is not None:
-        k2, sd = gains.problem.gyration
+        _, sd = gains.problem.gyration
         six = gains.theta[:6]
         moved = gains.rows[:, :2] @ (np.array([-six[1] / six[0], 1.0]) / six[0] / sd)
         lines.single("stated derivatives", "k2_m2", "", sd, "m2", moved, f"{RUN_TOML}derivatives.k2_m2")
@@ -277,21 +308,24 @@ def _modes(lines: _Lines, modes: Mapping[str, Sequence[ModeOrigin]]) -> None:
     lags = {d.lag_key for d in gains.runs}
     for key, at in problem.mode_at.items():
         rows = gains.rows[:, at]
+        of = [d.name for d in gains.runs if any(k == key for k, _ in d.shared)]
+        whose = "" if len(of) == len(gains.runs) else ", ".join(of)
+        of = [d.name for d in gains.runs if any(k == key for k, _ in d.shared)]
+        whose = "" if len(of) == len(gains.runs) else ", ".join(of)
         usual = "codec and surroundings" if key in lags else "camera"
         whole = ModeOrigin(usual, "common modes, all together", np.eye(rows.shape[1]), "motion's own common error")
         for part in modes.get(key) or (whole,):
             one = rows @ part.weight @ rows.T
-            values, vectors = np.linalg.eigh(part.weight)
-            if part.u and (values > 0.5).sum() == 1 and np.isclose(values[-1], 1.0):
-                # a single mode of its own: what is stated more moves the picture's places as the mode does
-                moved = -rows @ (vectors[:, -1] * np.sign(vectors[np.abs(vectors[:, -1]).argmax(), -1]))
+            if part.mode is not None and part.u:
+                # what is stated more moves the marks' places as the mode does, and the fit finds so much less of it
                 component = Component(
-                    part.source, part.name, "", part.evaluation, part.u, part.unit, moved / part.u, one, part.degrees, part.origin
+                    part.source, part.name, whose, part.evaluation, part.u, part.unit, -rows[:, part.mode] / part.u, one,
+                    part.degrees, part.origin,
                 )  # fmt: skip
                 lines.found.append(component)
             else:
                 lines.many(
-                    part.source, part.name, "", part.evaluation, one, u=part.u, unit=part.unit, degrees=part.degrees,
+                    part.source, part.name, whose, part.evaluation, one, u=part.u, unit=part.unit, degrees=part.degrees,
                     origin=part.origin,
                 )  # fmt: skip
 

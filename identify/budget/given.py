@@ -1,13 +1,13 @@
 """Inputs that the fit takes as exact: how far an error of theirs would move the quantities, by the model's own equations.
 
 Each is perturbed by itself, with the records as they are, and the fit's gains turn the change of the response into one of the
-derivatives. Where somebody says how well such an input is known it is added to the fit's covariance; else the line stands there
-with its sensitivity and is not included.
+derivatives. The line stands there with its sensitivity and is not included, until somebody says how well the input is known
+(``Component.known``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,32 +15,14 @@ import numpy as np
 from ...simulate.model import Array
 from ..data import RunData
 from ..joint.problem import OWN, Problem
-from .components import INFINITE, Component, Evaluation
+from .components import INFINITE, Component
 from .gains import Gains
 
 STEP_REL = 1e-3
 """Of a perturbation, relative: its square, the error of a central difference, is 1e-6; a path's own is 1e-8 of the amplitude."""
 STEP_M = 1e-3
 """The same of a tow point, m."""
-TAKEN = "taken as exact"
-
-
-@dataclass(frozen=True)
-class Given:
-    """How well an input is known that the fit takes as exact.
-
-    Attributes
-    ----------
-    u : standard uncertainty in the input's unit
-    evaluation : type A or B
-    degrees : of freedom
-    origin : where it comes from
-    """
-
-    u: float
-    evaluation: Evaluation = "B"
-    degrees: float = INFINITE
-    origin: str = ""
+TAKEN = "taken as exact: how well it is known is not stated"
 
 
 @dataclass(frozen=True)
@@ -62,16 +44,13 @@ class Shape:
 Change = Callable[[RunData, float], RunData]
 
 
-def given_components(
-    gains: Gains, shapes: Sequence[Shape], known: Mapping[str, Given], surge: bool
-) -> list[Component]:
+def given_components(gains: Gains, shapes: Sequence[Shape], surge: bool) -> list[Component]:
     """Lines of what the fit takes as exact.
 
     Parameters
     ----------
     gains : of the fit
     shapes : inputs of the camera's side
-    known : name of an input -> how well it is known
     surge : the line keeps its length, so that the model's mass is in the equations
     """
     runs, priors = gains.runs, gains.runs[0].priors
@@ -79,7 +58,22 @@ def given_components(
     found: list[Component] = []
 
     def line(source: str, name: str, unit: str, moved: Array) -> None:
-        found.append(_line(source, name, unit, moved, known.get(name), f"{TAKEN}: its standard uncertainty is not stated"))
+        nothing = np.zeros((len(moved), len(moved)))
+        found.append(
+            Component(
+                source,
+                name,
+                "",
+                "B",
+                None,
+                unit,
+                moved,
+                nothing,
+                INFINITE,
+                TAKEN,
+                "not included",
+            )
+        )
 
     if "tension" not in held:
         moved = _by_own(gains, "tension", relative=True)
@@ -97,16 +91,6 @@ def given_components(
         moved = gains.shift([None if d is None else d.T for d in shape.data])
         line(shape.source, shape.name, shape.unit, moved)
     return found
-
-
-def _line(source: str, name: str, unit: str, moved: Array, known: Given | None, why: str) -> Component:
-    nothing = np.zeros((len(moved), len(moved)))
-    if known is None or known.u == 0:
-        return Component(source, name, "", "B", None, unit, moved, nothing, INFINITE, why, "not included")
-    return Component(
-        source, name, "", known.evaluation, known.u, unit, moved, known.u**2 * np.outer(moved, moved), known.degrees,
-        known.origin or "stated in the budget's inputs", "added",
-    )  # fmt: skip
 
 
 def absent(source: str, name: str, why: str, size: int) -> Component:
@@ -183,4 +167,4 @@ def _clock(gains: Gains) -> Array:
     return gains.shift(data)
 
 
-__all__ = ["Given", "Shape", "absent", "given_components"]
+__all__ = ["Shape", "absent", "given_components"]

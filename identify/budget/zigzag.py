@@ -54,7 +54,12 @@ def zigzag(a: Array, b: Array, angle_rad: float, speed_m_s: float, length_m: flo
         for k in range(2):
             # between one throw and the next the heading passes its extreme, where r changes its sign
             towards = angle_rad if k == 0 else -angle_rad
-            turned = ~done[k] & (executes > k) & (np.sign(towards) * state[:, 1] <= 0) & (np.sign(towards) * before[:, 1] > 0)
+            turned = (
+                ~done[k]
+                & (executes > k)
+                & (np.sign(towards) * state[:, 1] <= 0)
+                & (np.sign(towards) * before[:, 1] > 0)
+            )
             best = np.maximum(np.abs(state[:, 2]), np.abs(before[:, 2]))
             peak[k] = np.where(turned, best - angle_rad, peak[k])
             done[k] |= turned

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -41,34 +41,21 @@ from ..record.results import read_result
 from ..record.toml import read_toml
 from ..simulate.model import DERIVATIVE_UNITS
 from .analysis import Identified
-from .progress import Progress
+from .draws import rng_of
 from .stages import RunMotion, fit_run_datum
 
 X_V = "x_v_m"
 """Name of the neutral point among the quantities."""
 DENSITY = "density_kg_m3"
 """Name of the density's line."""
-SEED_BYTES = 8
-"""Of the inputs' hashes: the same runs give the same draws."""
-
-
-@dataclass(frozen=True)
-class Budgeted:
-    """A budget with what the page shows of it.
-
-    Attributes
-    ----------
-    file : budget.json
-    budget : its lines as matrices
-    """
-
-    file: BudgetFile
-    budget: Budget
 
 
 def budget_batch(
-    answer: Identified, inputs: Path | None = None, gap: Path | None = None, progress: Progress | None = None
-) -> Budgeted:
+    answer: Identified,
+    inputs: Path | None = None,
+    gap: Path | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> BudgetFile:
     """The budget of a fit.
 
     Parameters
@@ -83,7 +70,28 @@ def budget_batch(
     EstimationError : these runs do not determine all six derivatives, or were fitted in the innovations form
     InputError : the inputs file names no line, or gap.json cannot be read
     """
-    say = (lambda _: None) if progress is None else (lambda text: progress(text, 0, None))
+    say = progress or (lambda _: None)
+    budget = budget_lines(answer, inputs, gap, say)
+    say("budget: repeats")
+    repeats = repeats_of(answer.fit, answer.data)
+    say("budget: stability, turning, zigzag")
+    carried = carried_on(budget, answer.fit.speed_m_s, answer.result.length_pp_m, rng_of(answer.result.inputs))
+    return _file(answer, budget, repeats, carried)
+
+
+def budget_lines(
+    answer: Identified,
+    inputs: Path | None = None,
+    gap: Path | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> Budget:
+    """The budget's lines with their matrices; parameters and errors as ``budget_batch``.
+
+    Parameters
+    ----------
+    answer, inputs, gap : as ``budget_batch`` takes
+    say : is told what is done
+    """
     open_ones = [name for name in DERIVATIVE_UNITS if name not in answer.result.derivatives]
     if open_ones:
         raise EstimationError(
@@ -96,16 +104,7 @@ def budget_batch(
     say("budget: sensitivities")
     budget = budget_of(answer.fit, answer.data, modes, shapes)
     budget = budget.with_components(*_outside(answer, budget), *_model_form(answer, budget, gap))
-    if said is not None:
-        budget = _told(budget, said, inputs or Path())
-    say("budget: repeats")
-    repeats = repeats_of(answer.fit, answer.data)
-    say("budget: stability, turning, zigzag")
-    seed = int.from_bytes(
-        "".join(sorted(answer.result.inputs.values())).encode()[:SEED_BYTES].ljust(SEED_BYTES, b"0"), "big"
-    )
-    carried = carried_on(budget, answer.fit.speed_m_s, answer.result.length_pp_m, np.random.default_rng(seed))
-    return Budgeted(_file(answer, budget, repeats, carried), budget)
+    return budget if said is None or inputs is None else _told(budget, said, inputs)
 
 
 # the camera's side ----------------------------------------------------------------------------------------------------
@@ -171,12 +170,14 @@ def _lag(name: str, weight: np.ndarray) -> ModeOrigin:
         "codec": "how far predicted pictures may hold a mark back, by the tracks' own check (vision.md)",
         "surroundings": "how far what stands beside a mark may pull it (geometry.pull)",
     }
-    return ModeOrigin(
-        "codec and slow noise" if name == "codec" else "pixels, frame to frame", _TITLES[name], weight, said[name]
-    )
+    source, title = _TITLES[name]
+    return ModeOrigin(source, title, weight, said[name])
 
 
-_TITLES = {"codec": "lag of predicted pictures", "surroundings": "pull of what stands beside a mark"}
+_TITLES = {
+    "codec": ("codec and slow noise", "lag of predicted pictures"),
+    "surroundings": ("surroundings of the marks", "pull of what stands beside a mark"),
+}
 
 
 def _shapes(runs: Sequence[RunMotion], data: Sequence[RunData]) -> list[Shape]:
@@ -413,4 +414,4 @@ def _notes(budget: Budget, repeats: Repeats) -> list[str]:
     return notes
 
 
-__all__ = ["Budgeted", "budget_batch"]
+__all__ = ["budget_batch", "budget_lines"]

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from .results import ResultFile, _Part
+from .errors import InputError
+from .results import ResultFile, _Part, read_result
 from .toml import Table
+
+BUDGET = "budget.json"
 
 Positive = Annotated[float, Field(gt=0)]
 """Above 0."""
@@ -118,7 +123,23 @@ class BudgetFile(ResultFile):
     notes: list[str] = Field(description="what the reader must know")
 
 
+def budget_beside(folder: Path, inputs: Mapping[str, str]) -> BudgetFile | None:
+    """budget.json in a folder of results; None where there is none, or it is of other inputs.
+
+    Parameters
+    ----------
+    folder : where it would lie
+    inputs : name of an input -> its SHA-256, as the results beside it state them
+    """
+    try:
+        found = read_result(folder / BUDGET, BudgetFile)
+    except InputError:
+        return None
+    return found if found.inputs == dict(inputs) else None
+
+
 __all__ = [
+    "BUDGET",
     "BudgetFile",
     "BudgetInput",
     "BudgetInputs",
@@ -126,4 +147,5 @@ __all__ = [
     "BudgetQuantity",
     "CarriedQuantity",
     "RepeatedDerivative",
+    "budget_beside",
 ]

@@ -19,8 +19,6 @@ Evaluation = Literal["A", "B"]
 INFINITE = float("inf")
 """Degrees of freedom of an input whose standard uncertainty is taken as known (JCGM 100, G.4.3)."""
 RUN_TOML = "run.toml [priors] "
-LONGEST_CORNER_HZ = min(CORNERS_HZ)
-"""The slowest form in which slow noise is looked for: so many independent looks a second the residuals have at least."""
 
 
 @dataclass(frozen=True)
@@ -164,26 +162,31 @@ def _noise(lines: _Lines) -> None:
 
     Degrees of freedom: a run's noise at the swing's frequency is read from n samples by a spectrum of p coefficients, whose
     relative variance is 2 p/n (Berk, Annals of Statistics 2, 1974), so that it has n/p degrees, n where it is white. Slow noise
-    that is left is read from the residuals' periodogram, 2 degrees an ordinate below the slowest form's corner.
+    that is left is read from the residuals' periodogram, 2 degrees an ordinate below the corner that it shows. What the fit takes
+    of them, the trace of its covariance with what the motion says, is off.
     """
     gains = lines.gains
     size = len(gains.rows)
     white, colour, slow = (np.zeros((size, size)) for _ in range(3))
-    degrees, looks, free = 0.0, 0.0, int(gains.problem.free.sum())
+    degrees, looks, taken = 0.0, 0.0, 0.0
+    size_of = gains.informed.slow.size
+    corner_hz = float(size_of @ CORNERS_HZ / size_of.sum()) if size_of.any() else min(CORNERS_HZ)
     for data, answer, weight, run, meat in zip(
         gains.runs, gains.answers, gains.weights, gains.informed.white, gains.informed.meat, strict=True
     ):
         rows = gains.of_score(answer.columns)
-        whole = rows @ sum(j @ j.T for j in run.slope) @ rows.T
+        told = sum((j @ j.T for j in run.slope), np.zeros((len(answer.columns), len(answer.columns))))
+        whole = rows @ told @ rows.T
+        taken += float(np.trace(gains.informed.inverse.of(answer.columns) @ told))
         plain = weight.uncoloured(run.slope)
-        as_white = rows @ sum(j @ j.T for j in plain) @ rows.T
+        as_white = rows @ (plain[0] @ plain[0].T + plain[1] @ plain[1].T) @ rows.T
         white += as_white
         colour += whole - as_white
         slow += rows @ meat @ rows.T
         samples = len(data.t_s)
         degrees += sum(samples / max(len(a), 1) for a in weight.regression)
-        looks += 2 * 2 * LONGEST_CORNER_HZ * (data.t_s[-1] - data.t_s[0])
-    degrees, looks = max(degrees - free, 1.0), max(looks - free, 1.0)
+        looks += 2 * 2 * corner_hz * (data.t_s[-1] - data.t_s[0])
+    degrees, looks = max(degrees - taken, 1.0), max(looks - taken, 1.0)
     scatter = np.sqrt(np.mean([np.mean(e**2, axis=0) for e in (a.residual.T for a in gains.answers)], axis=0))
     over = np.sqrt(np.mean([w.scale**2 for w in gains.weights], axis=0))
     stated = "which states none" if any(d.assumed_sigma for d in gains.runs) else "that the motion states"

@@ -94,7 +94,8 @@ def gains_of(fit: Fit, runs: Sequence[RunData]) -> Gains:
     problem = Problem(list(along), fit.form, fit.speed_m_s, path=fit.path)
     answers = problem.evaluate(fit.theta)
     found = informed(problem, fit.theta, answers, fit.weights, colours(list(along)))
-    names, units, places, size = list(DERIVATIVE_NAMES), list(DERIVATIVE_UNITS.values()), list(range(6)), [1.0] * 6
+    names: list[str] = list(DERIVATIVE_NAMES)
+    units, places, size = list(DERIVATIVE_UNITS.values()), list(range(6)), [1.0] * 6
     value = list(fit.six)
     if set(RUDDER_UNITS) <= set(fit.beside):
         for common in problem.commons:

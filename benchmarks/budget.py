@@ -1,10 +1,11 @@
 """The uncertainty budget against what it promises, on tows with surge in full made by code of their own (``surge_cases``).
 
-    python benchmarks/budget.py lines [--count 5]         # every input wrong by one sd, refitted, against its line
+    python benchmarks/budget.py lines [--count 10]        # every input wrong by one sd, refitted, against its line
     python benchmarks/budget.py draws [--count 2000]      # JCGM 101: every input drawn, refitted, against the combined uncertainty
     python benchmarks/budget.py coverage [--count 500]    # do expanded intervals hold the truth?
-    python benchmarks/budget.py repeats [--count 60]      # repeats of a run: is the type A check honest, and does it see a fault?
-    python benchmarks/budget.py film [--count 60]         # sample videos: marks, datum, settings changed, all refitted
+    python benchmarks/budget.py repeats [--count 20]      # repeats of a run: is the type A check honest, and does it see a fault?
+    python benchmarks/budget.py film [--count 30]         # sample videos: marks, datum, settings changed, all refitted
+    python benchmarks/budget.py all                       # one after the other
     python benchmarks/budget.py tables                    # all of it from what was kept
 
 Every refit is a whole one: the noise is weighed anew, nothing is linearised.
@@ -465,7 +466,7 @@ def shown_film(found: dict[str, Any]) -> str:
 
 # ----------------------------------------------------------------------------------------------------------------------
 
-COUNTS = {"lines": 6, "draws": 2000, "coverage": 500, "repeats": 60, "film": 60}
+COUNTS = {"lines": 10, "draws": 2000, "coverage": 500, "repeats": 20, "film": 30}
 """How many where nothing is asked."""
 SHOWN = {
     "lines": shown_lines,
@@ -486,20 +487,20 @@ TITLES = {
 def main() -> None:
     """Parse, make, keep, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=(*COUNTS, "tables"))
+    parser.add_argument("what", choices=(*COUNTS, "all", "tables"))
     parser.add_argument("--count", type=int)
     parser.add_argument("--out", type=Path, default=Path("build/budget"))
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    if options.what != "tables":
+    for what in COUNTS if options.what == "all" else () if options.what == "tables" else (options.what,):
         start = time.time()
-        count = options.count or COUNTS[options.what]
-        found = film(count, options.out) if options.what == "film" else globals()[options.what](count)
+        count = options.count or COUNTS[what]
+        found = film(count, options.out) if what == "film" else globals()[what](count)
         found["seconds"] = time.time() - start
-        (options.out / f"{options.what}.json").write_text(json.dumps(found), encoding="utf-8")
+        (options.out / f"{what}.json").write_text(json.dumps(found), encoding="utf-8")
     for what, show in SHOWN.items():
         path = options.out / f"{what}.json"
-        if options.what in (what, "tables") and path.is_file():
+        if options.what in (what, "all", "tables") and path.is_file():
             found = json.loads(path.read_text(encoding="utf-8"))
             print(f"{TITLES[what]} ({found['seconds']:.0f} s)\n{show(found)}\n")
 

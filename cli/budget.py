@@ -57,7 +57,10 @@ def call(options: argparse.Namespace) -> int:
     if options.gap is not None and not options.gap.is_file():
         raise TowlineError(f"{options.gap}: no such file; towline diagnose writes it")
     with show_progress() as show:
-        say = lambda text: show(text, 0, None)  # noqa: E731
+
+        def say(text: str) -> None:
+            show(text, 0, None)
+
         answer = identify_batch(towed, options.form, options.speed, priors, say, options.noise)
         file = budget_batch(answer, options.inputs, options.gap or out / "gap.json", say)
     for table in budget_tables(file):

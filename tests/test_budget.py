@@ -27,7 +27,7 @@ from towline.pipeline.budgeting import budget_batch, budget_lines
 from towline.record import DerivativesFile, InputError, Priors, read_result
 from towline.record.budget_file import BudgetFile, budget_beside
 from towline.record.errors import EstimationError
-from towline.record.priors import DERIVATIVE_NAMES, SurgePriors, ValuePrior
+from towline.record.priors import DERIVATIVE_NAMES, DerivativePriors, SurgePriors, ValuePrior
 from towline.record.schema import CameraTable, DatumPoint
 from towline.simulate import Hull, Start, Tow, simulate_full
 
@@ -330,6 +330,19 @@ def test_turning_and_zigzag_are_the_integrated_hulls(budget: Budget) -> None:
     ten = found["10/10 zigzag: first overshoot"]
     assert ten.value == pytest.approx(peaks[0], rel=2e-3)
     assert ten.low < ten.value < ten.high
+
+
+def test_rudder_forces_that_are_stated_are_quantities_of_the_budget() -> None:
+    """No rudder moves in these runs: Y_delta and N_delta stay at what [priors] says of them, and turning is carried on."""
+    told = {"y_delta": ValuePrior(value=20.0, std=1.0), "n_delta": ValuePrior(value=-25.0, std=1.5)}
+    runs = tows(PRIORS.model_copy(update={"derivatives": DerivativePriors(**told)}), ("a", "c"))
+    budget = budget_of(fit_runs(runs), runs)
+    assert budget.names[6:] == ("y_delta", "n_delta")
+    assert budget.closure < CLOSES
+    assert budget.value[6:] == pytest.approx([20.0, -25.0])
+    assert np.sqrt(np.diag(budget.covariance))[6:] == pytest.approx([1.0, 1.5], rel=1e-3)
+    found = [q.name for q in carried_on(budget, 1.28, 2.66, np.random.default_rng(1)).quantities]
+    assert "turning ability K = r/delta" in found
 
 
 def test_an_unstable_hull_has_no_turning_circle(budget: Budget) -> None:

@@ -16,6 +16,7 @@ from ..joint.problem import OWN
 from .gains import Gains
 
 Evaluation = Literal["A", "B"]
+CAMERA = "camera"
 INFINITE = float("inf")
 """Degrees of freedom of an input whose standard uncertainty is taken as known (JCGM 100, G.4.3)."""
 RUN_TOML = "run.toml [priors] "
@@ -315,7 +316,7 @@ def _modes(lines: _Lines, modes: Mapping[str, Sequence[ModeOrigin]]) -> None:
         whose = "" if len(of) == len(gains.runs) else ", ".join(of)
         of = [d.name for d in gains.runs if any(k == key for k, _ in d.shared)]
         whose = "" if len(of) == len(gains.runs) else ", ".join(of)
-        usual = "codec and surroundings" if key in lags else "camera"
+        usual = "codec and surroundings" if key in lags else CAMERA
         whole = ModeOrigin(usual, "common modes, all together", np.eye(rows.shape[1]), "motion's own common error")
         for part in modes.get(key) or (whole,):
             one = rows @ part.weight @ rows.T
@@ -333,4 +334,4 @@ def _modes(lines: _Lines, modes: Mapping[str, Sequence[ModeOrigin]]) -> None:
                 )  # fmt: skip
 
 
-__all__ = ["INFINITE", "Component", "ModeOrigin", "components_of"]
+__all__ = ["CAMERA", "INFINITE", "Component", "ModeOrigin", "components_of"]

@@ -1,7 +1,7 @@
 """Repeats: runs of the same set-up, each fitted alone, against what their lines say (a type A check of the whole).
 
-What is common to the repeats (the gauge's scale, the camera, the line) moves all of them alike and is not seen in their scatter, so
-that the scatter is held against the lines that each run has for itself.
+What is common to the repeats (the gauge's scale, the line, a camera picked once) moves all of them alike and is not seen in
+their scatter, so that the scatter is held against the lines that each run has for itself.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from ..data import RunData
 from ..fit import Fit, Near, fit_runs
 from ..limits.combinations import determined
 from .combine import LEVEL, budget_of
+from .components import CAMERA
 
 SAME = 1e-3
 """Set-ups whose lengths (m), speeds (relative) and rudders (rad) differ by less are the same: a choice."""
@@ -77,7 +78,7 @@ def repeats_of(fit: Fit, runs: Sequence[RunData]) -> Repeats:
     names = tuple(tuple(runs[k].name for k in g) for g in groups)
     if not groups:
         return Repeats((), (), "no two runs share tow point, line, speed and rudder")
-    singles = {k: _alone(fit, runs, k) for g in groups for k in g}
+    singles = {k: _alone(fit, runs, k, len({runs[i].common_key for i in g}) > 1) for g in groups for k in g}
     failed = [runs[k].name for k, one in singles.items() if one is None]
     found = []
     for i, name in enumerate(DERIVATIVE_NAMES):
@@ -130,7 +131,7 @@ def _alike(one: RunData, other: RunData) -> bool:
     return not histories and bool(np.abs(apart).max() < SAME)
 
 
-def _alone(fit: Fit, runs: Sequence[RunData], index: int) -> tuple[Array, Array, Array] | None:
+def _alone(fit: Fit, runs: Sequence[RunData], index: int, own_camera: bool) -> tuple[Array, Array, Array] | None:
     """Six of a run alone, the variance of its own lines, and which it determines; None where it cannot be fitted."""
     one = [runs[index]]
     try:
@@ -140,10 +141,12 @@ def _alone(fit: Fit, runs: Sequence[RunData], index: int) -> tuple[Array, Array,
         return None
     fixed = np.zeros(6, dtype=bool)
     fixed[list(determined(alone.six, alone.covariance).single)] = True
-    own = sum(
-        (np.diag(c.covariance)[:6] for c in budget.components if c.included and (c.run or c.evaluation == "A")),
-        np.zeros(6),
-    )
+    mine = [
+        c
+        for c in budget.components
+        if c.included and (c.run or c.evaluation == "A" or (own_camera and c.source == CAMERA))
+    ]
+    own = sum((np.diag(c.covariance)[:6] for c in mine), np.zeros(6))
     return alone.six, own, fixed
 
 

@@ -47,7 +47,7 @@ def budget_csv(file: BudgetFile) -> str:
             numbers = [line.degrees, line.sensitivity.get(name), line.contribution.get(name), line.share.get(name)]
             degrees, *rest = ("" if n is None else repr(n) for n in numbers)
             std = "" if line.std is None else repr(line.std)
-            degrees = degrees or ("inf" if line.std is not None else "")
+            degrees = degrees or ("" if line.status == "not included" else "inf")
             writer.writerow(
                 [
                     *first,

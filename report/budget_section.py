@@ -173,7 +173,7 @@ def _every_line(file: BudgetFile, names: list[str], heads: list[Html]) -> Html:
             if line.std is None
             else number(f"{significant(line.std, 3)} {line.unit if line.unit != '1' else ''}".rstrip())
         )
-        degrees = number(_infinite(degrees_text(line.degrees))) if line.std is not None else ""
+        degrees = number(_infinite(degrees_text(line.degrees))) if line.status != "not included" else ""
         rows.append(
             [
                 _first(line.source, f"{line.name} {line.run}".rstrip()),

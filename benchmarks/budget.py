@@ -396,7 +396,10 @@ def film(count: int, out: Path) -> dict[str, Any]:
     first = answered()
     budget = budget_lines(first)
     u = of_six(budget)
-    by_name = {(c.source, c.name): c for c in budget.components}
+    slopes: dict[tuple[str, str], Array] = {}
+    for c in (one for one in budget.components if one.sensitivity is not None):
+        # each run has picks of its own, and with them lines of its own; what is changed here is changed in all of them
+        slopes[c.source, c.name] = slopes.get((c.source, c.name), np.zeros(6)) + c.sensitivity[:6]
 
     def marker(index: int, key: str, by: float, place: int | None = None) -> Callable[[Any], None]:
         def change(document: Any) -> None:
@@ -428,7 +431,7 @@ def film(count: int, out: Path) -> dict[str, Any]:
         answer = answered(change)
         six = answer.fit.six.copy()
         six[2:] *= first.fit.speed_m_s / answer.fit.speed_m_s if key[0] == "speed" else 1.0
-        told, real = by_name[key].sensitivity[:6] * by / u, (six - first.fit.six) / u
+        told, real = slopes[key] * by / u, (six - first.fit.six) / u
         rows.append([0, *key, "", *(x.tolist() for x in (told, real, real))])
     rng = np.random.default_rng(SEED)
     six = []

@@ -68,6 +68,7 @@ TABLES = {
     "identify_surge": Table(
         "benchmarks/identify_surge.py all --out {out}/surge", "identify_surge.txt", 90, "the joint fit of tows with surge in full"
     ),
+    "budget": Table("benchmarks/budget.py all --out {out}/budget", "budget.txt", 40, "the uncertainty budget against refits"),
     "steady": Table("benchmarks/steady.py", "steady.txt", 8, "swinging and settled tows told apart, stability, bracket of X_v"),
     "methods": Table("benchmarks/methods.py", "methods.txt", 6, "every estimator under one noise"),
     "gap": Table("benchmarks/gap.py", "gap.txt", 5, "every effect of the library, planted once"),

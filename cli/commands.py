@@ -11,6 +11,7 @@ def modules() -> tuple[ModuleType, ...]:
     from . import (
         app,
         blind,
+        budget,
         campaign,
         check,
         compare,
@@ -48,6 +49,7 @@ def modules() -> tuple[ModuleType, ...]:
         diagnose,
         blind,
         compare,
+        budget,
         datum,
         lens,
         plan,

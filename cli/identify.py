@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -84,10 +85,12 @@ def call(options: argparse.Namespace) -> int:
     if not options.no_page:
         from ..pipeline.analysis import fit_page
         from ..pipeline.executor.copies import with_a_copy
+        from ..record.budget_file import budget_beside
         from ..report.identify_page import write_identify_page
 
         with show_progress() as show:
             shown = fit_page(answer, compared, lambda text: show(text, 0, None), with_a_copy)
+        shown = replace(shown, budget=budget_beside(out, answer.result.inputs))
         page = out / "derivatives.html"
         write_identify_page(page, shown, with_a_copy)
         options.outcome.wrote(page, word="page:")

@@ -40,6 +40,7 @@ def call(options: argparse.Namespace) -> int:
     from ..pipeline.analysis import Batch, good_for, has_rudder, has_tension, output_folder
     from ..pipeline.mistaken import mistake_lines
     from ..pipeline.stages import make_run_page
+    from ..record.budget_file import budget_beside
     from ..record.errors import TowlineError
     from ..report import write_page
 
@@ -100,7 +101,8 @@ def call(options: argparse.Namespace) -> int:
     title = pages[0].name if len(pages) == 1 else f"{out.parent.name}: {len(pages)} runs"
     found = [answer.result for answer in (identified, free) if answer is not None]
     said = [*notes, *(f"{name}: {why}" for name, why in batch.failed.items())]
-    write_page(page, title, pages, found[0] if found else None, steady, said, found[1] if found[1:] else None)
+    budget = None if identified is None else budget_beside(out, identified.result.inputs)
+    write_page(page, title, pages, found[0] if found else None, steady, said, found[1] if found[1:] else None, budget)
     options.outcome.wrote(page, word="page:")
     options.outcome.fail(failed)
     return EXIT_ERROR if problems else exit_code(failed)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
@@ -49,6 +49,9 @@ class DatumFit:
     chi_square, degrees : of the weighted residuals of the points used
     excluded : points left out, by their place in the list
     notes : assumptions and warnings, for the user
+    shares : what the mapping's modes come from, (k, k) each, together the unit matrix: "picks", "places" of the points themselves,
+        "lens" (what was known of it beforehand)
+    widened : the picking errors were not believed: the modes are so many times what was stated
     """
 
     mapping: ProjectiveMapping
@@ -59,6 +62,8 @@ class DatumFit:
     degrees: int
     excluded: tuple[int, ...]
     notes: tuple[str, ...]
+    shares: dict[str, Array] = field(default_factory=dict)
+    widened: float = 1.0
 
     @property
     def rms_px(self) -> float:
@@ -89,6 +94,7 @@ class _Solved:
     chi_square: float
     degrees: int
     whitened: Array
+    parts: dict[str, Array]
 
 
 @solvable(GeometryError, "the datum does not fix the camera")
@@ -165,7 +171,33 @@ def _solve(model: DatumModel, picks: _Picks) -> _Solved:
     known = model.prior(model.start)
     chi_square = float((gap**2).sum() + (model.prior(answer.x * scale) ** 2).sum())
     degrees = 2 * len(picks.tank) + len(known) - (len(model.start) - model.gauge)
-    return _Solved(answer.x * scale, inverse * np.outer(scale, scale), chi_square, degrees, gap)
+    parts = _parts(answer.jac, inverse, _pick_share(whiten, picks), len(known))
+    both = np.outer(scale, scale)
+    return _Solved(
+        answer.x * scale, inverse * both, chi_square, degrees, gap, {name: part * both for name, part in parts.items()}
+    )
+
+
+def _pick_share(whiten: Array, picks: _Picks) -> Array:
+    """(n, 2, 2): the picking errors' share in the whitened residuals' unit covariance; the rest is the points' own places'."""
+    if not picks.place_sd.any():
+        return np.tile(np.eye(2), (len(picks.sigma), 1, 1))
+    return np.einsum("nij,nkj->nik", whiten, whiten) * picks.sigma[:, None, None] ** 2
+
+
+def _parts(slope: Array, inverse: Array, pick_share: Array, known: int) -> dict[str, Array]:
+    """What the covariance of the parameters is made of; a gauge, which moves nothing that is seen, goes with the picks."""
+    n = len(pick_share)
+    gain = inverse @ slope.T
+    seen = gain[:, : 2 * n].reshape(-1, n, 2)
+    places = np.einsum("ani,nij,bnj->ab", seen, np.eye(2) - pick_share, seen)
+    lens = gain[:, 2 * n : 2 * n + known]
+    found = {"picks": inverse - places - lens @ lens.T}
+    if (pick_share != np.eye(2)).any():
+        found["places"] = places
+    if known:
+        found["lens"] = lens @ lens.T
+    return found
 
 
 def _whitening(model: DatumModel, picks: _Picks) -> Array:
@@ -260,7 +292,10 @@ def _finish(
     theta = solved.theta
     if _rejected(solved):
         widen = np.sqrt(solved.chi_square / solved.degrees)
-    root = np.linalg.cholesky(solved.covariance) * widen
+    root = np.linalg.cholesky(solved.covariance)
+    back = np.linalg.inv(root)
+    shares = {name: back @ part @ back.T for name, part in solved.parts.items()}
+    root = root * widen
     ends = [(theta + _STEP * column, theta - _STEP * column) for column in root.T]
     modes = np.array([model.matrix(a) - model.matrix(b) for a, b in ends]) / (2 * _STEP)
     lens_modes = np.array([model.lens(a).vector - model.lens(b).vector for a, b in ends]) / (2 * _STEP)
@@ -289,7 +324,10 @@ def _finish(
             f"datum point {names[i]} is left out: it lies {size(i)} from where all the others put it; pick it again, or check "
             "its tank_m"
         )
-    return DatumFit(mapping, residual, apart, picks.sigma, solved.chi_square, solved.degrees, excluded, tuple(notes))
+    return DatumFit(
+        mapping, residual, apart, picks.sigma, solved.chi_square, solved.degrees, excluded, tuple(notes), shares,
+        float(widen),
+    )  # fmt: skip
 
 
 def _stands(mapping: ProjectiveMapping, pixel: Array, depth_m: float) -> Array:

@@ -30,6 +30,8 @@ SEAM_SHARE = 0.4
 """How far it may lag on top, over what it may elsewhere: 0.2 to 0.5 in pictures by x264."""
 PLAY_SHARE = 0.7
 """The play's half width over the mark's scatter: 0.4 to 1 in pictures by x264."""
+OF_A_MARK = len(SPEEDS_PX) + 3 * len(SEAM_SPEEDS_PX) + 1
+"""Modes of each mark: its lag by speed, over seams along u, v and both, and the way since its own last picture."""
 RATE_S = 0.3
 """The rate of a mark is read from places so long before and after."""
 
@@ -62,7 +64,7 @@ def lag_modes(frames: Array, t_s: Array, pixel_px: Array, sigma_px: Array, repea
     if not (sigma_px > 0).any() or n < 2:
         return np.zeros((0, n, m, 2))
     interval_s = float(np.median(np.diff(t_s) / np.diff(frames)))
-    modes = np.zeros((m, len(SPEEDS_PX) + 3 * len(SEAM_SPEEDS_PX) + 1, n, m, 2))
+    modes = np.zeros((m, OF_A_MARK, n, m, 2))
     for index, sigma in enumerate(sigma_px):
         seen = np.isfinite(pixel_px[:, index]).all(axis=1)
         if not sigma > 0 or seen.sum() < 2:
@@ -117,4 +119,4 @@ def _last_own(repeated: NDArray[np.bool_]) -> NDArray[np.int_]:
     return np.maximum.accumulate(np.where(repeated, 0, at))
 
 
-__all__ = ["lag_modes", "mark_rate"]
+__all__ = ["OF_A_MARK", "lag_modes", "mark_rate"]

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from ..record.errors import EstimationError, solvable
 from ..simulate.model import Array
 from .colour.disturbance import Disturbance
-from .colour.leftover import Whitened, leftover
 from .data import RunData
+from .informed import informed
 from .joint.arrow import Inverse, Shares, inverse_of, shares_of, widened
 from .joint.begin import knows_full_only, rough_optimum
 from .joint.common import SCALE, Common, needs_full
@@ -317,18 +317,6 @@ def _chi2_per_dof(answers: list[Answer], weights: list[Whitener], size: int) -> 
     return total / max(sum(a.residual.size for a in answers) - size, 1)
 
 
-def _known_meat(slope: Array, correlations: tuple[Array, Array]) -> Array:
-    """The information's variance beyond white noise: sum of rho_k (J_t' J_t+k + transposed); slope (2, k, n)."""
-    matrix = np.zeros((slope.shape[1], slope.shape[1]))
-    for rows, rho in zip(slope, correlations, strict=True):
-        for lag in range(1, len(rho)):
-            if rho[lag] <= 0:  # the initial positive sequence; beyond it the estimates are noise
-                break
-            cross = rows[:, :-lag] @ rows[:, lag:].T * rho[lag]
-            matrix += cross + cross.T
-    return matrix
-
-
 def _report(
     problem: Problem,
     optimum: Optimum,
@@ -339,28 +327,9 @@ def _report(
 ) -> Fit:
     """Put the optimum into a Fit."""
     theta = optimum.theta
-    prior, pull, _ = problem.prior(theta)
-    information, plain, white, told = prior.copy(), prior.copy(), [], []
-    for data, w, answer in zip(problem.runs, weights, optimum.answers, strict=True):
-        e, j = w.along(answer.residual), w.along(answer.slope)
-        white.append(Whitened(e, j, answer.columns, float(np.median(np.diff(data.t_s)))))
-        informed, told_of = j[0] @ j[0].T + j[1] @ j[1].T, j[0] @ e[0] + j[1] @ e[1]
-        plain.add(answer.columns, information_as_white(w, answer))
-        if answer.gauge is not None:
-            left, slope = answer.gauge
-            informed, told_of = informed + slope @ slope.T, told_of + slope @ left
-            plain.add(answer.columns, slope @ slope.T)
-        told.append((answer.columns, informed, told_of))
-        information.add(answer.columns, informed)
-    inverse = inverse_of(information, problem.free)
-    unknown = [run for run, colour in zip(white, known, strict=True) if colour is None]
-    slow = leftover(unknown, [inverse.of(run.columns) for run in unknown])
-    more = [
-        slow.meat(run) if colour is None else _known_meat(run.slope, colour.left)
-        for run, colour in zip(white, known, strict=True)
-    ]
-    covariance, variance = widened(inverse, [(a.columns, m) for a, m in zip(optimum.answers, more, strict=True)])
-    parts = [(*one, meat) for one, meat in zip(told, more, strict=True)]
+    found = informed(problem, theta, optimum.answers, weights, known)
+    inverse = found.inverse
+    covariance, variance = widened(inverse, [(a.columns, m) for a, m in zip(optimum.answers, found.meat, strict=True)])
     sd = np.sqrt(np.maximum(variance, 0.0))
     count = len(problem.runs)
     return Fit(
@@ -379,7 +348,7 @@ def _report(
         response=[a.response.T for a in optimum.answers],
         residual=[a.residual.T for a in optimum.answers],
         scale=np.array([w.scale for w in weights]),
-        innovation=[run.error.T for run in white],
+        innovation=[run.error.T for run in found.white],
         orders=np.array([[len(a) for a in w.regression] for w in weights]),
         chi2_per_dof=chi2_first,
         steps=steps,
@@ -389,8 +358,8 @@ def _report(
         commons={
             c.name: (c, float(theta[at])) for c, at in zip(problem.commons, problem.common_at.values(), strict=True)
         },
-        naive_covariance=inverse_of(plain, problem.free).shared[:6, :6],
-        shares=shares_of(prior, pull, inverse, problem.free, parts),
+        naive_covariance=inverse_of(found.plain, problem.free).shared[:6, :6],
+        shares=shares_of(found.prior, found.pull, inverse, problem.free, list(found.parts)),
         path=problem.path,
     )
 
@@ -447,19 +416,6 @@ def beside_of(problem: Problem, theta: Array, sd: Array) -> dict[str, tuple[floa
             at = problem.common_at[c.name]
             found[c.name] = (float(c.base[0] + theta[at] * c.sd[0]), float(sd[at] * c.sd[0]))
     return found
-
-
-def information_as_white(weight: Whitener, answer: Answer) -> Array:
-    """A run's information, had its residuals been white.
-
-    Parameters
-    ----------
-    weight : whitens residuals
-    answer : response of the run
-    """
-    nothing = np.zeros(0)
-    j = replace(weight, regression=(nothing, nothing), innovation=np.ones(2)).along(answer.slope)
-    return j[0] @ j[0].T + j[1] @ j[1].T
 
 
 __all__ = ["FORMS", "OWN", "RUN_PARAMETERS", "Fit", "Near", "fit_runs"]

@@ -73,6 +73,27 @@ class Whitener:
                 filtered[:, at] = (here[:, at] - sum(a * here[:, at - j] for j, a in enumerate(shorter, 1))) / spread
         return scaled.reshape(values.shape)
 
+    def uncoloured(self, rows: Array) -> Array:
+        """Whitened ``rows (2, k, n)`` times the colour's filter: what multiplies noise that is white, of the scatter it has.
+
+        The adjoint of the regressions in ``along``, so that rows @ rows' of the answer is what white noise would do to rows @ e.
+        """
+        found = np.zeros_like(rows)
+        since = np.arange(rows.shape[-1]) - self.begins
+        for channel, coefficients in enumerate(self.regression):
+            orders = [
+                *_shorter(coefficients, self.innovation[channel]),
+                (coefficients, float(self.innovation[channel])),
+            ]
+            for order, (regression, spread) in enumerate(orders):
+                whole = order == len(coefficients)
+                at = np.flatnonzero(since >= order if whole else since == order)
+                part = rows[channel][:, at] / spread
+                found[channel][:, at] += part
+                for lag, a in enumerate(regression, start=1):
+                    found[channel][:, at - lag] -= a * part
+        return found
+
 
 def _shorter(coefficients: Array, innovation: float) -> list[tuple[Array, float]]:
     """Regressions of order 0 .. p - 1 of the same noise, with their innovations' scatter: Levinson's recursion backwards.

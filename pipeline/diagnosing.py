@@ -21,6 +21,7 @@ from ..record.names import shown
 from ..record.results import DerivativesFile, read_result
 from ..record.run import RUN_FILE, Run, all_inputs, read_run
 from ..simulate.model import DERIVATIVE_UNITS, Line
+from .draws import rng_of
 from .executor.copies import side_by_side
 from .stages import RunMotion, compute_run_motion, fit_run_datum, track_static
 
@@ -118,8 +119,7 @@ def diagnosed_runs(
     EstimationError : the runs cannot be fitted
     """
     say = None if progress is None else lambda text: progress(text, 0, None)
-    # the bootstrap of an interval: the same runs give the same answer
-    rng = np.random.default_rng(int.from_bytes("".join(sorted(inputs.values())).encode()[:8].ljust(8, b"0"), "big"))
+    rng = rng_of(inputs)  # for the bootstrap of an interval
     try:
         return diagnosed(simulator, library, __version__, inputs, held, rng, say, side_by_side)
     except np.linalg.LinAlgError as error:

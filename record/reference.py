@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+from .budget_file import BudgetFile, BudgetInputs
 from .check_file import CheckFile
 from .corrections import Corrections
 from .gap_file import GapFile
@@ -29,6 +30,8 @@ _PAGES: tuple[tuple[str, type[BaseModel], str], ...] = (
     ("scenario.toml", ScenarioFile, "What `towline simulate` and `towline render` make."),
     ("out/camera.json", CameraFile, "Written by `towline motion`."),
     ("out/derivatives.json", DerivativesFile, "Written by `towline identify`."),
+    ("out/budget.json", BudgetFile, "Written by `towline budget`."),
+    ("inputs.toml", BudgetInputs, "What `towline budget --inputs` is told of its lines."),
     ("out/steady.json", SteadyFile, "Written by `towline steady`."),
     ("out/gap.json", GapFile, "Written by `towline diagnose`."),
     (

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from ..record.each import Each, in_turn
+from .budget_section import budget_section
 from .dynamics_figures import Answer, bode_figure, orbits_figure, spectrum_figure
 from .format import NONE, SYMBOLS_TEXT, plus_minus, significant, to_decimals
 from .html import FIGURES, Html, bullets, figure, join, number, table, tag, unit
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from ..identify.data import RunData
     from ..identify.fit import Fit
     from ..identify.reference import Comparison
+    from ..record.budget_file import BudgetFile
     from ..record.results import DerivativesFile
     from .series import Array
 
@@ -55,6 +57,7 @@ class FitPage:
     fitted : run name -> t_s, y_cg_m, beta_rad, alpha_rad of the fit, biases included
     agreed, judged : ``identify.consistency`` of the fit
     compared : against a reference set, or None
+    budget : budget.json of the same runs, or None
     """
 
     result: DerivativesFile
@@ -65,6 +68,7 @@ class FitPage:
     agreed: Consistency
     judged: list[Judged]
     compared: Comparison | None = None
+    budget: BudgetFile | None = None
 
 
 def write_identify_page(path: Path, found: FitPage, each: Each = in_turn) -> None:
@@ -111,6 +115,8 @@ def identify_page(found: FitPage, each: Each = in_turn) -> Html:
         _contents(found, compared),
         derivatives_section(result),
     ]
+    if found.budget is not None:
+        parts.append(budget_section(found.budget))
     if result.failed:
         parts.append(failed_box("Runs that could not be used", result.failed))
     if compared is not None:
@@ -134,6 +140,8 @@ def _made(call: Callable[..., Html], *arguments: Any) -> Html:
 
 def _contents(found: FitPage, compared: Comparison | None) -> Html:
     links: list[object] = [tag("a", "Derivatives", href="#derivatives")]
+    if found.budget is not None:
+        links.append(tag("a", "Uncertainty budget", href="#budget"))
     if compared is not None:
         links.append(tag("a", "Reference", href="#reference"))
     links.append(tag("a", "Do the runs agree?", href="#consistency"))

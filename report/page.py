@@ -12,6 +12,7 @@ from ..record.errors import TowlineError
 from ..record.files import reading, write_text
 from ..record.results import DerivativesFile, SteadyFile
 from ..record.tables import for_people
+from .budget_section import budget_section
 from .html import FIGURES, Drawn, Html, bullets, join, safe, tag
 from .run_section import RunPage, frames_of, run_section
 from .sections import Frames, derivatives_section, failed_box, summary
@@ -19,6 +20,8 @@ from .steady_section import steady_section
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from ..record.budget_file import BudgetFile
 
 __all__ = ["RunPage", "csv_text", "document", "page_html", "write_document", "write_page"]
 
@@ -37,6 +40,7 @@ def write_page(
     steady: SteadyFile | None,
     notes: list[str],
     free: DerivativesFile | None = None,
+    budget: BudgetFile | None = None,
 ) -> None:
     """Write the page atomically.
 
@@ -48,8 +52,9 @@ def write_page(
     derivatives, steady : the results of all runs together, where there are
     notes : what the reader must know, said at the end
     free : the result of the free runs among them, where towed runs have ``derivatives``
+    budget : of ``derivatives``, or None
     """
-    write_document(path, page_html(title, runs, derivatives, steady, notes, free))
+    write_document(path, page_html(title, runs, derivatives, steady, notes, free, budget))
 
 
 def page_html(
@@ -59,6 +64,7 @@ def page_html(
     steady: SteadyFile | None,
     notes: list[str],
     free: DerivativesFile | None = None,
+    budget: BudgetFile | None = None,
 ) -> Html:
     """The page as text; parameters as ``write_page``.
 
@@ -70,6 +76,7 @@ def page_html(
     steady : steady.json, or None
     notes : sentences for the user
     free : derivatives of free runs, or None
+    budget : of ``derivatives``, or None
     """
     failed = {run.name: run.problem for run in runs if run.problem}
     elsewhere = _failed_without_section(runs, derivatives)
@@ -77,10 +84,12 @@ def page_html(
     parts: list[object] = [
         tag("h1", title),
         summary(len(runs) + len(elsewhere), len(failed) + len(elsewhere), frames, derivatives, steady),
-        _contents(runs, derivatives, steady, notes),
+        _contents(runs, derivatives, steady, notes, budget),
     ]
     if derivatives is not None:
         parts.append(derivatives_section(derivatives))
+    if budget is not None:
+        parts.append(budget_section(budget))
     if free is not None:
         parts.append(derivatives_section(free, "Free runs", "free"))
     if elsewhere:
@@ -104,11 +113,17 @@ def _failed_without_section(runs: list[RunPage], derivatives: DerivativesFile | 
 
 
 def _contents(
-    runs: list[RunPage], derivatives: DerivativesFile | None, steady: SteadyFile | None, notes: list[str]
+    runs: list[RunPage],
+    derivatives: DerivativesFile | None,
+    steady: SteadyFile | None,
+    notes: list[str],
+    budget: BudgetFile | None,
 ) -> Html:
     links: list[object] = []
     if derivatives is not None:
         links.append(tag("a", "Derivatives", href="#derivatives"))
+    if budget is not None:
+        links.append(tag("a", "Uncertainty budget", href="#budget"))
     if steady is not None:
         links.append(tag("a", "Steady tows", href="#steady"))
     for order, run in enumerate(runs, start=1):

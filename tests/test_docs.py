@@ -26,6 +26,7 @@ from types import ModuleType
 import pytest
 
 from towline.cli import command_parser, main
+from towline.record.budget_file import BudgetInputs
 from towline.record.corrections import Corrections
 from towline.record.instruments.setup import SetupFile
 from towline.record.plan_file import PlanRequest
@@ -44,6 +45,7 @@ APP = "app.md"
 SCHEMAS = {
     "run.toml": RunFile,
     "plan.toml": PlanRequest,
+    "inputs.toml": BudgetInputs,
     "setup.toml": SetupFile,
     "corrections.toml": Corrections,
     "priors.toml": Priors,

@@ -29,12 +29,14 @@ class GaugeBlocks:
     tension_n : (q,)
     white : (q, q), whitens them
     noise_n : standard deviation of a mean without scale, zero and delay
+    shapes : what one standard deviation of scale, zero and delay does to them, (q,), by the name of its prior
     """
 
     t_s: Array
     tension_n: Array
     white: Array
     noise_n: float
+    shapes: dict[str, Array]
 
 
 def gauge_blocks(data: RunData) -> GaugeBlocks | None:
@@ -58,14 +60,14 @@ def gauge_blocks(data: RunData) -> GaugeBlocks | None:
     noise = max(noise, LEAST_SHARE * mean)
     priors = data.priors
     slope = np.gradient(means, times) if len(means) > 1 else np.zeros(1)
-    shapes = (
-        priors.tension_sd_rel * means,
-        np.full(len(means), priors.tension_zero_sd_n),
-        priors.tension_delay_sd_s * slope,
-    )
-    covariance = noise**2 * np.eye(len(means)) + sum(np.outer(s, s) for s in shapes)
+    shapes = {
+        "tension_sd_rel": priors.tension_sd_rel * means,
+        "tension_zero_sd_n": np.full(len(means), priors.tension_zero_sd_n),
+        "tension_delay_sd_s": priors.tension_delay_sd_s * slope,
+    }
+    covariance = noise**2 * np.eye(len(means)) + sum(np.outer(s, s) for s in shapes.values())
     white = np.linalg.inv(np.linalg.cholesky(covariance))
-    return GaugeBlocks(times, means, white, noise)
+    return GaugeBlocks(times, means, white, noise, shapes)
 
 
 __all__ = ["GaugeBlocks", "gauge_blocks"]

@@ -42,14 +42,15 @@ def _at_the_post(s: Situation, moment, oil):
 
 
 def _turned_by(s: Situation, offset: Any) -> tuple[Any, Any]:
-    """The moment of a line that pulls beside the centre line."""
-    return 0.0 * s.alpha_rad, -offset * s.tension_n * np.cos(s.alpha_rad + s.beta_rad)
+    """A line that holds beside the centre line pulls at another angle than to the point on it, and turns the model."""
+    ahead = s.tension_n * np.cos(s.alpha_rad + s.beta_rad)
+    side = -ahead * offset / s.line_length_m * np.cos(s.beta_rad)
+    return side, s.tow_point_m * side - ahead * offset
 
 
-def _moved_aside(seen: Seen, offset: Any) -> tuple[Any, Any, Any, Any]:
-    """A model that its line holds beside the centre line lies to the other side of where it would."""
-    beta, nothing = seen.pose[2], 0.0 * seen.side
-    return offset * np.sin(beta), -offset * np.cos(beta), nothing, nothing
+def _moved_aside(seen: Seen, offset: Any) -> Any:
+    """By how much further from the post the point on the centre line is than the one that is held."""
+    return -offset * seen.side
 
 
 def _along_the_rail(side: Any, slides: Any) -> Any:
@@ -152,7 +153,7 @@ OFFSET_FORMS = (
         cure="Fix the tow point.",
         offset=None,
         force=lambda s, slides: _turned_by(s, _along_the_rail(np.sin(s.alpha_rad + s.beta_rad), slides)),
-        observe=lambda seen, slides: _moved_aside(seen, _along_the_rail(seen.side, slides)),
+        stretch=lambda seen, slides: _moved_aside(seen, _along_the_rail(seen.side, slides)),
         variant="on a rail",
     ),
     *(
@@ -162,7 +163,7 @@ OFFSET_FORMS = (
             physics="The tow point slips during a run, and the line pulls beside the centre line.",
             offset=None,
             force=lambda s, *numbers: _turned_by(s, _slipped(s.t_s, *numbers)),
-            observe=lambda seen, *numbers: _moved_aside(seen, _slipped(seen.t_s, *numbers)),
+            stretch=lambda seen, *numbers: _moved_aside(seen, _slipped(seen.t_s, *numbers)),
             variant=f"slips at about {at:g} s",
         )
         for at in (10.0, 20.0, 30.0)

@@ -213,7 +213,7 @@ FRICTION_FORMS = (
 """Beside the dry one. Oil alone is damping, which the derivatives take up."""
 
 
-SLIDES_M_S = 0.005
+SLIDES_M_S = 0.002
 """A pulley that rubs has turned over at this speed of the line (its friction is smoothed there)."""
 STIFFEST_M_N = 1e-4
 """No line, with its load cell and knots, gives less."""

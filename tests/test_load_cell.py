@@ -56,7 +56,7 @@ def with_cell(folder: Path, late_s: float = LATE_S, noise_n: float = 0.0) -> Tow
 def test_its_means_and_their_noise(tmp_path: Path) -> None:
     run = with_cell(tmp_path, 0.0, CELL_N)
     count = len(run.centre_s)
-    cell = cell_means(run, count)
+    cell = cell_means(run.data, run.start_s, run.step_s, count)
     assert cell is not None
     early = (np.arange(count) + 1) * run.step_s <= SETTLES_S
     assert np.isnan(cell.pull_n[early]).all()
@@ -73,7 +73,7 @@ def test_its_means_and_their_noise(tmp_path: Path) -> None:
 def test_a_run_without_one_has_no_such_channel(tow_runs: Callable[[int, int], list]) -> None:
     (run,) = tow_runs(4, 1)
     assert run.values.shape[1] == PULL
-    assert cell_means(run, len(run.centre_s)) is None
+    assert cell_means(run.data, run.start_s, run.step_s, len(run.centre_s)) is None
 
 
 def test_what_is_said_beside_the_model_is_what_the_simulator_pulls_with(tmp_path: Path) -> None:

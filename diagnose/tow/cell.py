@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...identify.data import RunData
 from ...simulate.model import Array
-
-if TYPE_CHECKING:
-    from .data import TowRun
 
 SCALE_REL, ZERO_REL = 0.003, 0.003
 """Scale and zero of a load cell where [priors] is silent, as a share of its reading and of its mean."""
@@ -41,22 +38,22 @@ class CellMeans:
     spread_s2: Array
 
 
-def cell_means(run: TowRun, count: int) -> CellMeans | None:
+def cell_means(data: RunData, start_s: float, step_s: float, count: int) -> CellMeans | None:
     """A run's load cell in means over its blocks; None where there is none, or it says nothing while the run lasts.
 
     Parameters
     ----------
-    run : as the diagnosis sees it
-    count : blocks
+    data : of the run
+    start_s, step_s, count : of the blocks
 
     Notes
     -----
     Its noise is judged from third differences, which a swing hardly moves. Scale and zero stand in the covariance.
     """
-    if run.data.gauge is None:
+    if data.gauge is None:
         return None
-    t_s, pull = run.data.gauge[0] - run.start_s, run.data.gauge[1]
-    block = np.floor(t_s / run.step_s).astype(int)
+    t_s, pull = data.gauge[0] - start_s, data.gauge[1]
+    block = np.floor(t_s / step_s).astype(int)
     inside = (t_s >= SETTLES_S) & (block < count)
     block, t_s, pull = block[inside], t_s[inside], pull[inside]
     number = np.bincount(block, minlength=count)
@@ -64,14 +61,14 @@ def cell_means(run: TowRun, count: int) -> CellMeans | None:
     if there.sum() < 2:
         return None
     share = 1 / np.maximum(number, 1)
-    usual = (np.arange(count) + 0.5) * run.step_s
+    usual = (np.arange(count) + 0.5) * step_s
     centre = np.where(there, np.bincount(block, t_s, minlength=count) * share, usual)
     spread = np.bincount(block, (t_s - centre[block]) ** 2, minlength=count) * share
     mean = np.where(there, np.bincount(block, pull, minlength=count) * share, np.nan)
     third = np.diff(pull, 3)
     white = MAD_TO_SD * float(np.median(np.abs(third))) / np.sqrt(THIRD) if len(third) > 3 else 0.0
     level, reading = abs(float(np.nanmean(mean))), np.nan_to_num(mean)
-    priors = run.data.priors
+    priors = data.priors
     scale = priors.tension_sd_rel or SCALE_REL
     zero = priors.tension_zero_sd_n or ZERO_REL * level
     lag = np.abs(centre[:, None] - centre[None, :])

@@ -175,7 +175,7 @@ def tow_runs(recorded: Sequence[Recorded], step_s: float) -> list[TowRun]:
 def _with_cell(run: TowRun) -> TowRun:
     """The same with the load cell's channel."""
     n = len(run.centre_s)
-    cell = cell_means(run, n)
+    cell = cell_means(run.data, run.start_s, run.step_s, n)
     if cell is None:
         nothing = np.full((n, 1), np.nan)
         return _with_channel(run, nothing, np.eye(n))

@@ -18,6 +18,7 @@ from ..geometry.mapping import ProjectiveMapping
 from ..geometry.shake import LEAST_POINTS, camera_shake
 from ..record.schema import DatumPoint
 from ..vision import Frame
+from ..vision.spots.live import vertex
 
 HALF_PX, REACH_PX = 8, 14
 """Half the side of the patch about a point, and how far from where it was it is looked for: choices; a turn beyond is seen as points
@@ -70,7 +71,7 @@ class DatumWatch:
         self._first: list[list[Array]] = [[] for _ in self._points]
         self._rest: Array | None = None
         self._sigma: Array = np.zeros((0, 2))
-        self._frames = 0
+        self._frames = self._looks = 0
 
     def step(self, frame: Frame) -> Turn | None:
         """Take a frame; the camera's turn where it is looked at, and once the first looks are over."""
@@ -103,7 +104,7 @@ class DatumWatch:
             cut = self._cut(k, luma, HALF_PX)
             if cut is not None:
                 seen.append(cut)
-        self._looks = getattr(self, "_looks", 0) + 1
+        self._looks += 1
         if self._looks == LEARN_LOOKS:
             means = [np.mean(seen, axis=0) if len(seen) == LEARN_LOOKS else None for seen in self._sums]
             self._patches = [m if m is not None and m.std() > LEAST_TEXTURE_DN else None for m in means]
@@ -121,7 +122,7 @@ class DatumWatch:
         _, most, _, (column, row) = cv2.minMaxLoc(like)
         if most < LIKE or not (0 < column < 2 * REACH_PX and 0 < row < 2 * REACH_PX):
             return np.full(2, np.nan)
-        off = _top(like[row, column - 1 : column + 2]), _top(like[row - 1 : row + 2, column])
+        off = vertex(like[row, column - 1 : column + 2]), vertex(like[row - 1 : row + 2, column])
         return np.array([column + off[0], row + off[1]]) - REACH_PX
 
     def _settle(self, places: Array) -> None:
@@ -153,12 +154,13 @@ class DatumWatch:
         seen &= off < max(3 * float(np.median(off[seen])), 1.0)
         if seen.sum() < LEAST_POINTS:
             return Turn(np.nan, np.nan, np.nan, int(seen.sum()), able)
+        there = np.array([point.pixel_px for point in self._points])[seen] + moved[seen]
         rows = pd.DataFrame(
             {
                 "frame": frame.index,
-                "marker": [name for name, good in zip(self._names, seen, strict=True) if good],
-                "u_px": [p.pixel_px[0] for p in self._points] @ np.diag(seen.astype(float))[:, seen] + moved[seen, 0],
-                "v_px": [p.pixel_px[1] for p in self._points] @ np.diag(seen.astype(float))[:, seen] + moved[seen, 1],
+                "marker": np.array(self._names)[seen],
+                "u_px": there[:, 0],
+                "v_px": there[:, 1],
                 "sigma_u_px": self._sigma[seen, 0],
                 "sigma_v_px": self._sigma[seen, 1],
                 "status": "measured",
@@ -168,13 +170,6 @@ class DatumWatch:
         spread = float(np.sqrt(np.trace(shake.covariance[0]) / 3))
         angle = float(np.linalg.norm(shake.turn_rad[0]))
         return Turn(angle, spread, float(np.median(np.linalg.norm(moved[seen], axis=1))), int(seen.sum()), able)
-
-
-def _top(three: NDArray[np.float32]) -> float:
-    """Where the parabola through three neighbours has its top, from the middle one."""
-    left, middle, right = (float(x) for x in three)
-    bend = left - 2 * middle + right
-    return 0.0 if bend >= 0 else 0.5 * (left - right) / bend
 
 
 __all__ = ["DatumWatch", "Turn"]

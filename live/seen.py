@@ -14,6 +14,7 @@ from ..record.errors import InputError
 from ..record.run import Run
 from ..vision.follower import Glance
 from ..vision.glance import Glances
+from ..vision.recording.codecs import losses
 from .datum_watch import DatumWatch, Turn
 from .stamped import Stamped
 
@@ -64,16 +65,16 @@ class Seeing:
     ----------
     run : as its run.toml says; the recording need not be there
     fit : of its datum
-    lossy : the frames were compressed with loss
+    codec : of the frames, by ffmpeg's name: it says whether pixels were lost
 
     Raises
     ------
     InputError : a mark's look cannot be followed live
     """
 
-    def __init__(self, run: Run, fit: DatumFit, lossy: bool = True) -> None:
+    def __init__(self, run: Run, fit: DatumFit, codec: str) -> None:
         self._run, self._mapping = run, fit.mapping
-        self._glances = Glances(run, fit.mapping, lossy)
+        self._glances = Glances(run, fit.mapping, *losses(codec))
         self._datum = DatumWatch(run.file.datum, fit.mapping)
 
     def step(self, stamped: Stamped) -> Seen:
@@ -90,6 +91,10 @@ class Seeing:
         return Seen(
             frame.index, frame.t_s, stamped.arrived_s, stamped.by_source, frame.damaged, marks, y, beta, alpha, slack, turn
         )
+
+    def settle(self) -> None:
+        """As ``Glances.settle``: to be called when a frame's values have gone out."""
+        self._glances.settle()
 
     def _values(self, index: int, t_s: float, marks: tuple[Glance, ...]) -> tuple[Valued, Valued, Valued, Valued]:
         place = np.array([[[m.u_px, m.v_px] for m in marks]])

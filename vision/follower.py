@@ -75,8 +75,12 @@ class Glance:
 class Glancing(Protocol):
     """A follower that can be asked while the film is taken (``glance.Glances``); one that cannot serves recordings only."""
 
-    def step(self, frame: Frame) -> None:
-        """As ``Follower.step``."""
+    def see(self, frame: Frame) -> None:
+        """The first half of ``Follower.step``: what ``glance`` needs, quickly done."""
+        ...
+
+    def settle(self, frame: Frame) -> None:
+        """The other half, before the next frame: what takes longer."""
         ...
 
     def look_often(self) -> None:
@@ -84,7 +88,7 @@ class Glancing(Protocol):
         ...
 
     def glance(self, frame: Frame) -> list[Glance]:
-        """Where each mark seems to be in the frame that ``step`` took last, by that frame alone."""
+        """Where each mark seems to be in the frame that ``see`` took last, by that frame alone."""
         ...
 
 

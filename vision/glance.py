@@ -21,7 +21,7 @@ from .follower import Glance, Glancing
 from .looks import followers
 from .recording import Frame
 from .rows import COLUMNS
-from .scatter import with_scatter
+from .scatter import LAG_COLUMN, with_scatter
 
 WIDEN_FRAMES = 240
 """What a path shows beyond the fits' own sigma is read from so many of the last frames ..."""
@@ -39,6 +39,7 @@ class Glances:
     run : whose marks
     mapping : pixel -> tank
     lossy : the frames were compressed with loss
+    linked : and are made from others: the codec may hold a mark back. Tables keep that apart as modes; here it is in the sigma
     backend : where the fits run
 
     Raises
@@ -46,8 +47,8 @@ class Glances:
     InputError : a mark's look is told at the end of a stretch only
     """
 
-    def __init__(self, run: Run, mapping: Mapping, lossy: bool = True, backend: Backend = NUMPY) -> None:
-        self._run, self._mapping, self._lossy = run, mapping, lossy
+    def __init__(self, run: Run, mapping: Mapping, lossy: bool = True, linked: bool = True, backend: Backend = NUMPY) -> None:
+        self._run, self._mapping, self._codec = run, mapping, (lossy, linked)
         self._names = [marker.name for marker in run.file.marker]
         self._following: list[Glancing] = []
         for follower in followers(run, mapping, backend):
@@ -60,6 +61,7 @@ class Glances:
         self._rows: deque[list[tuple]] = deque(maxlen=WIDEN_FRAMES)
         self._more_px2 = {name: np.zeros(2) for name in self._names}
         self._frames = 0
+        self._open: Frame | None = None
 
     def step(self, frame: Frame) -> tuple[Glance, ...]:
         """Take the next frame; the marks in run.toml's order.
@@ -68,25 +70,40 @@ class Glances:
         ------
         TrackingError : what is seen cannot be told to be the marks
         """
+        self.settle()
         found: dict[str, Glance] = {}
         for follower in self._following:
-            follower.step(frame)
+            follower.see(frame)
             found |= {seen.marker: seen for seen in follower.glance(frame)}
         every = [found[name] for name in self._names]
         self._rows.append([_row(frame, seen) for seen in every])
         self._frames += 1
+        self._open = frame
+        return tuple(self._widened(seen) for seen in every)
+
+    def settle(self) -> None:
+        """What takes longer than a glance, best done while nobody waits: after a frame's values have gone out.
+
+        What is not done when the next frame comes is done then: the values are the same.
+        """
+        frame, self._open = self._open, None
+        if frame is None:
+            return
+        for follower in self._following:
+            follower.settle(frame)
         if self._frames % WIDEN_EVERY == 0 or self._frames == LEAST_WIDEN:
             self._widen()
-        return tuple(self._widened(seen) for seen in every)
 
     def _widen(self) -> None:
         """What paths and rigid distances of the last seconds show beyond the fits (``with_scatter``)."""
         table = pd.DataFrame([row for rows in self._rows for row in rows], columns=COLUMNS)
-        wider = with_scatter(table, self._run.file.marker, self._mapping, self._lossy)
+        wider = with_scatter(table, self._run.file.marker, self._mapping, *self._codec)
         for name in self._names:
             own = (table["marker"] == name).to_numpy()
             sigmas = [t.loc[own, ["sigma_u_px", "sigma_v_px"]].to_numpy() ** 2 for t in (wider, table)]
             more = sigmas[0] - sigmas[1]
+            if LAG_COLUMN in wider:
+                more = more + wider.loc[own, [LAG_COLUMN]].to_numpy() ** 2
             known = np.isfinite(more).all(axis=1)
             if known.any():
                 self._more_px2[name] = np.maximum(np.median(more[known], axis=0), 0.0)

@@ -112,6 +112,13 @@ class FiducialMarks(_Placed):
     def look_often(self) -> None:
         """Every frame is told by itself already."""
 
+    def see(self, frame: Frame) -> None:
+        """Take one frame."""
+        self.step(frame)
+
+    def settle(self, frame: Frame) -> None:
+        """Nothing is left to do."""
+
     def glance(self, frame: Frame) -> list[Glance]:
         """The frame's own rows."""
         last = [row for row in self._rows[-len(self.markers) :] if row[0] == frame.index]

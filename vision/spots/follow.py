@@ -178,6 +178,11 @@ class SpotFollower:
 
     def step(self, frame: Frame) -> None:
         """Take one frame."""
+        self.see(frame)
+        self.settle(frame)
+
+    def see(self, frame: Frame) -> None:
+        """Take one frame's windows."""
         self.size_px = frame.luma.shape[1], frame.luma.shape[0]
         damaged = frame.damaged
         if self.tries:
@@ -191,6 +196,10 @@ class SpotFollower:
             if self.first_sight:
                 self._second_sight(frame)
             self._look(frame)
+
+    def settle(self, frame: Frame) -> None:
+        """End the stretch if it is time, and look for what is lost in the frame just taken."""
+        damaged = frame.damaged
         if len(self.stretch) >= self._length() or any(
             m is not None and m.live.doubtful == DOUBT_FRAMES for m in self.marks
         ):

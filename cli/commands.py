@@ -23,6 +23,7 @@ def modules() -> tuple[ModuleType, ...]:
         import_,
         init,
         lens,
+        live,
         motion,
         plan,
         rectify,
@@ -36,6 +37,7 @@ def modules() -> tuple[ModuleType, ...]:
     return (
         run,
         track,
+        live,
         motion,
         identify,
         steady,

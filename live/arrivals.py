@@ -90,7 +90,9 @@ class ArrivalWatch:
         if whole > 1 and off <= EVEN * usual and waited > step / 2:
             self.missing += whole - 1
             yield from self._now_and_then(
-                "missing", seen, f"{self.missing - self._missing_said} frames are missing: the source or the way here drops them"
+                "missing",
+                seen,
+                f"{self.missing - self._missing_said} frames are missing: the source or the way here drops them",
             )
         elif whole > 1 and waited <= step / 2:
             yield from self._uneven(step, usual, seen, f"the source's clock stepped by {step - usual:+.3f} s")
@@ -124,7 +126,12 @@ class ArrivalWatch:
         wanted = max(self._first_rate_hz, 1 / usual if usual else 0.0) if seen.by_source else self._first_rate_hz
         change = self._slow.step(seen.arrived_s, rate_hz < SLOW * wanted)
         if change:
-            yield Event("source", seen.t_s, f"the source is slow: {rate_hz:.1f} frames/s come, {wanted:.1f} are usual", "warning")
+            yield Event(
+                "source",
+                seen.t_s,
+                f"the source is slow: {rate_hz:.1f} frames/s come, {wanted:.1f} are usual",
+                "warning",
+            )
         elif change is False:
             yield Event("source", seen.t_s, f"the source is as fast as before ({rate_hz:.1f} frames/s)", "good")
 

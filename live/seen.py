@@ -89,7 +89,17 @@ class Seeing:
         y, beta, alpha, slack = self._values(frame.index, frame.t_s, marks)
         turn = None if frame.damaged else self._datum.step(frame)
         return Seen(
-            frame.index, frame.t_s, stamped.arrived_s, stamped.by_source, frame.damaged, marks, y, beta, alpha, slack, turn
+            frame.index,
+            frame.t_s,
+            stamped.arrived_s,
+            stamped.by_source,
+            frame.damaged,
+            marks,
+            y,
+            beta,
+            alpha,
+            slack,
+            turn,
         )
 
     def settle(self) -> None:

@@ -64,7 +64,9 @@ class MarkWatch:
             lasted = known.since(seen.t_s)
             change = known.step(seen.t_s, not mark.seen)
             if change:
-                yield Event("mark", seen.t_s, f"{mark.marker} is lost for {lasted or LOST_S:.1f} s: {mark.reason}", "fault")
+                yield Event(
+                    "mark", seen.t_s, f"{mark.marker} is lost for {lasted or LOST_S:.1f} s: {mark.reason}", "fault"
+                )
             elif change is False:
                 yield Event("mark", seen.t_s, f"{mark.marker} is seen again", "good")
 

@@ -47,7 +47,9 @@ class Glances:
     InputError : a mark's look is told at the end of a stretch only
     """
 
-    def __init__(self, run: Run, mapping: Mapping, lossy: bool = True, linked: bool = True, backend: Backend = NUMPY) -> None:
+    def __init__(
+        self, run: Run, mapping: Mapping, lossy: bool = True, linked: bool = True, backend: Backend = NUMPY
+    ) -> None:
         self._run, self._mapping, self._codec = run, mapping, (lossy, linked)
         self._names = [marker.name for marker in run.file.marker]
         self._following: list[Glancing] = []

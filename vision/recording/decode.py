@@ -127,7 +127,7 @@ def video_info(path: str | Path) -> ClipInfo:
     ------
     VideoError : no such file, empty, no video, no video stream
     """
-    with _opened(path) as container:
+    with opened(path) as container:
         info = _info(container, path)
         first = next(iter(Stream(container, 1, believe_stamps=False)), None)
         if first is not None and quarters(first.raw) % 2:
@@ -190,7 +190,7 @@ def _places(path: str | Path) -> Places:
     import av.error
 
     stamps: list[int] = []
-    with _opened(path) as container, suppress(av.error.FFmpegError):
+    with opened(path) as container, suppress(av.error.FFmpegError):
         stamps.extend(
             packet.pts
             for packet in container.demux(container.streams.video[0])
@@ -212,7 +212,7 @@ def _decoded_once(
     wrong = contradiction(path) if refusal(path) is None else None
     # where the index is wrong and frames are counted instead, an edit list that shows all would cut by wrong times
     counted = frame_rate_hz is not None and wrong is not None and not wrong.cuts
-    with _opened(path, {"ignore_editlist": "1"} if counted else {}) as container:
+    with opened(path, {"ignore_editlist": "1"} if counted else {}) as container:
         info = _info(container, path)
         sums = MatroskaSums(path) if "matroska" in container.format.name.split(",") else None
         with closing(sums) if sums is not None else nullcontext():
@@ -289,7 +289,18 @@ def _index_doubts(container: Any, index: IndexDoubt | None, sums: MatroskaSums |
     return (f"the index is doubtful, no time in it is sure: {wrong}; source.frame_rate_hz would count frames instead",)
 
 
-def _opened(path: str | Path, options: dict[str, str] | None = None):
+def opened(path: str | Path, options: dict[str, str] | None = None):
+    """A video file's container, open; to be closed by who asks.
+
+    Parameters
+    ----------
+    path : of the file
+    options : of the container, by ffmpeg's names
+
+    Raises
+    ------
+    VideoError : it cannot be read, or holds no video
+    """
     import av
     import av.error
 

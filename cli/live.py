@@ -82,7 +82,7 @@ def call(options: argparse.Namespace) -> int:
     print(f"{options.source} -> {folder}; Ctrl+C ends the tow")
     with stop:
         wall_m = WALL_M if day.wall_m is None else day.wall_m
-        counts = live_tow(options.source, folder, begin, _Terminal(), stop, wall_m)
+        counts = live_tow(options.source, folder, begin, _Terminal(), stop, wall_m, not options.no_fit)
     print(counts.words)
     options.outcome.result["tow"] = folder.name
     options.outcome.result["frames"] = vars(counts)

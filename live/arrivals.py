@@ -12,9 +12,11 @@ from .seen import Seen
 LEARN_FRAMES, USUAL_FRAMES = 10, 61
 """Steps from which the source's usual one is known, and the last ones it is the median of: choices."""
 EVEN = 0.25
-"""A step that is off a whole number of usual ones by more than this share of one is uneven; cameras' stamps waver by a few per cent."""
+"""A step that is off a whole number of usual ones by more than this share of one is uneven; cameras' stamps waver by a few per
+cent."""
 EVEN_ARRIVED = 1.5
-"""The same where the source stamps nothing and frames are stamped on arrival: what a busy network does to one frame is no fault."""
+"""The same where the source stamps nothing and frames are stamped on arrival: what a busy network does to one frame is no
+fault."""
 UNEVEN_OF, UNEVEN_LEAST = 30, 1
 """So many uneven steps of the last so many are named."""
 QUIET_S, QUIET_STEPS = 0.5, 10.0

@@ -10,8 +10,8 @@ from typing import Any
 from ..record.errors import VideoError
 
 CODEC, PIXELS = "ffvhuff", "yuv420p"
-"""Without loss and with little work: some milliseconds for a picture of 720p. What OpenCV hands on was YUV or JPEG before, with no more
-colour than this keeps."""
+"""Without loss and with little work: some milliseconds for a picture of 720p. What OpenCV hands on was YUV or JPEG before, with
+no more colour than this keeps."""
 BASE = Fraction(1, 90_000)
 """Ticks of the stamps."""
 USUAL_RATE_HZ = 30

@@ -27,8 +27,8 @@ class Times:
 class OneClock:
     """Puts the stamps of a source on one clock, from 0.
 
-    The source's own steps are kept, whatever they are; only where its clock falls, or stands elsewhere when it was opened anew, is what it
-    says shifted: by so much that the gap is as long as it was here.
+    The source's own steps are kept, whatever they are; only where its clock falls, or stands elsewhere when it was opened anew,
+    is what it says shifted: by so much that the gap is as long as it was here.
 
     Attributes
     ----------

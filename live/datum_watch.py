@@ -21,8 +21,8 @@ from ..vision import Frame
 from ..vision.spots.live import vertex
 
 HALF_PX, REACH_PX = 8, 14
-"""Half the side of the patch about a point, and how far from where it was it is looked for: choices; a turn beyond is seen as points
-that are gone."""
+"""Half the side of the patch about a point, and how far from where it was it is looked for: choices; a turn beyond is seen as
+points that are gone."""
 EVERY = 3
 """Frames from one look to the next: ten looks a second of usual film."""
 LEARN_LOOKS = 10

@@ -1,4 +1,5 @@
-"""Before the tow: is all in order? Every mark seen, how sharp, how bright; how well y will be known; the datum; the camera; the line."""
+"""Before the tow: is all in order? Every mark seen, how sharp, how bright; how well y will be known; the datum; the camera; the
+line."""
 
 from __future__ import annotations
 
@@ -21,8 +22,8 @@ BLURRED = 2.5
 DATUM_SD = 3.0
 """The datum stands when its points are off by no more than so many of their own standard deviations, as in their mean square."""
 TAUT_M = 0.02
-"""A line is as stated when the tow point is within this of it, and within ``TAUT_SD`` of what the camera knows: choices; a knot's place,
-or a hand that still holds the model."""
+"""A line is as stated when the tow point is within this of it, and within ``TAUT_SD`` of what the camera knows: choices; a
+knot's place, or a hand that still holds the model."""
 TAUT_SD = 4.0
 """Standard deviations of that."""
 
@@ -138,7 +139,8 @@ class Ready:
             return []
         tow = self._run.tow
         sd = float(np.hypot(slack.common_sd, slack.sd))
-        words = f"{1e3 * abs(slack.value):.0f} +- {1e3 * sd:.1f} mm {'shorter' if slack.value > 0 else 'longer'} than {tow.line_length_m} m"
+        way = "shorter" if slack.value > 0 else "longer"
+        words = f"{1e3 * abs(slack.value):.0f} +- {1e3 * sd:.1f} mm {way} than {tow.line_length_m} m"
         return [Line("line", words, abs(slack.value) < max(TAUT_M, TAUT_SD * sd))]
 
     @staticmethod

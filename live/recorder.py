@@ -1,7 +1,7 @@
 """What comes is written as it comes, whole: into a container that a power cut ends but does not spoil.
 
-H.264 and its like go into an MPEG transport stream, in which every packet stands by itself; all else into Matroska without an index, whose
-clusters are complete every second. Nothing is coded anew.
+H.264 and its like go into an MPEG transport stream, in which every packet stands by itself; all else into Matroska without an
+index, whose clusters are complete every second. Nothing is coded anew.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class _Disk:
     """A file that is only written to, and put on the disk now and then."""
 
     def __init__(self, path: Path) -> None:
-        self._file = path.open("xb")
+        self._file = path.open("xb", buffering=0)
         self._safe_s = time.monotonic()
 
     def write(self, data: bytes) -> int:
@@ -42,7 +42,6 @@ class _Disk:
 
     def sync(self) -> None:
         """All that was written is on the disk."""
-        self._file.flush()
         os.fsync(self._file.fileno())
         self._safe_s = time.monotonic()
 

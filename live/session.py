@@ -16,6 +16,7 @@ from ..geometry import DatumFit
 from ..record.errors import TrackingError, VideoError
 from ..record.run import Run
 from .arrivals import ArrivalWatch
+from .aside import TrackingAside
 from .clock import Times
 from .decoding import Decoding
 from .event import Event
@@ -133,6 +134,7 @@ def live_tow(
     telling: Telling,
     stopped: Callable[[], bool],
     wall_m: float = WALL_M,
+    track: bool = True,
 ) -> Counts:
     """Film one tow: until ``stopped`` says so, or the source ends.
 
@@ -144,6 +146,7 @@ def live_tow(
     telling : is told what is seen
     stopped : whether to end
     wall_m : room to the wall that is wanted
+    track : make its tracks of the recording while that grows, so that they are there at its end
 
     Raises
     ------
@@ -154,7 +157,7 @@ def live_tow(
     recorder = _Beginning(folder, begin)
     hearing = Hearing(source, recorder.take)
     hearing.start()
-    error, tow = "", None
+    error, tow, aside = "", None, None
     try:
         while True:
             if stopped():
@@ -173,10 +176,18 @@ def live_tow(
                     tow.decoding.again(piece)
             elif tow is not None:
                 tow.take(piece, times, hearing.pieces.qsize())
+                if track and aside is None and tow.said and recorder.begun is not None:
+                    aside = TrackingAside(recorder.begun[0])
+    except BaseException:
+        if aside is not None:
+            aside.drop()
+        raise
     finally:
         hearing.stop()
         hearing.join()
         scribe.close()
+    if aside is not None:
+        aside.end()
     counts = Counts() if tow is None else tow.counted(recorder.packets)
     if not counts.packets:
         raise VideoError(error if error.startswith(source) else f"{source}: {error or 'no picture came'}")
@@ -207,11 +218,12 @@ class _Beginning(Recorder):
 
 
 class _Tow:
-    """The loop's body: a piece in, what is said out."""
+    """The loop's body: a piece in, what is said out; ``said``: so is what is to be said before a tow."""
 
     def __init__(self, decoding: Decoding, looking: Looking, scribe: _Scribe) -> None:
         self.decoding, self._looking, self._scribe = decoding, looking, scribe
-        self._counts, self._began_s, self._said = Counts(), None, False
+        self._counts, self.said = Counts(), False
+        self._began_s: float | None = None
 
     def take(self, piece: Piece | None, times: Times | None, waiting: int) -> None:
         """A packet, or None: nothing came for ``TICK_S``."""
@@ -237,8 +249,8 @@ class _Tow:
             self._counts.late += latency_s > LATE_S
         t_s = stamped.frame.t_s
         self._began_s = t_s if self._began_s is None else self._began_s
-        if not self._said and t_s - self._began_s >= READY_S:
-            self._said = True
+        if not self.said and t_s - self._began_s >= READY_S:
+            self.said = True
             self._scribe.ready(self._looking.ready.lines(self._looking.arrivals))
         self._looking.settle()
 
@@ -299,6 +311,7 @@ def frame_record(seen: Seen, latency_s: float) -> dict[str, Any]:
     return {
         "frame": seen.index,
         "t_s": round(seen.t_s, 6),
+        "arrived_s": round(seen.arrived_s, 4),
         "latency_s": round(latency_s, 4),
         "damaged": seen.damaged,
         "marks": marks,

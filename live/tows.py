@@ -34,7 +34,8 @@ RELEASE_FRAMES = 15
 
 @dataclass(frozen=True)
 class Wish:
-    """One derivative against what is wished of it, both half-widths of the 95 % interval in %; ``percent`` None: not determined."""
+    """One derivative against what is wished of it, both half-widths of the 95 % interval in %; ``percent`` None: not
+    determined."""
 
     name: str
     percent: float | None

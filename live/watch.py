@@ -18,16 +18,17 @@ from .event import Event, Lasting
 from .seen import Seen
 
 NEVER_S, LOST_S = 1.0, 0.5
-"""A mark that was not seen for so long is named, from the first frame on and once it was seen: half a second is what a hand, or a wave,
-takes to pass. Choices."""
+"""A mark that was not seen for so long is named, from the first frame on and once it was seen: half a second is what a hand, or
+a wave, takes to pass. Choices."""
 MOVED_HOLD_S, MOVED_SD, MOVED_PX = 0.3, 6.0, 0.7
-"""A camera has moved when its datum points have, by so many standard deviations of its turn and by more pixels than ripples about a
-point feign, in so many seconds' looks: choices."""
+"""A camera has moved when its datum points have, by so many standard deviations of its turn and by more pixels than ripples
+about a point feign, in so many seconds' looks: choices."""
 SLACK_HOLD_S, SLACK_SD, SLACK_M = 0.15, 5.0, 0.006
-"""A line is slack when the tow point has come nearer by so many standard deviations and so many metres, longer than a wave lasts: choices;
-the second is above what the camera's own errors make of a swing."""
+"""A line is slack when the tow point has come nearer by so many standard deviations and so many metres, longer than a wave
+lasts: choices; the second is above what the camera's own errors make of a swing."""
 FIRST_S = 1.0
-"""The line's length, as this camera sees it, is the median of the first second; the model is held or released on a taut line then."""
+"""The line's length, as this camera sees it, is the median of the first second; the model is held or released on a taut line
+then."""
 MIDDLE_FRAMES = 5
 """The median of so many frames speaks for the line: a choice, so that one bad frame says nothing."""
 WALL_HOLD_S = 0.1

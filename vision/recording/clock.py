@@ -25,7 +25,8 @@ LONGEST_STEPS = 5.0
 LEAST_EVEN, LONGEST_UNEVEN = 3, 4
 """Frames in a row that make a beat; frames in a row off it that are doubted, not the beat."""
 STAMPED, ON_ARRIVAL = "TOWLINE_STAMPS", "arrival"
-"""A recording's tag, and what it says where its stamps are no source's own but those of when each picture came (``live.recorder``)."""
+"""A recording's tag, and what it says where its stamps are no source's own but those of when each picture came
+(``live.recorder``)."""
 STRIKES = 3
 """So many times up to ``LONGEST_UNEVEN`` timestamps off the beat: the recording's beat is not even, no more is made of them."""
 _HALF = Fraction(1, 2)

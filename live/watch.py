@@ -77,6 +77,8 @@ class CameraWatch:
 
     def __init__(self) -> None:
         self._moved, self._gone = Lasting(MOVED_HOLD_S), Lasting(LOST_S)
+        self.doubted = False
+        """It has moved, or the last look seems so."""
 
     def step(self, seen: Seen) -> Iterator[Event]:
         """Take a frame."""
@@ -84,6 +86,7 @@ class CameraWatch:
         if turn is None:
             return
         gone = self._gone.step(seen.t_s, not np.isfinite(turn.angle_rad))
+        self.doubted = True
         if gone:
             words = f"{turn.points} of {turn.of} datum points are seen: they are covered, or the camera was moved far"
             yield Event("camera", seen.t_s, words, "fault")
@@ -91,6 +94,7 @@ class CameraWatch:
             return
         moved = turn.shift_px > MOVED_PX and turn.angle_rad > MOVED_SD * turn.sd_rad
         change = self._moved.step(seen.t_s, moved)
+        self.doubted = moved or self._moved.named
         if change:
             angle, sd = np.degrees(turn.angle_rad), np.degrees(turn.sd_rad)
             words = f"the camera has moved: it is turned by {angle:.2f} +- {sd:.2f} deg ({turn.shift_px:.1f} px)"
@@ -100,9 +104,15 @@ class CameraWatch:
 
 
 class LineWatch:
-    """A line that hangs slack: the tow point is nearer to the post than a taut line lets it."""
+    """A line that hangs slack: the tow point is nearer to the post than a taut line lets it.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    camera : where it seems to have moved, what it shows of the line says nothing
+    """
+
+    def __init__(self, camera: CameraWatch) -> None:
+        self._camera = camera
         self._slack = Lasting(SLACK_HOLD_S)
         self._first: list[float] = []
         self._began_s: float | None = None
@@ -112,7 +122,7 @@ class LineWatch:
     def step(self, seen: Seen) -> Iterator[Event]:
         """Take a frame."""
         slack = seen.slack_m
-        if not np.isfinite(slack.value):
+        if not np.isfinite(slack.value) or self._camera.doubted:
             return
         self._began_s = seen.t_s if self._began_s is None else self._began_s
         if self._usual is None:
@@ -168,7 +178,7 @@ class DamageWatch:
     """Pictures that could not be decoded as they were written."""
 
     def __init__(self) -> None:
-        self._damaged = Lasting(0.0)
+        self._damaged, self._whole = Lasting(0.0), Lasting(LOST_S)
         self.count = 0
 
     def step(self, seen: Seen) -> Iterator[Event]:
@@ -179,8 +189,6 @@ class DamageWatch:
         elif self._damaged.named and self._whole.step(seen.t_s, not seen.damaged):
             self._damaged, self._whole = Lasting(0.0), Lasting(LOST_S)
             yield Event("damaged", seen.t_s, f"the pictures are whole again ({self.count} were damaged)", "good")
-
-    _whole = Lasting(LOST_S)
 
 
 class Watch:
@@ -195,13 +203,13 @@ class Watch:
     def __init__(self, run: Run, wall_m: float = WALL_M) -> None:
         self.arrivals = ArrivalWatch()
         self.damage = DamageWatch()
-        wall = WallWatch(run, wall_m)
+        wall, camera = WallWatch(run, wall_m), CameraWatch()
         self._each: tuple[Watching, ...] = (
             self.arrivals,
             self.damage,
             MarkWatch(),
-            CameraWatch(),
-            LineWatch(),
+            camera,
+            LineWatch(camera),
             *([wall] if wall.able else []),
         )
 

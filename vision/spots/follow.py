@@ -155,7 +155,10 @@ class SpotFollower:
             return Glance(name, reason=OUTSIDE)
         cut, corner = kept[1]
         start = np.array([corner], dtype=float) + len(cut) // 2
-        fit = mark.refiner.once(Stack(cut[None], np.array([corner]), start, self.size_px))
+        alone = Stack(cut[None], np.array([corner]), start, self.size_px)
+        fit = mark.refiner.once(alone)
+        if not fit.good[0]:  # more is free than one frame may tell
+            fit = mark.refiner.simplest(alone)
         peak, width = float(cut.max()), float(fit.width_px[0])
         sign = -1.0 if self._dark(index) else 1.0
         bright = sign * float(fit.amplitude_dn[0]) / mark.brightness_dn

@@ -45,7 +45,7 @@ from towline.vision.recording.codecs import losses
 HERE = Path(__file__).resolve().parent
 SAMPLES = HERE.parent / "sample_videos"
 FILMS = {"720p 30/s": (1280, 720, 30.0, 40.0), "1080p 60/s": (1920, 1080, 60.0, 12.0)}
-SERVER = "rtsp-server.pl"
+SERVER = "rtsp-server-perl"
 SETTLED_S = 2.0
 """Frames after the first so many seconds count for latency: before, what was read to learn the format comes at once."""
 NAMED_S = 2.0
@@ -78,7 +78,7 @@ def loopback(scratch: Path, seconds: float) -> None:
     )
     print(
         f"{'source':28}{'s':>5}{'sent':>7}{'recorded':>9}{'looked at':>10}{'median':>8}{'99 %':>7}{'largest':>8}"
-        f"{'late':>6}{'core':>6}{'MiB at 1/4':>11}{'end':>6}{'tracks equal':>14}"
+        f"{'late':>6}{'core':>6}{'MiB at 1/4':>11}{'end':>6}"
     )
     for name, (width, height, rate, length) in FILMS.items():
         folder = looped(scratch, name, width, height, rate, length)
@@ -144,7 +144,7 @@ def heard(scratch: Path, folder: Path, name: str, kind: str, seconds: float) -> 
     )
     address = {
         "udp": f"udp://127.0.0.1:{port}",
-        "rtsp": f"rtsp://127.0.0.1:{port}/tow",
+        "rtsp": f"rtsp://127.0.0.1:{port - 1}/tow",
         "http": f"http://127.0.0.1:{port}/",
     }[kind]
     send = [
@@ -160,9 +160,8 @@ def heard(scratch: Path, folder: Path, name: str, kind: str, seconds: float) -> 
     server = sender = None
     quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     if kind == "rtsp":
-        server = subprocess.Popen(
-            [SERVER, "--serverport", str(port), "--clientport", str(port - 1), "--rtpstartport", "20000"], **quiet
-        )
+        words = [SERVER, "--serverport", str(port), "--clientport", str(port - 1), "--rtp_start_port", "20000"]
+        server = subprocess.Popen(words, **quiet)
         time.sleep(1.0)
     if kind == "http":
         sender = subprocess.Popen(send, stdout=subprocess.PIPE)
@@ -170,7 +169,8 @@ def heard(scratch: Path, folder: Path, name: str, kind: str, seconds: float) -> 
         sender.stdout.readline()
     hears = subprocess.Popen(live, **quiet)
     if sender is None:
-        time.sleep(2.0 if kind == "udp" else 0.0)
+        while kind == "udp" and f":{port:04X} " not in Path("/proc/net/udp").read_text(encoding="utf-8"):
+            time.sleep(0.1)
         sender = subprocess.Popen(send, **quiet)
     memory: list[float] = []
     began = time.monotonic()

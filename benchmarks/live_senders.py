@@ -135,7 +135,7 @@ def main() -> None:
             address = f"udp://127.0.0.1:{port}?pkt_size=1316"
             send_packets(film, address, "mpegts", {"flush_packets": "1"}, seconds, log)
         elif kind == "rtsp":
-            options = {"rtsp_transport": "tcp", "flush_packets": "1"}
+            options = {"rtsp_transport": "udp", "flush_packets": "1"}  # the server of Debian's knows no other
             send_packets(film, f"rtsp://127.0.0.1:{port}/tow", "rtsp", options, seconds, log)
         else:
             pictures, rate = jpegs(film)

@@ -30,12 +30,17 @@ class OneClock:
     The source's own steps are kept, whatever they are; only where its clock falls, or stands elsewhere when it was opened anew,
     is what it says shifted: by so much that the gap is as long as it was here.
 
+    Parameters
+    ----------
+    least_ticks : two frames are at least so far apart: what the recording's container can tell
+
     Attributes
     ----------
     begun_anew : so often was the clock shifted
     """
 
-    def __init__(self) -> None:
+    def __init__(self, least_ticks: int = 1) -> None:
+        self.least_ticks = least_ticks
         self._shift: int | None = None
         self._last: tuple[int, float] | None = None
         self._opened = False
@@ -59,8 +64,11 @@ class OneClock:
                 self._shift += max(round(waited / ARRIVAL_BASE), 1) - went
                 self.begun_anew += 1
         self._opened = False
-        self._last = dts + self._shift, packet.arrived_s
-        return Times(pts + self._shift, dts + self._shift)
+        now = dts + self._shift
+        if self._last is not None:
+            now = max(now, self._last[0] + self.least_ticks)
+        self._last = now, packet.arrived_s
+        return Times(pts - dts + now, now)
 
 
 def _ticks(stamp: int, base: Fraction) -> int:

@@ -20,8 +20,12 @@ TRANSPORT = ("h264", "hevc", "mpeg4", "mpeg2video", "mpeg1video")
 """Codecs, by ffmpeg's names, that a transport stream carries; its packets are whole by themselves."""
 STREAM_NAMES = {True: "film.ts", False: "film.mkv"}
 """Of the recording, in a transport stream or not."""
+START_CODES = b"\0\0\1", b"\0\0\0\1"
+"""How units begin in a transport stream (H.264, annex B)."""
 SAFE_S = 0.5
 """The file is put on the disk so often: what a power cut may cost, with what the container holds back."""
+MATROSKA_TICKS = 90
+"""Of ``ARRIVAL_BASE`` in a millisecond, which is what Matroska counts in."""
 CLUSTER_MS = "500"
 """Length of Matroska's clusters: what is written at once."""
 
@@ -70,7 +74,7 @@ class Recorder:
         self._container: Any = None
         self._stream: Any = None
         self._disk: _Disk | None = None
-        self._codec = ""
+        self._codec, self._extradata = "", b""
         self.name = ""
         self.packets = 0
         self.clock = OneClock()
@@ -102,9 +106,11 @@ class Recorder:
             return
         transport, self._codec = opened.codec in TRANSPORT, opened.codec
         self.name = self.name_for(opened)
+        self.clock.least_ticks = 1 if transport else MATROSKA_TICKS
         self._disk = _Disk(self._folder / self.name)
         options = {"flush_packets": "1"} if transport else {"cluster_time_limit": CLUSTER_MS, "flush_packets": "1"}
         form = "mpegts" if transport else "matroska"
+        self._extradata = opened.extradata or b"" if transport else b""
         self._container = av.open(self._disk, "w", format=form, options=options)
         self._stream = self._container.add_stream_from_template(opened.template, opaque=True)
         self._stream.time_base = ARRIVAL_BASE
@@ -115,12 +121,17 @@ class Recorder:
         import av
 
         times = self.clock.step(packet)
-        coded = av.Packet(packet.data)
+        coded = av.Packet(self._head_of(packet) + packet.data)
         coded.pts, coded.dts, coded.time_base = times.pts, times.dts, ARRIVAL_BASE
         coded.is_keyframe, coded.stream = packet.key, self._stream
         self._container.mux(coded)
         self.packets += 1
         return times
+
+    def _head_of(self, packet: Packet) -> bytes:
+        """What a decoder must know and the packets do not say, as of RTSP, which says it once, apart: before every key frame."""
+        known = packet.key and self._extradata.startswith(START_CODES) and self._extradata not in packet.data
+        return self._extradata if known else b""
 
     def close(self) -> None:
         """End the recording."""

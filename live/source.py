@@ -30,6 +30,8 @@ PROBE_BYTES, PROBE_US = "1000000", "500000"
 """Of a stream that are read to learn what it is, at most; they are handed on, nothing of them is lost."""
 UDP_BUFFER_BYTES = 1 << 23
 """What the system and the reader keep of a UDP stream that is not fetched at once: some seconds of 720p."""
+TRANSPORT_BYTES = 188
+"""Of a packet of MPEG's transport stream, in which the reader counts."""
 UNSTAMPED = ("mpjpeg", "mjpeg")
 """Formats, by ffmpeg's names, whose pictures carry no time: they are stamped on arrival."""
 
@@ -142,17 +144,24 @@ def _stream(source: str, stop: threading.Event) -> Iterator[Piece]:
 
 
 def _answering(source: str) -> Any:
-    import av
+    """The source, open; RTSP by TCP, on which nothing is lost, and by UDP where the server has no other."""
+    import av.error
 
     options = {"probesize": PROBE_BYTES, "analyzeduration": PROBE_US}
     if source.startswith("udp:"):
-        options |= {
-            "buffer_size": str(UDP_BUFFER_BYTES),
-            "fifo_size": str(UDP_BUFFER_BYTES // 188),
-            "overrun_nonfatal": "1",
-        }
-    elif source.startswith("rtsp:"):
-        options["rtsp_transport"] = "tcp"
+        fifo = UDP_BUFFER_BYTES // TRANSPORT_BYTES
+        options |= {"buffer_size": str(UDP_BUFFER_BYTES), "fifo_size": str(fifo), "overrun_nonfatal": "1"}
+    if not source.startswith("rtsp:"):
+        return _with_video(source, options)
+    try:
+        return _with_video(source, {**options, "rtsp_transport": "tcp"})
+    except av.error.FFmpegError:
+        return _with_video(source, {**options, "rtsp_transport": "udp"})
+
+
+def _with_video(source: str, options: dict[str, str]) -> Any:
+    import av
+
     container = av.open(source, options=options, timeout=(OPEN_S, SILENT_S), metadata_errors="replace")
     if not container.streams.video:
         container.close()

@@ -1,12 +1,15 @@
-"""A tow while it is filmed: heard, recorded, seen, watched, fitted. Films are fed as fast as they are read where no source is meant."""
+"""A tow while it is filmed: heard, recorded, seen, watched, fitted. Films are fed as fast as they are read."""
 
 from __future__ import annotations
 
 import json
 import os
+import queue
+import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -30,7 +33,7 @@ from towline.live.folder import make_folder, next_tow, tows_of
 from towline.live.pieces import ARRIVAL_BASE, Ended, Opened, Packet
 from towline.live.recorder import Recorder
 from towline.live.session import Looking
-from towline.live.source import Hearing, kind_of
+from towline.live.source import Hearing, _camera, kind_of
 from towline.live.stamped import Stamped
 from towline.live.tows import Day, Standing, Wish, standing_lines
 from towline.pipeline.stages import fit_run_datum
@@ -39,8 +42,8 @@ from towline.record.run import Run, read_run
 from towline.record.tables import read_motion
 from towline.vision import Frame, read_frames
 
-FED_S = 6.0
-BEGINS_S = 4.0
+FED_S = 4.5
+BEGINS_S = 2.5
 NAMED_S = 2.0
 
 
@@ -78,14 +81,14 @@ def clean(tow: tuple[Run, DatumFit, list[Frame]]) -> tuple[list[Any], list[Event
 
 
 def test_values_of_each_frame_are_the_truth_within_what_they_state(clean: Any, samples: Path) -> None:
-    """z of 180 frames, two errors a codec's lag relates over some 10 frames: sd of z about sqrt(1/(2 * 18)) = 0.17."""
+    """z of 75 frames, whose errors a codec's lag relates over some 10 frames: its sd is about sqrt(1 / (2 * 7.5)) = 0.26."""
     truth = read_motion(samples / "mariner" / "x1446" / "truth" / "motion.csv")
     for name in ("y_cg_m", "beta_rad", "alpha_rad"):
         values = [getattr(seen, name) for seen in clean[0]]
         off = np.array([v.value for v in values]) - truth[name].to_numpy()[: len(values)]
         sd = np.array([np.hypot(v.sd, v.common_sd) for v in values])
         assert np.isfinite(off).all()
-        assert np.sqrt(np.mean((off[60:] / sd[60:]) ** 2)) < 1 + 3 * 0.17, name
+        assert np.sqrt(np.mean((off[60:] / sd[60:]) ** 2)) < 1 + 3 * 0.26, name
 
 
 def test_nothing_is_named_in_a_clean_tow(clean: Any) -> None:
@@ -95,20 +98,20 @@ def test_nothing_is_named_in_a_clean_tow(clean: Any) -> None:
 def test_when_it_settles_changes_no_value(tow: tuple[Run, DatumFit, list[Frame]], clean: Any) -> None:
     run, fit, frames = tow
     looking = Looking(run, fit, "h264")
-    lazy = [looking.step(Stamped(frame, frame.t_s))[0] for frame in frames[:90]]
-    assert [s.y_cg_m for s in lazy if s] == [s.y_cg_m for s in clean[0][:90]]
+    lazy = [looking.step(Stamped(frame, frame.t_s))[0] for frame in frames[:45]]
+    assert [s.y_cg_m for s in lazy if s] == [s.y_cg_m for s in clean[0][:45]]
 
 
 def test_ready_says_what_is_in_order_and_what_is_not(tow: tuple[Run, DatumFit, list[Frame]]) -> None:
     run, fit, frames = tow
 
-    def lines(change: Callable[[Frame], Frame]) -> dict[str, Any]:
+    def lines(change: Callable[[Frame], Frame], count: int = 31) -> dict[str, Any]:
         looking = Looking(run, fit, "h264")
-        for frame in map(change, frames[:90]):
+        for frame in map(change, frames[:count]):
             looking.step(Stamped(frame, frame.t_s))
         return {line.what: line for line in looking.ready.lines(looking.arrivals)}
 
-    good = lines(lambda frame: frame)
+    good = lines(lambda frame: frame, 75)
     assert set(good) == {"bow", "stern", "precision", "datum", "camera", "line", "clock"}
     assert all(line.good for line in good.values())
     assert "30.00 frames/s" in good["clock"].words
@@ -151,7 +154,7 @@ def test_a_covered_mark_is_named(tow: tuple[Run, DatumFit, list[Frame]]) -> None
 
 
 def test_a_nudged_camera_is_named_by_its_angle_and_not_as_a_slack_line(tow: tuple[Run, DatumFit, list[Frame]]) -> None:
-    """A shift by 3.2 px is a turn by 0.2 degrees of this camera of 920 px; the tow point seems to have moved by as much."""
+    """3.2 px at 920 px of focal length are 0.2 degrees in the picture's middle; the line seems shorter by as much as that moves."""
     import cv2
 
     shift = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 3.2]])
@@ -161,7 +164,11 @@ def test_a_nudged_camera_is_named_by_its_angle_and_not_as_a_slack_line(tow: tupl
         return np.asarray(cv2.warpAffine(frame.luma, shift, (columns, rows), borderMode=cv2.BORDER_REPLICATE))
 
     _, events = fed(*tow, from_then_on(moved))
-    assert "0.20 +-" in within_time(events, "camera").words
+    said = re.search(r"turned by ([\d.]+) \+-", within_time(events, "camera").words)
+    assert said is not None
+    assert float(said[1]) == pytest.approx(
+        np.degrees(3.2 / 920), rel=0.1
+    )  # the lens bends by 5 % at the picture's edge
 
 
 def test_a_slack_line_and_a_near_wall_are_named_of_what_is_seen(
@@ -261,7 +268,10 @@ def heard(source: str, folder: Path, seconds: float = 60.0) -> tuple[Recorder, l
     while True:
         if time.monotonic() > until:
             hearing.stop()
-        piece, times = hearing.pieces.get()
+        try:
+            piece, times = hearing.pieces.get(timeout=0.1)
+        except queue.Empty:
+            continue
         if isinstance(piece, Ended):
             hearing.join()
             return recorder, frames, piece
@@ -303,7 +313,7 @@ def test_a_film_at_its_own_rate_is_recorded_as_it_is(tmp_path: Path) -> None:
 
 
 def test_a_cut_recording_keeps_what_was_written(tmp_path: Path) -> None:
-    """Of both containers, left open as by a power cut, all but the last second's pictures are there (40 pictures at 20 a second)."""
+    """Both containers, left open as by a power cut, hold all but the last second's pictures (of 40, 20 a second)."""
     for codec, name in (("libx264", "film.ts"), ("mjpeg", "film.mkv")):
         folder = tmp_path / codec
         folder.mkdir()
@@ -311,6 +321,28 @@ def test_a_cut_recording_keeps_what_was_written(tmp_path: Path) -> None:
         for piece in pieces(codec, 40, Fraction(1, 20)):
             recorder.take(piece)
         assert len(list(read_frames(folder / name))) >= 20, name
+
+
+def test_a_camera_is_recorded_without_loss(tmp_path: Path) -> None:
+    """OpenCV opens a film as it opens a camera; the pictures, stamped on arrival, are those that it gave."""
+    source = film(tmp_path / "film.mp4", range(20), Fraction(1, 30))
+    recorder = Recorder(tmp_path)
+    frames: list[Stamped] = []
+    decoding = None
+    for piece in _camera(str(source), threading.Event()):
+        times = recorder.take(piece)
+        if isinstance(piece, Opened):
+            decoding = Decoding(piece)
+        elif decoding is not None and isinstance(piece, Packet) and times is not None:
+            frames += decoding.step(piece, times.t_s)
+    recorder.close()
+    there = list(read_frames(tmp_path / "film.mkv"))
+    assert [number_of(f.luma) for f in there] == list(range(20))
+    assert not any(f.damaged for f in there)
+    for live, now in zip(frames, there, strict=True):
+        assert np.array_equal(live.frame.luma, now.luma)
+        assert live.frame.t_s == pytest.approx(now.t_s, abs=1e-3)
+        assert not live.by_source
 
 
 def pieces(codec: str, count: int, step: Fraction, first: int = 0) -> Iterator[Any]:
@@ -326,7 +358,7 @@ def pieces(codec: str, count: int, step: Fraction, first: int = 0) -> Iterator[A
         if codec == "libx264":
             stream.options = {"tune": "zerolatency", "preset": "veryfast"}
         stream.codec_context.time_base = step
-        stream.codec_context.open()
+        target.start_encoding()
         extra = stream.codec_context.extradata
         yield Opened("h264" if codec == "libx264" else codec, stream, True, False, (160, 96), extra)
         for number in range(count):
@@ -355,7 +387,7 @@ def test_a_clock_that_begins_anew_goes_on_and_gaps_stay_as_long_as_they_were() -
 
 
 def test_mjpeg_over_http_is_heard_cut_and_back(live_senders: ModuleType, tmp_path: Path) -> None:
-    """Pictures with their numbers, 30 a second; the line is cut from 0.5 s on and back at 1.2 s: what was sent is there, the gap as well."""
+    """Numbered pictures, 30 a second; the line is cut from 0.5 s on and back at 1.2 s: what was sent is there, the gap as well."""
     import cv2
 
     pictures = [cv2.imencode(".jpg", drawn(k)[:96], [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes() for k in range(60)]
@@ -421,7 +453,6 @@ def test_a_live_tow_is_an_ordinary_run(day: Path, tmp_path: Path) -> None:
 def test_tracks_made_while_the_film_grows_are_those_of_track(day: Path, tmp_path: Path) -> None:
     """The recording appears piece by piece while it is tracked; the table is the same to the byte."""
     import shutil
-    import threading
 
     from towline.pipeline.stages.tracks import track_growing
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import dataclass
 from statistics import median
+from typing import Protocol
 
 from .event import Event, Lasting
-from .seen import Seen
 
 LEARN_FRAMES, USUAL_FRAMES = 10, 61
 """Steps from which the source's usual one is known, and the last ones it is the median of: choices."""
@@ -27,6 +28,34 @@ SAID_EVERY_S = 5.0
 """What happens again and again is named at most so often, with its count."""
 
 
+class Timed(Protocol):
+    """A frame's times, as in ``Stamped``."""
+
+    @property
+    def t_s(self) -> float:
+        """By the source's stamp."""
+        ...
+
+    @property
+    def arrived_s(self) -> float:
+        """When its last byte was here."""
+        ...
+
+    @property
+    def by_source(self) -> bool:
+        """The source stamps its frames."""
+        ...
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """The times alone."""
+
+    t_s: float
+    arrived_s: float
+    by_source: bool
+
+
 class ArrivalWatch:
     """Steps from frame to frame, by the source's clock and by this machine's.
 
@@ -38,7 +67,7 @@ class ArrivalWatch:
 
     def __init__(self) -> None:
         self.frames = self.missing = self.uneven = 0
-        self._last: Seen | None = None
+        self._last: Timed | None = None
         self._steps: deque[float] = deque(maxlen=USUAL_FRAMES)
         self._arrived: deque[float] = deque()
         self._first_rate_hz: float | None = None
@@ -52,7 +81,7 @@ class ArrivalWatch:
         """The usual step; None while it is not known."""
         return median(self._steps) if len(self._steps) >= LEARN_FRAMES else None
 
-    def step(self, seen: Seen) -> Iterator[Event]:
+    def step(self, seen: Timed) -> Iterator[Event]:
         """Take a frame."""
         last, self._last = self._last, seen
         self.frames += 1
@@ -70,7 +99,7 @@ class ArrivalWatch:
             self._silent = last.arrived_s
             yield Event("source", last.t_s + quiet, f"no frame for {quiet:.1f} s: the source has stopped", "fault")
 
-    def _after(self, last: Seen, seen: Seen) -> Iterator[Event]:
+    def _after(self, last: Timed, seen: Timed) -> Iterator[Event]:
         step, waited = seen.t_s - last.t_s, seen.arrived_s - last.arrived_s
         usual = self.usual_s
         if self._silent is not None:
@@ -101,19 +130,19 @@ class ArrivalWatch:
         elif off > EVEN * usual:
             yield from self._uneven(step, usual, seen)
 
-    def _uneven(self, step: float, usual: float, seen: Seen, words: str = "") -> Iterator[Event]:
+    def _uneven(self, step: float, usual: float, seen: Timed, words: str = "") -> Iterator[Event]:
         self.uneven += 1
         words = words or f"the clock is irregular: a step of {1e3 * step:.1f} ms, usual is {1e3 * usual:.1f} ms"
         yield from self._now_and_then("clock", seen, words)
 
-    def _now_and_then(self, kind: str, seen: Seen, words: str) -> Iterator[Event]:
+    def _now_and_then(self, kind: str, seen: Timed, words: str) -> Iterator[Event]:
         if seen.t_s - self._said.get(kind, -SAID_EVERY_S) < SAID_EVERY_S:
             return
         self._said[kind] = seen.t_s
         self._missing_said = self.missing if kind == "missing" else self._missing_said
         yield Event(kind, seen.t_s, words, "warning")
 
-    def _rate(self, seen: Seen) -> Iterator[Event]:
+    def _rate(self, seen: Timed) -> Iterator[Event]:
         """Frames of the last seconds by this machine's clock, against the source's usual step."""
         arrived, usual = self._arrived, self.usual_s
         arrived.append(seen.arrived_s)
@@ -138,4 +167,4 @@ class ArrivalWatch:
             yield Event("source", seen.t_s, f"the source is as fast as before ({rate_hz:.1f} frames/s)", "good")
 
 
-__all__ = ["ArrivalWatch"]
+__all__ = ["Arrival", "ArrivalWatch", "Timed"]

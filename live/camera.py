@@ -11,8 +11,8 @@ from ..record.errors import VideoError
 
 CODEC, PIXELS = "ffv1", "yuv420p"
 OPTIONS = {"level": "3", "coder": "0", "context": "0", "g": "1", "slices": "4", "slicecrc": "1"}
-"""Without loss and with little work, every picture by itself, each slice with its sum. What OpenCV hands on was YUV or JPEG before, with no
-more colour than this keeps."""
+"""Without loss and with little work, every picture by itself, each slice with its sum. What OpenCV hands on was YUV or JPEG before,
+with no more colour than this keeps."""
 BASE = Fraction(1, 90_000)
 """Ticks of the stamps."""
 USUAL_RATE_HZ = 30

@@ -15,7 +15,7 @@ import numpy as np
 from ..geometry import DatumFit
 from ..record.errors import TrackingError, VideoError
 from ..record.run import Run
-from .arrivals import ArrivalWatch
+from .arrivals import Arrival, ArrivalWatch
 from .aside import TrackingAside
 from .clock import Times
 from .decoding import Decoding
@@ -34,8 +34,9 @@ TICK_S = 0.1
 """How often a silent source is looked at."""
 LATE_S = 0.1
 """A frame whose values come later than this after its last byte is late."""
-BEHIND_S = 1.0
-"""Who looks is so far behind what comes: frames are decoded and recorded, and not looked at, until that is caught up."""
+BEHIND_S, CAUGHT_UP = 1.0, 2
+"""Who looks is so far behind what comes: frames are decoded and recorded, and not looked at, until no more than so many wait.
+Old values help nobody."""
 READY_S = 3.0
 """From the first frame on until what is said before a tow rests on enough of them."""
 
@@ -113,6 +114,11 @@ class Looking:
             return None, [Event("mark", stamped.frame.t_s, str(error), "fault")]
         self.ready.step(seen)
         return seen, self.watch.step(seen)
+
+    def passed_by(self, stamped: Stamped) -> list[Event]:
+        """A frame came for which there is no time; what its times say is to be named all the same."""
+        arrival = Arrival(stamped.frame.t_s, stamped.arrived_s, stamped.by_source)
+        return list(self.watch.arrivals.step(arrival))
 
     def settle(self) -> None:
         """What takes longer, when the values have gone out."""
@@ -223,6 +229,7 @@ class _Tow:
     def __init__(self, decoding: Decoding, looking: Looking, scribe: _Scribe) -> None:
         self.decoding, self._looking, self._scribe = decoding, looking, scribe
         self._counts, self.said = Counts(), False
+        self._behind = False
         self._began_s: float | None = None
 
     def take(self, piece: Piece | None, times: Times | None, waiting: int) -> None:
@@ -233,10 +240,13 @@ class _Tow:
             return
         for stamped in self.decoding.step(piece, times.t_s):
             usual = self._looking.arrivals.usual_s
-            if usual is not None and waiting * usual > BEHIND_S:
+            self._behind = waiting > CAUGHT_UP and (self._behind or (usual is not None and waiting * usual > BEHIND_S))
+            if self._behind:
                 self._counts.not_looked_at += 1
-                continue
-            self._look(stamped)
+                for event in self._looking.passed_by(stamped):
+                    self._scribe.event(event)
+            else:
+                self._look(stamped)
 
     def _look(self, stamped: Stamped) -> None:
         seen, events = self._looking.step(stamped)

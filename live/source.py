@@ -172,8 +172,18 @@ def _with_video(source: str, options: dict[str, str]) -> Any:
     return container
 
 
-def _camera(source: str, stop: threading.Event) -> Iterator[Piece]:
-    """A camera's pictures, coded here without loss."""
+def camera_pieces(source: str, stop: threading.Event) -> Iterator[Piece]:
+    """A camera's pictures, coded here without loss.
+
+    Parameters
+    ----------
+    source : its index, or its device
+    stop : set: no more are wanted
+
+    Raises
+    ------
+    VideoError : it does not open, or gives no picture
+    """
     camera = Camera(source)
     try:
         yield opened_of(camera.template, False)
@@ -197,7 +207,7 @@ def _piece(packet: Any, arrived_s: float, by_source: bool = True) -> Packet:
 _HEARD_BY: dict[Kind, Callable[[str, threading.Event], Iterator[Piece]]] = {
     "file": _file,
     "stream": _stream,
-    "camera": _camera,
+    "camera": camera_pieces,
 }
 
-__all__ = ["Hearing", "kind_of"]
+__all__ = ["Hearing", "camera_pieces", "kind_of"]

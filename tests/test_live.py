@@ -16,7 +16,7 @@ from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from clips import drawn, film, number_of
 
 from towline.cli import main
 from towline.geometry import DatumFit
-from towline.live.arrivals import ArrivalWatch
+from towline.live.arrivals import Arrival, ArrivalWatch
 from towline.live.clock import OneClock
 from towline.live.decoding import Decoding
 from towline.live.event import Event, Lasting
@@ -33,7 +33,7 @@ from towline.live.folder import make_folder, next_tow, tows_of
 from towline.live.pieces import ARRIVAL_BASE, Ended, Opened, Packet
 from towline.live.recorder import Recorder
 from towline.live.session import Looking
-from towline.live.source import Hearing, _camera, kind_of
+from towline.live.source import Hearing, camera_pieces, kind_of
 from towline.live.stamped import Stamped
 from towline.live.tows import Day, Standing, Wish, standing_lines
 from towline.pipeline.stages import fit_run_datum
@@ -199,12 +199,12 @@ def test_a_slack_line_and_a_near_wall_are_named_of_what_is_seen(
     assert [e for seen in clean[0] for e in WallWatch(run, 0.05).step(seen)] == []
 
 
-def frames_at(times: list[float], arrived: list[float] | None = None, by_source: bool = True) -> Iterator[Any]:
+def frames_at(times: list[float], arrived: list[float] | None = None, by_source: bool = True) -> Iterator[Arrival]:
     for t_s, here in zip(times, arrived or times, strict=True):
-        yield SimpleNamespace(t_s=t_s, arrived_s=here, by_source=by_source)
+        yield Arrival(t_s, here, by_source)
 
 
-def arrivals(frames: Iterator[Any]) -> tuple[ArrivalWatch, list[Event]]:
+def arrivals(frames: Iterator[Arrival]) -> tuple[ArrivalWatch, list[Event]]:
     watch = ArrivalWatch()
     return watch, [event for frame in frames for event in watch.step(frame)]
 
@@ -329,7 +329,7 @@ def test_a_camera_is_recorded_without_loss(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path)
     frames: list[Stamped] = []
     decoding = None
-    for piece in _camera(str(source), threading.Event()):
+    for piece in camera_pieces(str(source), threading.Event()):
         times = recorder.take(piece)
         if isinstance(piece, Opened):
             decoding = Decoding(piece)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
 from pathlib import Path
@@ -142,7 +143,7 @@ class _Terminal:
         self._said_s = seen.t_s
         y, beta, alpha = seen.y_cg_m, seen.beta_rad, seen.alpha_rad
         lost = [mark.marker for mark in seen.marks if not mark.seen]
-        degrees = 57.29577951308232
+        degrees = math.degrees(1.0)
         words = (
             f"{seen.t_s:7.2f} s  y {1e3 * y.value:+8.1f} +- {1e3 * y.sd:.1f} mm  beta {degrees * beta.value:+7.2f} +- "
             f"{degrees * beta.sd:.2f} deg  alpha {degrees * alpha.value:+7.2f} +- {degrees * alpha.sd:.2f} deg"

@@ -81,7 +81,7 @@ class Decoding:
 def _decoder(opened: Opened) -> Any:
     import av
 
-    decoder = av.CodecContext.create(opened.codec, "r")
+    decoder: Any = av.CodecContext.create(opened.codec, "r")
     if opened.extradata:
         decoder.extradata = opened.extradata
     decoder.width, decoder.height = opened.size_px

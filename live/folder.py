@@ -80,7 +80,8 @@ def make_folder(setup: Run, folder: Path, recording: str) -> Run:
 def _source(setup: Run, recording: str) -> dict[str, object]:
     """[source] of the new run: of the set-up's only what the camera is, not which part of its film was used."""
     exposure_s = setup.file.source.exposure_s
-    return {"video": recording} | ({"exposure_s": exposure_s} if exposure_s else {})
+    found: dict[str, object] = {"video": recording}
+    return {**found, "exposure_s": exposure_s} if exposure_s else found
 
 
 __all__ = ["make_folder", "next_tow", "tows_of"]

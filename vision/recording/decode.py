@@ -8,8 +8,9 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cache
+from io import RawIOBase
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,7 +142,7 @@ def video_frames(
     frame_rate_hz: float | None = None,
     exposure_s: float = 0.0,
     decode_threads: int | None = None,
-    growing: Callable[[], BinaryIO] | None = None,
+    growing: Callable[[], RawIOBase] | None = None,
 ) -> Iterator[Frame]:
     """Decode the frames in ``span_s`` one by one, as ``source.read_frames`` has it, when they are asked for.
 
@@ -187,7 +188,7 @@ def video_frames(
             waiting.append(str(error))
 
 
-def _places(path: str | Path, growing: Callable[[], BinaryIO] | None) -> Places:
+def _places(path: str | Path, growing: Callable[[], RawIOBase] | None) -> Places:
     """The timestamps of all pictures that are shown, without decoding one."""
     import av.error
 
@@ -210,7 +211,7 @@ def _decoded_once(
     decode_threads: int | None,
     haste: bool,
     places: Places | None,
-    growing: Callable[[], BinaryIO] | None,
+    growing: Callable[[], RawIOBase] | None,
 ) -> Generator[Frame]:
     wrong = contradiction(path) if refusal(path) is None else None
     # where the index is wrong and frames are counted instead, an edit list that shows all would cut by wrong times
@@ -293,7 +294,7 @@ def _index_doubts(container: Any, index: IndexDoubt | None, sums: MatroskaSums |
     return (f"the index is doubtful, no time in it is sure: {wrong}; source.frame_rate_hz would count frames instead",)
 
 
-def opened(path: str | Path, options: dict[str, str] | None = None, file: Callable[[], BinaryIO] | None = None):
+def opened(path: str | Path, options: dict[str, str] | None = None, file: Callable[[], RawIOBase] | None = None):
     """A video file's container, open; to be closed by who asks.
 
     Parameters

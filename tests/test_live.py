@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from clips import drawn, film, number_of
+from clips import drawn, film, number_of, remux
 
 from towline.cli import main
 from towline.geometry import DatumFit
@@ -418,12 +418,11 @@ def test_a_source_that_does_not_answer_is_one_error(tmp_path: Path, monkeypatch:
 @pytest.fixture(scope="module")
 def day(samples: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Some seconds of a sample film, filmed live."""
-    folder = tmp_path_factory.mktemp("live") / "day"
+    scratch = tmp_path_factory.mktemp("live")
     setup = samples / "mariner" / "x1446"
-    assert (
-        main(["live", str(setup / "video.mp4"), str(folder), "--like", str(setup), "--seconds", "5", "--no-fit"]) == 0
-    )
-    return folder
+    short = remux(setup / "video.mp4", scratch / "short.mp4", lambda index, _: index < 130)
+    assert main(["live", str(short), str(scratch / "day"), "--like", str(setup), "--no-fit"]) == 0
+    return scratch / "day"
 
 
 def test_a_live_tow_is_an_ordinary_run(day: Path, tmp_path: Path) -> None:
@@ -432,7 +431,8 @@ def test_a_live_tow_is_an_ordinary_run(day: Path, tmp_path: Path) -> None:
     assert run.file.marker == read_run(SAMPLE).file.marker
     log = [json.loads(line) for line in (run.out / "live.jsonl").read_text().splitlines()]
     frames = [r for r in log if "frame" in r]
-    assert [r["frame"] for r in frames] == list(range(len(frames)))
+    at = np.array([r["frame"] for r in frames])  # on a busy machine some may be passed by
+    assert (np.diff(at) > 0).all()
     assert {r["ready"] for r in log if "ready" in r} >= {
         "bow",
         "stern",
@@ -444,9 +444,9 @@ def test_a_live_tow_is_an_ordinary_run(day: Path, tmp_path: Path) -> None:
     }
     assert main(["motion", str(run.folder)]) == 0
     later = read_motion(run.out / "motion.csv")
-    assert len(later) == len(frames)
+    assert len(later) == 130
     live = np.array([r["y_cg_m"][:2] for r in frames])
-    off = (live[30:, 0] - later["y_cg_m"].to_numpy()[30:]) / live[30:, 1]
+    off = ((live[:, 0] - later["y_cg_m"].to_numpy()[at]) / live[:, 1])[at >= 30]
     assert np.sqrt(np.mean(off**2)) < 1.0  # of the same pixels: no further off than what it states
 
 

@@ -294,7 +294,7 @@ def _index_doubts(container: Any, index: IndexDoubt | None, sums: MatroskaSums |
     return (f"the index is doubtful, no time in it is sure: {wrong}; source.frame_rate_hz would count frames instead",)
 
 
-def opened(path: str | Path, options: dict[str, str] | None = None, file: Callable[[], RawIOBase] | None = None):
+def opened(path: str | Path, options: dict[str, str] | None = None, file: Callable[[], RawIOBase] | None = None) -> Any:
     """A video file's container, open; to be closed by who asks.
 
     Parameters

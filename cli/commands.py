@@ -24,6 +24,7 @@ def modules() -> tuple[ModuleType, ...]:
         import_,
         init,
         lens,
+        live,
         motion,
         plan,
         rectify,
@@ -37,6 +38,7 @@ def modules() -> tuple[ModuleType, ...]:
     return (
         run,
         track,
+        live,
         motion,
         identify,
         steady,

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ..record.run import Run
+from ..record.schema import ModelTable
 from ..simulate.model import Array
 
 BEAM_SHARE = 1 / 7
@@ -74,8 +75,7 @@ def _wall(run: Run, motion: pd.DataFrame) -> Cut | None:
         return None
     seen = _seen(motion)
     t_s, y, beta = motion[["t_s", "y_cg_m", "beta_rad"]].to_numpy(dtype=float)[seen].T
-    beam = BEAM_SHARE * model.length_pp_m if model.beam_m is None else model.beam_m
-    reach = np.hypot(model.length_pp_m / 2 * np.sin(beta), beam / 2 * np.cos(beta))
+    beam, reach = beam_of(model), hull_reach(model, beta)
     wall = water.tank_width_m / 2
     near = np.abs(y) + reach > wall - MARGIN_SHARE * model.length_pp_m
     free = 0.0
@@ -91,6 +91,22 @@ def _wall(run: Run, motion: pd.DataFrame) -> Cut | None:
                 f"{reach[i]:.3f} m of hull beside it of {wall:.3f} m{assumed}): only what is before is used",
             )
     return None
+
+
+def beam_of(model: ModelTable) -> float:
+    """The model's beam, m, as stated or as usual for its length."""
+    return BEAM_SHARE * model.length_pp_m if model.beam_m is None else model.beam_m
+
+
+def hull_reach(model: ModelTable, beta_rad: Array) -> Array:
+    """How far the hull reaches to either side of the LCG, m, as an ellipse of Lpp and beam.
+
+    Parameters
+    ----------
+    model : its length and beam
+    beta_rad : heading
+    """
+    return np.hypot(model.length_pp_m / 2 * np.sin(beta_rad), beam_of(model) / 2 * np.cos(beta_rad))
 
 
 def _lost(motion: pd.DataFrame) -> Cut | None:

@@ -81,7 +81,7 @@ class Run:
 
     def input_hashes(self) -> dict[str, str]:
         """SHA-256 of run.toml, of every file or recording that it names, and of corrections.toml, by their paths in the folder."""
-        named = [("", RUN_FILE), *_paths(self.file)]
+        named = [("", RUN_FILE), *named_files(self.file)]
         if self.file.source.video is not None and (self.folder / CORRECTIONS).is_file():
             named.append(("", CORRECTIONS))
         found = {name: (recording_hash if key in RECORDINGS else file_hash)(self.path(name)) for key, name in named}
@@ -137,7 +137,7 @@ def read_run(folder: str | Path, line: Line | None = None) -> Run:
         raise InputError(folder, "", "no such run folder")
     path = folder / RUN_FILE
     run = with_line(Run(folder, read_toml(path, RunFile)), line)
-    for key, name in _paths(run.file):
+    for key, name in named_files(run.file):
         stay_inside(path, key, name, run.file.outside)
         wrong = (recording_refusal if key in RECORDINGS else refusal)(folder / name)
         if wrong is not None:
@@ -186,7 +186,13 @@ def leads_out(name: str) -> bool:
     return bool(Path(name).anchor) or Path(os.path.normpath(name)).parts[:1] == ("..",)
 
 
-def _paths(file: RunFile) -> list[tuple[str, str]]:
+def named_files(file: RunFile) -> list[tuple[str, str]]:
+    """Keys of run.toml that name a file or a recording, and the names, as written.
+
+    Parameters
+    ----------
+    file : the content of run.toml
+    """
     pairs = [
         ("source.video", file.source.video),
         ("source.tracks", file.source.tracks),

@@ -52,6 +52,12 @@ def _cases(root: Path, name: str) -> ModuleType:
     return module
 
 
+@pytest.fixture(scope="session")
+def live_senders(root: Path) -> ModuleType:
+    """Sources on the loopback."""
+    return _cases(root, "live_senders")
+
+
 @pytest.fixture
 def run_folder(tmp_path: Path, samples: Path) -> Path:
     """A copy of a sample, without results and truth."""

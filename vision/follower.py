@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
+import numpy as np
 import pandas as pd
 
 from .recording import Frame
@@ -38,4 +40,56 @@ class Follower(Protocol):
         ...
 
 
-__all__ = ["Follower"]
+@dataclass(frozen=True)
+class Glance:
+    """One mark in one frame.
+
+    Attributes
+    ----------
+    marker : its name
+    u_px, v_px : place; NaN where it is not seen
+    sigma_u_px, sigma_v_px : standard deviations, what its path shows beyond the fit included; NaN where it is not seen
+    reason : why it is not seen; "" where it is
+    peak_dn : brightest pixel of its window; NaN where there is none
+    width_px : standard deviation of its picture; NaN where it is not known
+    clipped : share of its light's pixels that are as bright as the recording can say
+    """
+
+    marker: str
+    u_px: float = np.nan
+    v_px: float = np.nan
+    sigma_u_px: float = np.nan
+    sigma_v_px: float = np.nan
+    reason: str = ""
+    peak_dn: float = np.nan
+    width_px: float = np.nan
+    clipped: bool = False
+
+    @property
+    def seen(self) -> bool:
+        """It has a place."""
+        return not self.reason
+
+
+@runtime_checkable
+class Glancing(Protocol):
+    """A follower that can be asked while the film is taken (``glance.Glances``); one that cannot serves recordings only."""
+
+    def see(self, frame: Frame) -> None:
+        """The first half of ``Follower.step``: what ``glance`` needs, quickly done."""
+        ...
+
+    def settle(self, frame: Frame) -> None:
+        """The other half, before the next frame: what takes longer."""
+        ...
+
+    def look_often(self) -> None:
+        """Someone waits for the places: judge what is seen as soon as may be."""
+        ...
+
+    def glance(self, frame: Frame) -> list[Glance]:
+        """Where each mark seems to be in the frame that ``see`` took last, by that frame alone."""
+        ...
+
+
+__all__ = ["Follower", "Glance", "Glancing"]

@@ -12,6 +12,7 @@ from ..record.corrections import Placed
 from ..record.errors import InputError
 from ..record.run import RUN_FILE, Run
 from ..record.schema import Marker
+from .follower import Glance
 from .recording import Frame
 from .rows import Rows
 
@@ -107,3 +108,18 @@ class FiducialMarks(_Placed):
             "is it in the picture, whole and sharp? Tags of several dictionaries in one run, and a worn one, name theirs: "
             '"aruco:4x4:7"'
         )
+
+    def look_often(self) -> None:
+        """Every frame is told by itself already."""
+
+    def see(self, frame: Frame) -> None:
+        """Take one frame."""
+        self.step(frame)
+
+    def settle(self, frame: Frame) -> None:
+        """Nothing is left to do."""
+
+    def glance(self, frame: Frame) -> list[Glance]:
+        """The frame's own rows."""
+        last = [row for row in self._rows[-len(self.markers) :] if row[0] == frame.index]
+        return [Glance(*row[2:7], reason=row[-1]) for row in last]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,6 +35,8 @@ TRACKS, DATUM, STATIC = "tracks.csv", "datum.csv", "static.csv"
 AUTOMATIC = "automatic.csv"
 """The tracks before points were set or removed by hand, so that such a correction, and taking it back, tracks nothing again."""
 TABLES = (".csv", ".parquet")
+ENDED_S = 0.1
+"""How often it is looked whether a recording that is being written has ended."""
 SEED_PX = 12.0
 """A mark measured farther than this from its seed is said to be: three standard deviations of a rough pick. A choice."""
 AMBIGUOUS = (
@@ -231,11 +234,45 @@ def compute_static_motion(run: Run, progress: Progress | None = None) -> pd.Data
     return motion_from_tracks(run, tracks, fit_run_datum(run)).motion
 
 
+def track_growing(run: Run, ended: Callable[[], bool]) -> None:
+    """Track a video that is still being written, and keep the tracks as ``track_run`` would have made them of the whole.
+
+    Parameters
+    ----------
+    run : its recording is there, if only its beginning
+    ended : whether the recording is whole
+
+    Raises
+    ------
+    TowlineError : the video cannot be read, or no mark was found in it
+    """
+    from ...vision.backend import NUMPY
+    from ...vision.recording.decode import video_frames
+    from ...vision.recording.growing import Growing
+
+    path, source = run.source_path, run.file.source
+    frames = video_frames(
+        path, source.span_s, source.frame_rate_hz, source.exposure_s, None, lambda: Growing(path, ended)
+    )
+    found = _follow_marks(run, NUMPY, None, frames=frames)
+    while not ended():  # the rest holds nothing that is analysed
+        time.sleep(ENDED_S)
+    notes = (*found.notes, *((AMBIGUOUS,) if found.ambiguous else ()))
+    stamp = _stamp(run, ())
+    if found.datum is not None:
+        write_table(run.out / DATUM, found.datum, stamp)
+    write_table(run.out / TRACKS, found.table, stamp, notes)
+
+
 def _follow_marks(
-    run: Run, backend: Any, progress: Progress | None, corrections: Corrections | None = None
+    run: Run,
+    backend: Any,
+    progress: Progress | None,
+    corrections: Corrections | None = None,
+    frames: Iterator[Frame] | None = None,
 ) -> Tracking:
-    """Track the video of a run, from its seeds on anew."""
-    with begun(frames_of(run)) as frames:
+    """Track the video of a run, from its seeds on anew; ``frames`` instead of reading it."""
+    with begun(frames_of(run) if frames is None else frames) as frames:
         with loading("vision.tracker"):  # imported while the first frames are decoded
             from ...vision import clip_info, track
             from ...vision.recording.codecs import losses

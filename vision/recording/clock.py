@@ -24,6 +24,9 @@ LONGEST_STEPS = 5.0
 """How many of the recording's own steps two frames of a time lapse may lie apart: a choice."""
 LEAST_EVEN, LONGEST_UNEVEN = 3, 4
 """Frames in a row that make a beat; frames in a row off it that are doubted, not the beat."""
+STAMPED, ON_ARRIVAL = "TOWLINE_STAMPS", "arrival"
+"""A recording's tag, and what it says where its stamps are no source's own but those of when each picture came
+(``live.recorder``)."""
 STRIKES = 3
 """So many times up to ``LONGEST_UNEVEN`` timestamps off the beat: the recording's beat is not even, no more is made of them."""
 _HALF = Fraction(1, 2)
@@ -60,7 +63,9 @@ class Clock:
         self._origin: int | None = None
         self._index = -1
         self._t_s: float | None = None
-        self._strikes = self._even_frames = 0
+        # stamps of arrival waver: one off the beat is as true as the others
+        self._strikes = STRIKES if container.metadata.get(STAMPED) == ON_ARRIVAL else 0
+        self._even_frames = 0
         self._late_ticks, self._early_ticks = -_HALF, _HALF
         self._gaps: int | None = 0  # None: times fall, the decoder's order tells
         self._notes: dict[str, str] = {}

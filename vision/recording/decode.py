@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cache
+from io import RawIOBase
 from pathlib import Path
 from typing import Any
 
@@ -127,7 +128,7 @@ def video_info(path: str | Path) -> ClipInfo:
     ------
     VideoError : no such file, empty, no video, no video stream
     """
-    with _opened(path) as container:
+    with opened(path) as container:
         info = _info(container, path)
         first = next(iter(Stream(container, 1, believe_stamps=False)), None)
         if first is not None and quarters(first.raw) % 2:
@@ -141,6 +142,7 @@ def video_frames(
     frame_rate_hz: float | None = None,
     exposure_s: float = 0.0,
     decode_threads: int | None = None,
+    growing: Callable[[], RawIOBase] | None = None,
 ) -> Iterator[Frame]:
     """Decode the frames in ``span_s`` one by one, as ``source.read_frames`` has it, when they are asked for.
 
@@ -155,6 +157,7 @@ def video_frames(
     exposure_s : exposure time; half of it is added to the stamped time, which is taken as the exposure's start
     decode_threads : decoder threads; None = as many as help. Where several would hide damage (HEVC; H.264 with B frames once an
         error has shown) one works
+    growing : opens the file where it is still being written, so that reading waits for what comes (``Growing``)
 
     Raises
     ------
@@ -166,7 +169,7 @@ def video_frames(
     while True:
         try:
             with closing(
-                _decoded_once(path, span_s, frame_rate_hz, exposure_s, decode_threads, haste, places)
+                _decoded_once(path, span_s, frame_rate_hz, exposure_s, decode_threads, haste, places, growing)
             ) as frames:
                 for number, frame in enumerate(frames):
                     waiting += [note for note in frame.notes if note not in said]
@@ -181,16 +184,16 @@ def video_frames(
         except Doubt:
             haste = False
         except OrderError as error:
-            haste, places = False, _places(path)
+            haste, places = False, _places(path, growing)
             waiting.append(str(error))
 
 
-def _places(path: str | Path) -> Places:
+def _places(path: str | Path, growing: Callable[[], RawIOBase] | None) -> Places:
     """The timestamps of all pictures that are shown, without decoding one."""
     import av.error
 
     stamps: list[int] = []
-    with _opened(path) as container, suppress(av.error.FFmpegError):
+    with opened(path, file=growing) as container, suppress(av.error.FFmpegError):
         stamps.extend(
             packet.pts
             for packet in container.demux(container.streams.video[0])
@@ -208,13 +211,15 @@ def _decoded_once(
     decode_threads: int | None,
     haste: bool,
     places: Places | None,
+    growing: Callable[[], RawIOBase] | None,
 ) -> Generator[Frame]:
     wrong = contradiction(path) if refusal(path) is None else None
     # where the index is wrong and frames are counted instead, an edit list that shows all would cut by wrong times
     counted = frame_rate_hz is not None and wrong is not None and not wrong.cuts
-    with _opened(path, {"ignore_editlist": "1"} if counted else {}) as container:
+    with opened(path, {"ignore_editlist": "1"} if counted else {}, growing) as container:
         info = _info(container, path)
-        sums = MatroskaSums(path) if "matroska" in container.format.name.split(",") else None
+        summed = growing is None  # what is not written yet has no sum
+        sums = MatroskaSums(path) if summed and "matroska" in container.format.name.split(",") else None
         with closing(sums) if sums is not None else nullcontext():
             damaged_at = sums.damaged_at if sums is not None else None
             stream = Stream(container, decode_threads, damaged_at, frame_rate_hz is None, haste, places)
@@ -289,7 +294,19 @@ def _index_doubts(container: Any, index: IndexDoubt | None, sums: MatroskaSums |
     return (f"the index is doubtful, no time in it is sure: {wrong}; source.frame_rate_hz would count frames instead",)
 
 
-def _opened(path: str | Path, options: dict[str, str] | None = None):
+def opened(path: str | Path, options: dict[str, str] | None = None, file: Callable[[], RawIOBase] | None = None) -> Any:
+    """A video file's container, open; to be closed by who asks.
+
+    Parameters
+    ----------
+    path : of the file
+    options : of the container, by ffmpeg's names
+    file : opens it instead of the system
+
+    Raises
+    ------
+    VideoError : it cannot be read, or holds no video
+    """
     import av
     import av.error
 
@@ -302,7 +319,7 @@ def _opened(path: str | Path, options: dict[str, str] | None = None):
     try:
         # absolute: a name such as "concat:a|b" would be taken for a protocol
         container = av.open(
-            os.path.abspath(path),
+            os.path.abspath(path) if file is None else file(),
             options={"format_whitelist": _formats(), **(options or {})},
             metadata_errors="replace",
         )

@@ -16,18 +16,24 @@ from ...record.errors import TrackingError
 from ...record.run import Run
 from ...record.schema import Marker
 from ..backend import Backend
+from ..follower import Glance
 from ..recording import Frame
+from ..rows import DAMAGED
 from .alike import Seen, like_their_fellows
 from .candidates import Array, Candidates
 from .identity import CLEAR_COST, SEEN_SD_PX, Assignment
-from .judge import JUMP_PX, Rigid, judge, largest_sigma_px, seen_sigma_px
+from .judge import BRIGHTNESS_RANGE, JUMP_PX, WIDTH_RANGE, Rigid, judge, largest_sigma_px, seen_sigma_px
 from .live import LiveMark
 from .refine import WIDEST_PX, Refined, Refiner, Stack, wide_as_seemed
 from .search import Search
 from .stretch import Found, Mark, Stretch, table_of
 
+NOT_FOUND, OUTSIDE, NO_SPOT = "not found yet", "outside the picture", "no spot"
 STRETCH_FRAMES = 64
 """Frames fitted together; a window of 31 x 31 pixels is kept of each."""
+SHORT_STRETCH_FRAMES = 16
+"""The same where someone waits for the places: no fit of a stretch takes long then, and it teaches as much as any other
+(``refine.LEARN_ALL``)."""
 PROBATION_FRAMES = 8
 """A set of spots that loses one of its members within this many frames was not the set of marks."""
 REFERENCE_FRAMES = 16
@@ -123,6 +129,7 @@ class SpotFollower:
         self.began_s: float | None = None
         self.losses = 0
         self.searched = -REACQUIRE_FRAMES
+        self.stretch_frames = STRETCH_FRAMES
 
     @property
     def never_found(self) -> bool:
@@ -130,8 +137,55 @@ class SpotFollower:
         measured = np.array([(found.reason == "").sum(axis=1) for found in self.done]).sum(axis=0)
         return not (measured >= 2).any()
 
+    def look_often(self) -> None:
+        """Judge what is seen sooner, in shorter stretches."""
+        self.stretch_frames = SHORT_STRETCH_FRAMES
+
+    def glance(self, frame: Frame) -> list[Glance]:
+        """Where each mark seems to be in the frame taken last, by a fit of that frame alone, which teaches nothing."""
+        return [self._glance(index, frame) for index in range(len(self.markers))]
+
+    def _glance(self, index: int, frame: Frame) -> Glance:
+        name, mark, kept = self.markers[index].name, self.marks[index], self.stretch.last[index]
+        if frame.damaged:
+            return Glance(name, reason=DAMAGED)
+        if mark is None:
+            return Glance(name, reason=NOT_FOUND)
+        if kept is None or kept[0] != frame.index:
+            return Glance(name, reason=OUTSIDE)
+        cut, corner = kept[1]
+        start = np.array([corner], dtype=float) + len(cut) // 2
+        alone = Stack(cut[None], np.array([corner]), start, self.size_px)
+        fit = mark.refiner.once(alone)
+        if not fit.good[0]:  # more is free than one frame may tell
+            fit = mark.refiner.simplest(alone)
+        peak, width = float(cut.max()), float(fit.width_px[0])
+        sign = -1.0 if self._dark(index) else 1.0
+        bright = sign * float(fit.amplitude_dn[0]) / mark.brightness_dn
+        reason = ""
+        if mark.live.unseen or not fit.good[0]:
+            reason = NO_SPOT
+        elif not BRIGHTNESS_RANGE[0] < bright < BRIGHTNESS_RANGE[1]:
+            reason = "brightness"
+        elif not WIDTH_RANGE[0] < width / mark.refiner.width_px < WIDTH_RANGE[1]:
+            reason = "shape"
+        elif fit.sigma_px[0].max() > largest_sigma_px(mark):
+            reason = "too faint"
+        if reason:
+            return Glance(name, reason=reason, peak_dn=peak)
+        place, sigma = fit.centre_px[0], fit.sigma_px[0]
+        clipped = not self._dark(index) and peak >= frame.white_dn
+        return Glance(
+            name, float(place[0]), float(place[1]), float(sigma[0]), float(sigma[1]), "", peak, width, clipped
+        )
+
     def step(self, frame: Frame) -> None:
         """Take one frame."""
+        self.see(frame)
+        self.settle(frame)
+
+    def see(self, frame: Frame) -> None:
+        """Take one frame's windows."""
         self.size_px = frame.luma.shape[1], frame.luma.shape[0]
         damaged = frame.damaged
         if self.tries:
@@ -145,6 +199,10 @@ class SpotFollower:
             if self.first_sight:
                 self._second_sight(frame)
             self._look(frame)
+
+    def settle(self, frame: Frame) -> None:
+        """End the stretch if it is time, and look for what is lost in the frame just taken."""
+        damaged = frame.damaged
         if len(self.stretch) >= self._length() or any(
             m is not None and m.live.doubtful == DOUBT_FRAMES for m in self.marks
         ):
@@ -171,7 +229,7 @@ class SpotFollower:
         if self.waiting:
             return 2 * UNCLEAR
         short = self.on_probation or any(m is not None and m.lost for m in self.marks)
-        return PROBATION_FRAMES if short else STRETCH_FRAMES
+        return PROBATION_FRAMES if short else self.stretch_frames
 
     @staticmethod
     def _not_turned(
@@ -410,7 +468,7 @@ class SpotFollower:
             assert mark is not None
             fit = refined.fit
             good = fit.good
-            found.reason[index, rows] = np.where(good, "", "no spot")
+            found.reason[index, rows] = np.where(good, "", NO_SPOT)
             found.place[index, rows[good]] = fit.centre_px[good]
             found.sigma[index, rows[good]] = fit.sigma_px[good]
             found.repeated[index, rows] = repeated
@@ -455,11 +513,11 @@ class SpotFollower:
     def _unseen(self, frames: list[tuple[int, float, bool]]) -> Found:
         """Nothing seen in these frames, and why."""
         shape = len(self.markers), len(frames)
-        reason = np.full(shape, "not found yet", dtype=object)
+        reason = np.full(shape, NOT_FOUND, dtype=object)
         for index, mark in enumerate(self.marks):
             if mark is not None:
-                reason[index] = "outside the picture"
-        reason[:, [damaged for _, _, damaged in frames]] = "damaged frame"
+                reason[index] = OUTSIDE
+        reason[:, [damaged for _, _, damaged in frames]] = DAMAGED
         nowhere = np.full((*shape, 2), np.nan)
         return Found(
             nowhere,
@@ -507,7 +565,7 @@ class SpotFollower:
         """What was acquired did not hold: those frames were not the marks, and the search begins anew."""
         self.search.dismissed(found, [m is not None for m in self.marks])
         why = np.array([f"not confirmed ({r})" if r else "not confirmed" for r in found.reason.ravel()], dtype=object)
-        found.reason = np.where(found.reason == "damaged frame", found.reason, why.reshape(found.reason.shape))
+        found.reason = np.where(found.reason == DAMAGED, found.reason, why.reshape(found.reason.shape))
         self._forget()
 
     def _forget(self) -> None:

@@ -156,8 +156,8 @@ class LiveMark:
         limit = BRIGHTER * self.height_dn if self.height_dn > 0 else np.inf
         score = np.minimum(rise, limit) - (pull * rows)[:, None] - (pull * columns)[None, :]
         _, _, _, (column, row) = cv2.minMaxLoc(score)
-        seen_u = u0 + column + _vertex(rise[row, max(column - 1, 0) : column + 2])
-        seen_v = v0 + row + _vertex(rise[max(row - 1, 0) : row + 2, column])
+        seen_u = u0 + column + vertex(rise[row, max(column - 1, 0) : column + 2])
+        seen_v = v0 + row + vertex(rise[max(row - 1, 0) : row + 2, column])
         height = float(rise[row, column])
         self.doubtful = self.doubtful + 1 if self.height_dn and not LIKE < height / self.height_dn < 1 / LIKE else 0
         if height >= LEAST_RISE * (self.height_dn or 0.6 * self.rise_dn):
@@ -174,7 +174,7 @@ class LiveMark:
         return seen_u, seen_v
 
 
-def _vertex(three: Array) -> float:
+def vertex(three: Array) -> float:
     """Where the parabola through three neighbours has its top, from the middle one, px."""
     if len(three) < 3:
         return 0.0

@@ -1,0 +1,87 @@
+"""The run folder of a tow that is about to be filmed: the set-up's run.toml with another recording."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from ..record.errors import InputError
+from ..record.files import TOML_BYTES, read_bytes, write_text
+from ..record.run import RUN_FILE, Run, leads_out, named_files
+from ..record.schema import RunFile
+from ..record.toml import check_tables
+
+TOW = "tow-"
+"""Begins the names of a day's tows: tow-01, tow-02, ..."""
+
+
+def next_tow(day: Path) -> Path:
+    """The folder of the day's next tow; not made yet.
+
+    Parameters
+    ----------
+    day : where the day's tows lie
+    """
+    numbers = [int(path.name.removeprefix(TOW)) for path in tows_of(day)]
+    return day / f"{TOW}{max(numbers, default=0) + 1:02d}"
+
+
+def tows_of(day: Path) -> list[Path]:
+    """The day's tows so far, in their order.
+
+    Parameters
+    ----------
+    day : where they lie; need not be there
+    """
+    found = [p for p in day.glob(f"{TOW}*") if p.name.removeprefix(TOW).isdecimal() and (p / RUN_FILE).is_file()]
+    return sorted(found, key=lambda path: int(path.name.removeprefix(TOW)))
+
+
+def make_folder(setup: Run, folder: Path, recording: str) -> Run:
+    """Write the run folder of a tow: an ordinary one, as soon as the recording is in it.
+
+    What the set-up's run.toml names beside its recording (a lens, a static record) is copied.
+
+    Parameters
+    ----------
+    setup : the run whose camera, datum, marks and tow these are
+    folder : new
+    recording : the name that its file will have
+
+    Raises
+    ------
+    InputError : the set-up names files outside of its folder, or no tow can be made of it
+    """
+    import tomlkit
+
+    source = setup.folder / RUN_FILE
+    document = tomlkit.parse(read_bytes(source, TOML_BYTES).decode("utf-8"))
+    document["name"] = f"{setup.name} {folder.name}"
+    document["source"] = _source(setup, recording)
+    checked = check_tables(document.unwrap(), RunFile, source)
+    folder.mkdir(parents=True)
+    for key, name in named_files(checked):
+        if key == "source.video":
+            continue
+        if leads_out(name):
+            raise InputError(
+                source, key, f"{name!r} leads out of the run folder; for a live tow it must lie beside run.toml"
+            )
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if (setup.folder / name).is_dir():
+            shutil.copytree(setup.folder / name, target)
+        else:
+            shutil.copyfile(setup.folder / name, target)
+    write_text(folder / RUN_FILE, tomlkit.dumps(document))
+    return Run(folder, checked)
+
+
+def _source(setup: Run, recording: str) -> dict[str, object]:
+    """[source] of the new run: of the set-up's only what the camera is, not which part of its film was used."""
+    exposure_s = setup.file.source.exposure_s
+    found: dict[str, object] = {"video": recording}
+    return {**found, "exposure_s": exposure_s} if exposure_s else found
+
+
+__all__ = ["make_folder", "next_tow", "tows_of"]

@@ -1,0 +1,343 @@
+"""One tow from the first packet to the last: heard, recorded, seen, watched, written down."""
+
+from __future__ import annotations
+
+import json
+import queue
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, TextIO
+
+import numpy as np
+
+from ..geometry import DatumFit
+from ..record.errors import TrackingError, VideoError
+from ..record.run import Run
+from .arrivals import Arrival, ArrivalWatch
+from .aside import TrackingAside
+from .clock import Times
+from .decoding import Decoding
+from .event import Event
+from .pieces import Ended, Opened, Packet, Piece
+from .ready import Line, Ready
+from .recorder import Recorder
+from .seen import Seeing, Seen, Valued
+from .source import Hearing
+from .stamped import Stamped
+from .watch import WALL_M, Watch
+
+LOG = "live.jsonl"
+"""In out/: a line for every frame and for everything that was named, written as it happens."""
+TICK_S = 0.1
+"""How often a silent source is looked at."""
+LATE_S = 0.1
+"""A frame whose values come later than this after its last byte is late."""
+BEHIND_S, CAUGHT_UP = 1.0, 2
+"""Who looks is so far behind what comes: frames are decoded and recorded, and not looked at, until no more than so many wait.
+Old values help nobody."""
+READY_S = 3.0
+"""From the first frame on until what is said before a tow rests on enough of them."""
+
+
+class Telling(Protocol):
+    """Who shows what is seen."""
+
+    def frame(self, seen: Seen, latency_s: float) -> None:
+        """A frame's values."""
+        ...
+
+    def event(self, event: Event) -> None:
+        """Something was named."""
+        ...
+
+    def ready(self, lines: list[Line]) -> None:
+        """What is to be said before the tow."""
+        ...
+
+
+@dataclass
+class Counts:
+    """What became of the frames.
+
+    Attributes
+    ----------
+    packets : recorded
+    frames : decoded and looked at
+    not_looked_at : decoded and recorded, but no values: who looks was too far behind
+    undecoded : packets that gave no picture
+    late : values that came later than ``LATE_S`` after the frame's last byte
+    missing, damaged : by the source's stamps; by the decoder
+    """
+
+    packets: int = 0
+    frames: int = 0
+    not_looked_at: int = 0
+    undecoded: int = 0
+    late: int = 0
+    missing: int = 0
+    damaged: int = 0
+
+    @property
+    def words(self) -> str:
+        """One line."""
+        parts = [f"{self.packets} pictures recorded", f"{self.frames} looked at"]
+        for name in ("not_looked_at", "undecoded", "late", "missing", "damaged"):
+            if count := getattr(self, name):
+                parts.append(f"{count} {name.replace('_', ' ')}")
+        return ", ".join(parts)
+
+
+class Looking:
+    """What is seen and named of one tow's frames: stamped frames in, values and events out; it knows no clock.
+
+    Parameters
+    ----------
+    run : as its run.toml says
+    fit : of its datum
+    codec : of the frames, by ffmpeg's name
+    wall_m : room to the wall that is wanted
+    """
+
+    def __init__(self, run: Run, fit: DatumFit, codec: str, wall_m: float = WALL_M) -> None:
+        self._made = lambda: Seeing(run, fit, codec)
+        self._seeing = self._made()
+        self.watch, self.ready = Watch(run, wall_m), Ready(run, fit)
+
+    def step(self, stamped: Stamped) -> tuple[Seen | None, list[Event]]:
+        """Take the next frame; None: nothing can be told of it."""
+        try:
+            seen = self._seeing.step(stamped)
+        except TrackingError as error:
+            self._seeing = self._made()
+            return None, [Event("mark", stamped.frame.t_s, str(error), "fault")]
+        self.ready.step(seen)
+        return seen, self.watch.step(seen)
+
+    def passed_by(self, stamped: Stamped) -> list[Event]:
+        """A frame came for which there is no time; what its times say is to be named all the same."""
+        arrival = Arrival(stamped.frame.t_s, stamped.arrived_s, stamped.by_source)
+        return list(self.watch.arrivals.step(arrival))
+
+    def settle(self) -> None:
+        """What takes longer, when the values have gone out."""
+        try:
+            self._seeing.settle()
+        except TrackingError:
+            self._seeing = self._made()
+
+    @property
+    def arrivals(self) -> ArrivalWatch:
+        """Frames by their times."""
+        return self.watch.arrivals
+
+
+def live_tow(
+    source: str,
+    folder: Path,
+    begin: Callable[[str, tuple[int, int]], tuple[Run, DatumFit]],
+    telling: Telling,
+    stopped: Callable[[], bool],
+    wall_m: float = WALL_M,
+    track: bool = True,
+) -> Counts:
+    """Film one tow: until ``stopped`` says so, or the source ends.
+
+    Parameters
+    ----------
+    source : as typed
+    folder : of the run; made by ``begin``
+    begin : (name of the recording, picture's size) -> the run, whose folder is there from then on, and its datum's fit
+    telling : is told what is seen
+    stopped : whether to end
+    wall_m : room to the wall that is wanted
+    track : make its tracks of the recording while that grows, so that they are there at its end
+
+    Raises
+    ------
+    VideoError : the source does not answer, or ends before a frame has come
+    TowlineError : no run can be made for it
+    """
+    scribe = _Scribe(telling)
+    recorder = _Beginning(folder, begin)
+    hearing = Hearing(source, recorder.take)
+    hearing.start()
+    error, tow, aside = "", None, None
+    try:
+        while True:
+            if stopped():
+                hearing.stop()
+            piece, times = _next(hearing)
+            if isinstance(piece, Ended):
+                error = piece.error
+                break
+            if isinstance(piece, Opened):
+                if tow is None:
+                    assert recorder.begun is not None
+                    run, fit = recorder.begun
+                    scribe.open(run)
+                    tow = _Tow(Decoding(piece), Looking(run, fit, piece.codec, wall_m), scribe)
+                else:
+                    tow.decoding.again(piece)
+            elif tow is not None:
+                tow.take(piece, times, hearing.pieces.qsize())
+                if track and aside is None and tow.said and recorder.begun is not None:
+                    aside = TrackingAside(recorder.begun[0])
+    except BaseException:
+        if aside is not None:
+            aside.drop()
+        raise
+    finally:
+        hearing.stop()
+        hearing.join()
+        scribe.close()
+    if aside is not None:
+        aside.end()
+    counts = Counts() if tow is None else tow.counted(recorder.packets)
+    if not counts.packets:
+        raise VideoError(error if error.startswith(source) else f"{source}: {error or 'no picture came'}")
+    if error:
+        telling.event(Event("source", 0.0, f"the source ended: {error}", "fault"))
+    return counts
+
+
+def _next(hearing: Hearing) -> tuple[Piece | None, Times | None]:
+    try:
+        return hearing.pieces.get(timeout=TICK_S)
+    except queue.Empty:
+        return None, None
+
+
+class _Beginning(Recorder):
+    """A recorder that has the run's folder made when the source has answered, in the thread that hears."""
+
+    def __init__(self, folder: Path, begin: Callable[[str, tuple[int, int]], tuple[Run, DatumFit]]) -> None:
+        super().__init__(folder)
+        self._begin, self.begun = begin, None
+
+    def take(self, piece: Piece) -> Times | None:
+        """As ``Recorder.take``."""
+        if isinstance(piece, Opened) and self.begun is None:
+            self.begun = self._begin(self.name_for(piece), piece.size_px)
+        return super().take(piece)
+
+
+class _Tow:
+    """The loop's body: a piece in, what is said out; ``said``: so is what is to be said before a tow."""
+
+    def __init__(self, decoding: Decoding, looking: Looking, scribe: _Scribe) -> None:
+        self.decoding, self._looking, self._scribe = decoding, looking, scribe
+        self._counts, self.said = Counts(), False
+        self._behind = False
+        self._began_s: float | None = None
+
+    def take(self, piece: Piece | None, times: Times | None, waiting: int) -> None:
+        """A packet, or None: nothing came for ``TICK_S``."""
+        if not isinstance(piece, Packet) or times is None:
+            for event in self._looking.watch.tick(time.monotonic()):
+                self._scribe.event(event)
+            return
+        for stamped in self.decoding.step(piece, times.t_s):
+            usual = self._looking.arrivals.usual_s
+            self._behind = waiting > CAUGHT_UP and (self._behind or (usual is not None and waiting * usual > BEHIND_S))
+            if self._behind:
+                self._counts.not_looked_at += 1
+                for event in self._looking.passed_by(stamped):
+                    self._scribe.event(event)
+            else:
+                self._look(stamped)
+
+    def _look(self, stamped: Stamped) -> None:
+        seen, events = self._looking.step(stamped)
+        latency_s = time.monotonic() - stamped.arrived_s
+        for event in events:
+            self._scribe.event(event)
+        if seen is not None:
+            self._scribe.frame(seen, latency_s)
+            self._counts.frames += 1
+            self._counts.late += latency_s > LATE_S
+        t_s = stamped.frame.t_s
+        self._began_s = t_s if self._began_s is None else self._began_s
+        if not self.said and t_s - self._began_s >= READY_S:
+            self.said = True
+            self._scribe.ready(self._looking.ready.lines(self._looking.arrivals))
+        self._looking.settle()
+
+    def counted(self, packets: int) -> Counts:
+        """What became of the frames."""
+        counts = self._counts
+        counts.packets, counts.undecoded = packets, self.decoding.damaged
+        counts.missing, counts.damaged = self._looking.arrivals.missing, self._looking.watch.damage.count
+        return counts
+
+
+class _Scribe:
+    """Writes everything down as it happens, and tells it."""
+
+    def __init__(self, telling: Telling) -> None:
+        self._telling = telling
+        self._file: TextIO | None = None
+
+    def open(self, run: Run) -> None:
+        run.out.mkdir(exist_ok=True)
+        self._file = (run.out / LOG).open("w", encoding="utf-8", newline="\n")
+
+    def frame(self, seen: Seen, latency_s: float) -> None:
+        self._write(frame_record(seen, latency_s))
+        self._telling.frame(seen, latency_s)
+
+    def event(self, event: Event) -> None:
+        self._write({"event": event.kind, "t_s": round(event.t_s, 6), "level": event.level, "words": event.words})
+        self._telling.event(event)
+
+    def ready(self, lines: list[Line]) -> None:
+        for line in lines:
+            self._write({"ready": line.what, "good": line.good, "words": line.words})
+        self._telling.ready(lines)
+
+    def close(self) -> None:
+        if self._file is not None:
+            self._file.close()
+
+    def _write(self, record: dict[str, Any]) -> None:
+        if self._file is not None:
+            self._file.write(json.dumps(record, allow_nan=False) + "\n")
+            self._file.flush()
+
+
+def frame_record(seen: Seen, latency_s: float) -> dict[str, Any]:
+    """A frame's line of live.jsonl: numbers as [value, sd, common sd]; null where there is none.
+
+    Parameters
+    ----------
+    seen : the frame
+    latency_s : from its last byte to its values
+    """
+    marks = {
+        m.marker: [_plain(x, 4) for x in (m.u_px, m.v_px, m.sigma_u_px, m.sigma_v_px)] if m.seen else m.reason
+        for m in seen.marks
+    }
+    return {
+        "frame": seen.index,
+        "t_s": round(seen.t_s, 6),
+        "arrived_s": round(seen.arrived_s, 4),
+        "latency_s": round(latency_s, 4),
+        "damaged": seen.damaged,
+        "marks": marks,
+        **{name: _numbers(getattr(seen, name)) for name in ("y_cg_m", "beta_rad", "alpha_rad", "slack_m")},
+        "camera_turn_rad": None if seen.turn is None else _plain(seen.turn.angle_rad, 7),
+    }
+
+
+def _numbers(value: Valued) -> list[float | None] | None:
+    if not np.isfinite(value.value):
+        return None
+    return [_plain(x, 7) for x in (value.value, value.sd, value.common_sd)]
+
+
+def _plain(value: float, digits: int) -> float | None:
+    return round(float(value), digits) if np.isfinite(value) else None
+
+
+__all__ = ["LOG", "Counts", "Looking", "Telling", "frame_record", "live_tow"]

@@ -102,20 +102,47 @@ def test_a_bounce_that_is_no_ring_is_taken_as_it_goes(runs: list) -> None:
 
 def test_a_step_in_line_and_distance_suggests_when_the_camera_turned(runs: list) -> None:
     rng, at_s = np.random.default_rng(6), 21.37
-    assert [e.variant for e in shift_effects(runs, left(runs, rng))] == [f"from {r.name} on" for r in runs[1:]]
+    found = shift_effects(runs, left(runs, rng))
+    # a post that was moved before a run, a camera that was turned before one, or little by little
+    since = [f"from {r.name} on" for r in runs[1:]]
+    assert [e.variant for e in found if e.name == "datum_bias"] == since
+    assert [e.variant for e in found if e.name == "camera_shift"] == [*since, "little by little in all runs"]
     run = runs[1]
     share = np.clip((run.centre_s + run.step_s / 2 - at_s) / run.step_s, 0, 1)
     step = [np.zeros(len(r.centre_s)) if r is not run else 0.002 * share for r in runs]
-    found = shift_effects(runs, left(runs, rng, step, [-s for s in step]))[-1]
-    assert found.variant.startswith(f"from {run.name}, 21.")
+    offered = shift_effects(runs, left(runs, rng, step, [-s for s in step]))
+    found = next(e for e in offered if e.variant.startswith(f"from {run.name}, 21.") and e.variant.endswith(" s on"))
     assert found.when is not None
     np.testing.assert_allclose(found.when(run.name, run.centre_s), share, atol=0.15)
     assert not found.when(runs[0].name, run.centre_s).any()
     assert found.when(runs[2].name, run.centre_s).all()
 
 
+def test_a_camera_that_was_turned_for_a_while_is_offered_with_both_its_times(runs: list) -> None:
+    rng, run, (begin, end) = np.random.default_rng(6), runs[1], (14.3, 27.9)
+    inside = [np.clip((run.centre_s + run.step_s / 2 - t) / run.step_s, 0, 1) for t in (begin, end)]
+    step = [0.002 * (inside[0] - inside[1]) if r is run else np.zeros(len(r.centre_s)) for r in runs]
+    offered = shift_effects(runs, left(runs, rng, step, [-s for s in step]))
+    (found,) = [e for e in offered if e.variant.startswith(f"in {run.name}")]
+    assert found.when is not None
+    shares = [found.when(r.name, r.centre_s) for r in runs]
+    assert not shares[0].any()
+    assert not shares[2].any()
+    # to a block at either end
+    assert np.abs(shares[1] - (inside[0] - inside[1])).sum() < 2.5
+
+
+def test_little_by_little_goes_on_from_run_to_run(runs: list) -> None:
+    (found,) = [e for e in shift_effects(runs, left(runs, np.random.default_rng(7))) if "little" in e.variant]
+    assert found.when is not None
+    shares = np.concatenate([found.when(r.name, r.centre_s) for r in runs])
+    assert (np.diff(shares) > 0).all()
+    assert (shares[0], shares[-1]) == pytest.approx((0.0, 1.0), abs=0.01)
+
+
 def test_a_turned_camera_changes_only_what_was_seen_since(runs: list, cases: ModuleType) -> None:
-    effect = shift_effects(runs, left(runs, np.random.default_rng(7)))[1]  # from the third run on
+    offered = shift_effects(runs, left(runs, np.random.default_rng(7)))
+    effect = next(e for e in offered if e.name == "camera_shift" and e.variant == f"from {runs[2].name} on")
     tows = [r.data.tow for r in runs]
     own = np.array([[0.1, 0, 0, 0, 0, 0, t.tension_n, t.tow_point_m, t.line_length_m, t.speed_m_s, 0, 0] for t in tows])
     h = Hypothesis(np.array(cases.SIX), own, (effect,), (np.array([0.001, 0.0, 0.0]),))
@@ -129,12 +156,13 @@ def test_a_turned_camera_changes_only_what_was_seen_since(runs: list, cases: Mod
 def test_without_marks_or_a_lens_no_turn_is_suggested(runs: list) -> None:
     """A turn is taken out of pixels through the lens; one run without is enough."""
     base = left(runs, np.random.default_rng(8))
-    assert len(shift_effects(runs, base)) == 2
+    assert len([e for e in shift_effects(runs, base) if e.name == "camera_shift"]) == 3
     assert shift_effects([runs[0], replace(runs[1], marks=None), runs[2]], base) == []
     marks = runs[1].marks
     file = marks.run.file.model_copy(update={"camera": None})
     bare = replace(runs[1], marks=replace(marks, run=replace(marks.run, file=file)))
-    assert shift_effects([runs[0], bare, runs[2]], base) == []
+    # a post is moved without any lens
+    assert {e.name for e in shift_effects([runs[0], bare, runs[2]], base)} == {"datum_bias"}
 
 
 @pytest.mark.parametrize("level", [(0.0, 0.0), (5.0, -0.3)])

@@ -67,6 +67,7 @@ class Push:
 
 
 PUSHES = tuple(Push(k) for k in range(6))
+"""A shove, and one to five waves: longer trains slacken a line again and again, and look alike. A choice."""
 
 
 @dataclass(frozen=True)

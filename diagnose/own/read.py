@@ -1,0 +1,54 @@
+"""A model's file: Python or FMU."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from ...record.errors import InputError
+from ...record.own_code import run_own
+from .model import Model, System, check_model
+
+
+def read_model(path: str | Path) -> System:
+    """Read a model.
+
+    Parameters
+    ----------
+    path : a Python file that defines one ``Model`` at its top level, or an FMU
+
+    Raises
+    ------
+    InputError : it cannot be run or unpacked, defines none or several, or its lists are wrong
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".fmu":
+        from .fmu import read_fmu
+
+        return read_fmu(path)
+    if path.suffix.lower() != ".py":
+        raise InputError(path, "", "is no model: a Python file (.py) or an FMU (.fmu) is expected")
+    found = [value for value in vars(run_own(path)).values() if isinstance(value, Model)]
+    if len(found) != 1:
+        raise InputError(path, "", f"defines {len(found) or 'no'} Model at its top level, expected one")
+    return named_model(found[0], path.name)
+
+
+def named_model(model: Model, name: str) -> Model:
+    """The model with its name, checked.
+
+    Parameters
+    ----------
+    model : of Python
+    name : for what is said of it
+
+    Raises
+    ------
+    InputError : its lists are wrong
+    """
+    made = replace(model, name=name)
+    check_model(made)
+    return made
+
+
+__all__ = ["named_model", "read_model"]

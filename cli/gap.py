@@ -26,7 +26,12 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
         help="what the columns are (default: NAME.toml beside NAME.csv, else data.toml)",
     )
     sub.add_argument(
-        "--hold-out", nargs="+", type=Path, default=[], metavar="DATA", help="records kept aside to measure the shrink on"
+        "--hold-out",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="DATA",
+        help="records kept aside to measure the shrink on",
     )
     sub.add_argument("-o", "--out", type=Path, help="where the results go (default: out beside the first table)")
 

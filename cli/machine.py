@@ -42,6 +42,7 @@ PURPOSES = {
     "kornia": "check of the camera chain",
     "dask": "towline campaign on a cluster",
     "nicegui": "the local web page",
+    "fmpy": "towline gap with an FMU",
 }
 """What each package is for, by the name it is installed under."""
 INSTEAD = {

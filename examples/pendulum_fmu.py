@@ -1,8 +1,8 @@
-"""A pendulum with a motor as an FMU, made of C by the machine's own compiler: any of FMI 2.0 and 3.0, model exchange and co-simulation.
+"""A pendulum with a motor as an FMU, made of C by the machine's compiler: FMI 2.0 or 3.0, model exchange or co-simulation.
 
     python examples/pendulum_fmu.py pendulum.fmu --version 2 --kind exchange
 
-a'' = -w2 sin(a) - c a' + g u: the same equations as docs/gap.md has in Python. The C code has what towline asks of an FMU and no more.
+a'' = -w2 sin(a) - c a' + g u: the same equations as docs/gap.md has in Python. The C code has what towline asks of an FMU.
 """
 
 from __future__ import annotations
@@ -85,7 +85,9 @@ NONE(fmi2SetRealInputDerivatives) NONE(fmi2SetString)
 #else
 #include <stdbool.h>
 const char *fmi3GetVersion(void) { return "3.0"; }
-void *fmi3InstantiateModelExchange(const char *n, const char *g, const char *r, bool v, bool l, void *e, void *f) { return fresh(); }
+void *fmi3InstantiateModelExchange(const char *n, const char *g, const char *r, bool v, bool l, void *e, void *f) {
+    return fresh();
+}
 void *fmi3InstantiateCoSimulation(const char *n, const char *g, const char *r, bool v, bool l, bool ev, bool ea, const unsigned *q,
                                   size_t nq, void *e, void *f, void *i) { return fresh(); }
 void fmi3FreeInstance(void *c) { free(c); }
@@ -164,12 +166,13 @@ def description(version: int, kind: str) -> str:
     if kind == "exchange":
         interface = f'<{element} modelIdentifier="pendulum"/>'
     if version == 2:
-        structure = '<Outputs><Unknown index="1"/></Outputs><Derivatives><Unknown index="7"/><Unknown index="8"/></Derivatives>'
+        structure = (
+            '<Outputs><Unknown index="1"/></Outputs><Derivatives><Unknown index="7"/><Unknown index="8"/></Derivatives>'
+        )
         head = f'fmiVersion="2.0" modelName="pendulum" guid="{TOKEN}" numberOfEventIndicators="0"'
     else:
-        structure = (
-            '<Output valueReference="0"/><ContinuousStateDerivative valueReference="7"/><ContinuousStateDerivative valueReference="8"/>'
-        )
+        structure = '<Output valueReference="0"/>'
+            '<ContinuousStateDerivative valueReference="7"/><ContinuousStateDerivative valueReference="8"/>'
         head = f'fmiVersion="3.0" modelName="pendulum" instantiationToken="{TOKEN}"'
     return (
         f'<?xml version="1.0" encoding="UTF-8"?>\n<fmiModelDescription {head}>{interface}\n<ModelVariables>\n'
@@ -201,7 +204,10 @@ def make(path: Path, version: int = 2, kind: str = "exchange", platform: str = "
     with tempfile.TemporaryDirectory() as folder:
         source, built = Path(folder) / "pendulum.c", Path(folder) / f"pendulum{fmpy.sharedLibraryExtension}"
         source.write_text(SOURCE, encoding="utf-8")
-        subprocess.run([compiler, "-O2", "-w", "-shared", "-fPIC", f"-DFMI={version}", str(source), "-o", str(built), "-lm"], check=True)
+        subprocess.run(
+            [compiler, "-O2", "-w", "-shared", "-fPIC", f"-DFMI={version}", str(source), "-o", str(built), "-lm"],
+            check=True,
+        )
         with zipfile.ZipFile(path, "w") as pack:
             pack.writestr("modelDescription.xml", description(version, kind))
             pack.write(built, f"binaries/{platform or here}/{built.name}")

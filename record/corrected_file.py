@@ -22,7 +22,9 @@ class PutIn(_Part):
 class CorrectedFile(ResultFile):
     """out/corrected.json."""
 
-    schema_name: Literal["towline/corrected"] = Field(default="towline/corrected", alias="schema", description="this file")
+    schema_name: Literal["towline/corrected"] = Field(
+        default="towline/corrected", alias="schema", description="this file"
+    )
     version: int = Field(default=1, description="of the schema")
     model: str = Field(description="name of the model's file")
     numbers: dict[str, Measured] = Field(description="of the model, as fitted")

@@ -58,7 +58,9 @@ class OwnNumber(Table):
     size: Positive | None = Field(default=None, description="how large it usually is")
     least: Number | None = Field(default=None, description="lower bound")
     most: Number | None = Field(default=None, description="upper bound")
-    sd: Positive | None = Field(default=None, description="prior standard deviation about start; absent: the data alone decide")
+    sd: Positive | None = Field(
+        default=None, description="prior standard deviation about start; absent: the data alone decide"
+    )
     known: bool | None = Field(default=None, description="true: it is not fitted")
 
 
@@ -66,7 +68,9 @@ class OwnState(Table):
     """[[state]]: the same of a state's start."""
 
     name: str = Field(description="of the state")
-    start: Number | None = Field(default=None, description="value at the first row, in the model's unit, where it is not measured")
+    start: Number | None = Field(
+        default=None, description="value at the first row, in the model's unit, where it is not measured"
+    )
     known: bool | None = Field(default=None, description="true: it is exactly that; else each run's is fitted")
     size: Positive | None = Field(default=None, description="how large it usually is")
 
@@ -87,7 +91,8 @@ class OwnData(Table):
     state: tuple[OwnState, ...] = Field(default=(), description="starts of its states")
     stage: tuple[OwnStage, ...] = Field(default=(), description="names of stages, of an FMU say")
     static: str = Field(
-        default="", description="table of the same columns with everything at rest: its scatter is the noise, where no noise_sd is given"
+        default="",
+        description="table of the same columns with everything at rest: its scatter is the noise, where no noise_sd is given",
     )
 
 
@@ -174,4 +179,14 @@ def _mat_columns(path: Path, names: tuple[str, ...]) -> dict[str, Array]:
     return columns
 
 
-__all__ = ["DATA_FILE", "OwnClock", "OwnColumn", "OwnData", "OwnNumber", "OwnStage", "OwnState", "read_columns", "read_data_file"]
+__all__ = [
+    "DATA_FILE",
+    "OwnClock",
+    "OwnColumn",
+    "OwnData",
+    "OwnNumber",
+    "OwnStage",
+    "OwnState",
+    "read_columns",
+    "read_data_file",
+]

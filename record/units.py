@@ -9,7 +9,19 @@ from fractions import Fraction
 
 Dimension = tuple[Fraction, ...]
 _BASES = ("m", "kg", "s", "A", "K", "mol", "cd")
-_PREFIXES = {"": 1.0, "k": 1e3, "M": 1e6, "G": 1e9, "h": 1e2, "d": 1e-1, "c": 1e-2, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9}
+_PREFIXES = {
+    "": 1.0,
+    "k": 1e3,
+    "M": 1e6,
+    "G": 1e9,
+    "h": 1e2,
+    "d": 1e-1,
+    "c": 1e-2,
+    "m": 1e-3,
+    "u": 1e-6,
+    "µ": 1e-6,
+    "n": 1e-9,
+}
 _PLAIN: dict[str, tuple[float, dict[str, int]]] = {
     "1": (1.0, {}),
     "-": (1.0, {}),

@@ -262,7 +262,7 @@ class Inference:
         return most
 
     def bounded(self, h: Hypothesis, solved: Solved) -> float:
-        """What bounds of the shared numbers take off the log evidence: log of the probability, of each alone, that it is between."""
+        """What bounds of the shared numbers take off the log evidence: log of the probability that each, alone, is between."""
         if self.simulator.shared_bounds is None:
             return 0.0
         count = len(h.shared)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -23,9 +24,18 @@ ARGUMENTS = {"equation": "t, x, u, p", "input": "t, u", "output": "t, y", "clock
 """What ``Missing.changes`` is given first, by where it acts."""
 USED = ("delayed", "lagged", "limited", "played")
 """Functions of ``library`` that an effect's code may call."""
+NUMPY = ("tanh", "exp", "abs", "maximum", "newaxis")
+"""Of numpy's."""
+ALLOWED = (
+    ast.Expression, ast.Lambda, ast.arguments, ast.arg, ast.BinOp, ast.UnaryOp, ast.operator, ast.unaryop, ast.Call, ast.Name,
+    ast.Load, ast.Constant, ast.Attribute, ast.Subscript, ast.Tuple, ast.Slice,
+)  # fmt: skip
+"""What arithmetic is made of."""
 
 
-def put_in(system: System, numbers: Mapping[str, float], missing: Sequence[tuple[Missing, Sequence[float]]] = ()) -> System:
+def put_in(
+    system: System, numbers: Mapping[str, float], missing: Sequence[tuple[Missing, Sequence[float]]] = ()
+) -> System:
     """A model with other numbers and with what was missing.
 
     Parameters
@@ -55,7 +65,11 @@ def put_in(system: System, numbers: Mapping[str, float], missing: Sequence[tuple
 
 
 def run_model(
-    system: System, step_s: float, count: int, start: Mapping[str, float] | None = None, inputs: Mapping[str, Array] | None = None,
+    system: System,
+    step_s: float,
+    count: int,
+    start: Mapping[str, float] | None = None,
+    inputs: Mapping[str, Array] | None = None,
     inner: int = 4,
 ) -> dict[str, Array]:
     """A model's outputs, with its numbers where they begin.
@@ -76,7 +90,11 @@ def run_model(
     given = start or {}
     begin = np.array([given.get(s.name, s.start) for s in system.states], dtype=float).reshape(-1, 1)
     told = inputs or {}
-    values = np.stack([np.asarray(told.get(i.name, np.zeros(count)), dtype=float) for i in system.inputs], axis=1) if system.inputs else np.zeros((count, 0))
+    values = (
+        np.stack([np.asarray(told.get(i.name, np.zeros(count)), dtype=float) for i in system.inputs], axis=1)
+        if system.inputs
+        else np.zeros((count, 0))
+    )
     p = np.array([n.start for n in system.numbers], dtype=float).reshape(-1, 1)
     found = simulated(system, grid, begin, held(values, grid, [False] * len(system.inputs))[..., None], p)
     return {o.name: found[:, k, 0] for k, o in enumerate(system.outputs)}
@@ -106,9 +124,7 @@ def corrected_file(gap: OwnGap) -> CorrectedFile:
     """
     file = gap.file
     fitted = file.derivatives.get("after") or file.derivatives["before"]
-    numbers = {
-        name: Measured(value=value, std=fitted[name].std) for name, value in _values(gap).items()
-    }
+    numbers = {name: Measured(value=value, std=fitted[name].std) for name, value in _values(gap).items()}
     row = file.ranking[0].parameters if gap.put_in else {}
     put = []
     for m, values in gap.put_in:
@@ -120,7 +136,12 @@ def corrected_file(gap: OwnGap) -> CorrectedFile:
         acts, on = next(((k, v) for k, v in place.items() if v), ("clock", ""))
         put.append(PutIn(effect=m.name, acts=acts, on=on, code=m.code, numbers=own))
     return CorrectedFile(
-        schema="towline/corrected", tool=file.tool, inputs=file.inputs, model=gap.system.name, numbers=numbers, effects=put
+        schema="towline/corrected",
+        tool=file.tool,
+        inputs=file.inputs,
+        model=gap.system.name,
+        numbers=numbers,
+        effects=put,
     )
 
 
@@ -143,7 +164,7 @@ def from_file(file: CorrectedFile, system: System, path: str | Path = "corrected
         parameters = tuple(Parameter(name, "", 1.0) for name in put.numbers)
         if put.code:
             place = {} if put.acts == "clock" else {put.acts: put.on}
-            made = Missing(put.effect, parameters, "", "", _compiled(put), code=put.code, **place)
+            made = Missing(put.effect, parameters, "", "", _compiled(put, path), code=put.code, **place)
         elif put.effect in own:
             made = own[put.effect]
         else:
@@ -152,12 +173,25 @@ def from_file(file: CorrectedFile, system: System, path: str | Path = "corrected
     return put_in(system, {name: n.value for name, n in file.numbers.items()}, missing)
 
 
-def _compiled(put: PutIn) -> Any:
+def _compiled(put: PutIn, path: str | Path) -> Any:
+    """The effect's code as a function: arithmetic of its arguments and numbers, and what towline itself calls in it; nothing else."""
     from . import library
 
-    # what towline itself wrote, and the file's reader vouches for, as of any Python file
-    names = {"np": np, **{name: getattr(library, name) for name in USED}}
-    return eval(_lambda(put.acts, list(put.numbers), put.code), names)  # noqa: S307
+    text = _lambda(put.acts, list(put.numbers), put.code)
+    try:
+        tree = ast.parse(text, mode="eval")
+    except SyntaxError:
+        raise InputError(path, f"effects {put.effect}", "its code is no Python expression") from None
+    known = {*ARGUMENTS[put.acts].split(", "), *put.numbers, *USED, "np"}
+    for node in ast.walk(tree):
+        name = node.id if isinstance(node, ast.Name) else ""
+        attribute = isinstance(node, ast.Attribute)
+        of = node.value.id if attribute and isinstance(node.value, ast.Name) else ""
+        fits = not attribute or (node.attr in NUMPY if of == "np" else of in ("x", "u", "p") and node.attr[0] != "_")
+        if not isinstance(node, ALLOWED) or (name and name not in known) or not fits:
+            raise InputError(path, f"effects {put.effect}", "its code is none that towline writes")
+    names = {"np": np, "__builtins__": {}, **{name: getattr(library, name) for name in USED}}
+    return eval(compile(tree, "corrected.json", "eval"), names)  # of what was looked through above
 
 
 def _lambda(acts: str, numbers: Sequence[str], code: str) -> str:
@@ -188,13 +222,27 @@ def corrected_python(gap: OwnGap, model: Path, out: Path) -> str:
         lines += ["import numpy as np", ""]
     if file.effects:
         lines += ["from towline.diagnose.effects import Parameter", "from towline.diagnose.own import Missing"]
-    lines += ["from towline.diagnose.own.back import put_in", *([f"from towline.diagnose.own.library import {', '.join(used)}"] if used else [])]
-    lines += ["from towline.diagnose.own.read import read_model", "", f"OLD = read_model(Path(__file__).parent / {way!r})"]
-    lines += ["NUMBERS = {", *(f"    {name!r}: {n.value!r},  # +- {n.std:.2g}" for name, n in file.numbers.items()), "}", "MISSING = ["]
+    lines += [
+        "from towline.diagnose.own.back import put_in",
+        *([f"from towline.diagnose.own.library import {', '.join(used)}"] if used else []),
+    ]
+    lines += [
+        "from towline.diagnose.own.read import read_model",
+        "",
+        f"OLD = read_model(Path(__file__).parent / {way!r})",
+    ]
+    lines += [
+        "NUMBERS = {",
+        *(f"    {name!r}: {n.value!r},  # +- {n.std:.2g}" for name, n in file.numbers.items()),
+        "}",
+        "MISSING = [",
+    ]
     for put, (m, _) in zip(file.effects, gap.put_in, strict=True):
         place = "" if put.acts == "clock" else f"\n            {put.acts}={put.on!r},"
         if not put.code:
-            lines.append(f"    (next(m for m in OLD.missing if m.name == {put.effect!r}), {tuple(n.value for n in put.numbers.values())!r}),")
+            lines.append(
+                f"    (next(m for m in OLD.missing if m.name == {put.effect!r}), {tuple(n.value for n in put.numbers.values())!r}),"
+            )
             continue
         parameters = "".join(f"Parameter({q.name!r}, {q.unit!r}, {q.sd!r}), " for q in m.parameters)
         lines += [

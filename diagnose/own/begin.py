@@ -1,7 +1,7 @@
 """Where the fit of a model begins: many places at once, over longer and longer beginnings of the records.
 
-A motion that swings for long says nothing of the way to its optimum: a frequency a tenth off is out of phase after five swings. Over
-the first eighth of a record the way is open; from there the rest follows.
+A motion that swings for long says nothing of the way to its optimum: a frequency a tenth off is out of phase after five swings.
+Over the first part of a record the way is open; from there the rest follows.
 """
 
 from __future__ import annotations
@@ -73,7 +73,9 @@ def begun(here: Beginning, given: Hypothesis) -> list[Hypothesis]:
     tried = _places(here, given)
     sd = [np.sqrt(np.einsum("cnn->nc", run.covariance)) for run in here.runs]
     shares = [s for s in BEGINNINGS if _enough(here, s)] or [1.0]
-    left = [_square(here, h, values, sd, shares[0]) for h, values in zip(tried, here.values(tried, shares[0]), strict=True)]
+    left = [
+        _square(here, h, values, sd, shares[0]) for h, values in zip(tried, here.values(tried, shares[0]), strict=True)
+    ]
     order = np.argsort(left, kind="stable")[: KEPT[0]]
     # where the user says is always among them
     going = [given, *(tried[k] for k in order if k and np.isfinite(left[k]))]

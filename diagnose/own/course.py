@@ -1,4 +1,4 @@
-"""A model's course: Runge-Kutta's fourth order, many simulations side by side; and what effects do to inputs, equations and outputs."""
+"""A model's course: Runge-Kutta's fourth order, many simulations side by side; what effects do to inputs, equations, outputs."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ def _changed_outputs(system: System, grid: Grid, seen: Array, puts: Sequence[Put
 
 
 def read_at(values: Array, shift: Array) -> Array:
-    """Values at other times: a cubic through the four nearest samples (Catmull and Rom), the course of the first or last two beyond.
+    """Values at other times: a cubic through the four nearest samples (Catmull and Rom), straight beyond both ends.
 
     Parameters
     ----------

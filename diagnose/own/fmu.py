@@ -1,7 +1,7 @@
 """An FMU as a model: FMI 2.0 and 3.0, model exchange and co-simulation, through fmpy.
 
-With model exchange its equations are had, and what is missing can be put into them. With co-simulation it runs by itself: effects of
-inputs, outputs and the clock are offered, and none inside an equation.
+With model exchange its equations are had, and what is missing can be put into them. With co-simulation it runs by itself:
+effects of inputs, outputs and the clock are offered, and none inside an equation.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import tempfile
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from ...record.errors import InputError
 from ...record.files import refusal
 from ...simulate.model import Array
 from .fmu_calls import Calls, Library
-from .model import Input, Missing, Number, Output, State, check_model, named
+from .model import Input, Missing, Number, Output, State, check_model, kinds
 
 REAL = ("Real", "Float64")
 FMU_BYTES = 1 << 30
@@ -74,7 +75,12 @@ class FmuModel:
 
     def arguments(self, x: Array, u: Array, p: Array) -> tuple[Any, Any, Any]:
         """Of ``System``."""
-        return named("x", self.states, x), named("u", self.inputs, u), named("p", self.numbers, p)
+        of_x, of_u, of_p = self._kinds
+        return of_x(*x), of_u(*u), of_p(*p)
+
+    @cached_property
+    def _kinds(self) -> tuple[Any, Any, Any]:
+        return kinds(self)
 
     def measured(self, outputs: Sequence[str], numbers: Sequence[str]) -> FmuModel:
         """With those outputs alone that are measured, and those numbers fitted that are named; none: all."""
@@ -116,7 +122,9 @@ def read_fmu(path: Path) -> FmuModel:
         description = fmpy.read_model_description(str(folder), validate=False)
     except Exception as error:  # no zip file, paths that lead out of it, a description that is none
         shutil.rmtree(folder, ignore_errors=True)
-        raise InputError(path, "", f"is no FMU ({' '.join(str(error).split())[:120] or type(error).__name__})") from None
+        raise InputError(
+            path, "", f"is no FMU ({' '.join(str(error).split())[:120] or type(error).__name__})"
+        ) from None
     try:
         made = _made(path, folder, description)
     except InputError:
@@ -140,7 +148,7 @@ def _made(path: Path, folder: Path, description: Any) -> FmuModel:
     kind = description.modelExchange if exchange else description.coSimulation
     if kind is None:
         what = (
-            f"has {description.numberOfEventIndicators} event indicators: export it for co-simulation, whose own solver follows events"
+            f"has {description.numberOfEventIndicators} event indicators; export it for co-simulation, which follows its events"
             if description.modelExchange is not None
             else "is neither for model exchange nor for co-simulation"
         )
@@ -180,7 +188,11 @@ def _platform(path: Path, folder: Path, identifier: str) -> None:
 
     there = sorted(p.name for p in (folder / "binaries").glob("*") if p.is_dir())
     if not {fmpy.platform, fmpy.platform_tuple} & set(there):
-        raise InputError(path, "", f"has no binary for {fmpy.platform} (it has {', '.join(there) or 'none'}); export it for this platform")
+        raise InputError(
+            path,
+            "",
+            f"has no binary for {fmpy.platform} (it has {', '.join(there) or 'none'}); export it for this platform",
+        )
     # an FMI 3.0 folder is named by its own tuple; fmpy's classes look there for both
     if not any((folder / "binaries" / p).glob(f"{identifier}.*") for p in (fmpy.platform, fmpy.platform_tuple)):
         raise InputError(path, "", f"has no {identifier} in its binaries")

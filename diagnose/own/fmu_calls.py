@@ -88,8 +88,10 @@ class Calls:
     def __init__(self, library: Library) -> None:
         self.library = library
         self._made: list[Any] = []
+        self._components: list[Any] = []
         self._numbers_of: list[bytes] = []
         self._last: Array | None = None
+        self._stands: tuple[tuple[float, int], Array] | None = None
         self._raw: dict[str, Callable[..., int]] = {}
         refs = (library.numbers, library.inputs, library.outputs, library.states)
         self._of_numbers, self._of_inputs, self._of_outputs, self._of_states = map(References, refs)
@@ -123,14 +125,15 @@ class Calls:
                 if hasattr(made.dll, symbol):
                     self._raw[name] = ctypes.CFUNCTYPE(_I, *kinds_of)((symbol, made.dll))
         self._made.append(made)
+        self._components.append(made.component)
         self._numbers_of.append(b"")
         return made
 
     def _begin(self, made: Any, p: Array, u: Array, start: Array) -> bool:
-        """Through initialization with numbers (q,), first inputs (m,) and starts (s,), which a co-simulation has; whether it did."""
+        """Initialized with numbers (q,), first inputs (m,) and, for co-simulation, starts (s,); whether it was."""
         version = self.library.version
         try:
-            if made.towline_begun if hasattr(made, "towline_begun") else False:
+            if getattr(made, "towline_begun", False):
                 made.reset()
             made.towline_begun = True
             if version == 2:
@@ -170,22 +173,19 @@ class Calls:
                     self._numbers_of[k] = b""
                     continue
                 self._numbers_of[k] = own.tobytes() + b"!"
-        self._last = p
+        self._last, self._stands = p, None
 
     # model exchange -------------------------------------------------------------------------------------------------
 
     def rates(self, t: float, x: Array, u: Array, p: Array) -> Array:
         """Rates (s, k) of states (s, k), inputs (m, k) and numbers (q, k)."""
         self._ready(p)
-        return self._called(t, x, u, len(x), self._rates_of)
+        return self._called(t, x, u, len(x), self._raw["rates"])
 
     def taken(self, t: float, x: Array, u: Array, p: Array) -> Array:
         """Outputs (c, k) of the same."""
         self._ready(p)
         return self._called(t, x, u, self._of_outputs.count, self._outputs_of)
-
-    def _rates_of(self, component: Any, at: int, count: int) -> int:
-        return self._raw["rates"](component, at, count)
 
     def _outputs_of(self, component: Any, at: int, count: int) -> int:
         args = (component, self._of_outputs.at, count, at)
@@ -194,19 +194,29 @@ class Calls:
     def _called(self, t: float, x: Array, u: Array, count: int, ask: Callable[[Any, int, int], int]) -> Array:
         (states, k), inputs = x.shape, len(u)
         xs, us, found = np.ascontiguousarray(x.T), np.ascontiguousarray(u.T), np.empty((k, count))
-        x_at, u_at, at = xs.ctypes.data, us.ctypes.data, found.ctypes.data
-        set_time, set_states, put = self._raw["time"], self._raw["states"], self._raw["put"]
-        references, three = self._of_inputs.at, self.library.version == 3
-        for column in range(k):
-            component = self._made[column].component
-            bad = set_time(component, t) | set_states(component, x_at + 8 * states * column, states)
-            if inputs:
-                own = u_at + 8 * inputs * column
-                bad |= put(component, references, inputs, own, inputs) if three else put(component, references, inputs, own)
-            if (bad | ask(component, at + 8 * count * column, count)) >= FAILED or not self._numbers_of[column]:
+        of_x, of_u, of_found = (
+            range(a.ctypes.data, a.ctypes.data + a.nbytes + 1, 8 * a.shape[1] or 1) for a in (xs, us, found)
+        )
+        components, set_states = self._components[:k], self._raw["states"]
+        # of the four calls of a Runge-Kutta step two are at a time, and with inputs, that stand there already
+        if self._stands is None or self._stands[0] != (t, k) or not np.array_equal(self._stands[1], us):
+            set_time, put = self._raw["time"], self._raw["put"]
+            references, more = self._of_inputs.at, (inputs,) if self.library.version == 3 else ()
+            for component, u_at in zip(components, of_u if inputs else of_found, strict=False):
+                set_time(component, t)
+                if inputs:
+                    put(component, references, inputs, u_at, *more)
+            self._stands = (t, k), us
+        bad = [
+            set_states(component, x_at, states) | ask(component, at, count)
+            for component, x_at, at in zip(components, of_x, of_found, strict=False)
+        ]
+        for column, status in enumerate(bad):
+            if status >= FAILED or not self._numbers_of[column]:
                 found[column] = np.nan
                 self._numbers_of[column] = b""
                 self._last = None
+                self._stands = None
         return found.T
 
     # co-simulation --------------------------------------------------------------------------------------------------

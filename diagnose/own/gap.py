@@ -104,7 +104,7 @@ def own_gap(
 
 
 def _random(simulator: OwnSimulator, fitted: Fitted) -> dict[str, float]:
-    """Random changes of each rate, in its unit per second, and how long they last; of a model without equations, of its outputs' noise."""
+    """Random changes of each rate, per second, and how long they last; of a model without equations, of its outputs."""
     sizes = [fitted.forces.side_n / FORCE_SD_N, fitted.forces.moment_n_m / FORCE_SD_N]
     found = {name: float(sizes[min(k, 1)] * usual) for k, (name, usual) in enumerate(simulator.dynamic.items())}
     return {**(found or {"outputs": float(sizes[0])}), "time_s": simulator.times_s[fitted.forces.time]}

@@ -86,7 +86,14 @@ def _in_equation(v: str, places: Sequence[str], scales: Scales) -> list[Missing]
     damping = "Add the term to the equation, or find what drags."
 
     def one(
-        name: str, what: str, physics: str, changes: Any, code: str, scale: float = 1.0, cure: str = damping, sided: bool = True
+        name: str,
+        what: str,
+        physics: str,
+        changes: Any,
+        code: str,
+        scale: float = 1.0,
+        cure: str = damping,
+        sided: bool = True,
     ) -> Missing:
         number = Parameter("size", "", usual / scale, one_sided=sided)
         return Missing(f"{v}_{name}", (number,), physics, cure, changes, equation=v, title=f"{what} in {v}", code=code)
@@ -171,8 +178,12 @@ def _of_input(name: str, scales: Scales, several: bool) -> list[Missing]:
     late = f"a delay of {name}" + ("" if several else ", or an offset between the clocks")
     lag = LAG_STEPS * scales.step_s
 
-    def one(what: str, parameter: Parameter, title: str, physics: str, cure: str, changes: Any, code: str, begins: Any = ()) -> Missing:
-        return Missing(f"{name}_{what}", (parameter,), physics, cure, changes, input=name, title=title, code=code, begins=begins)
+    def one(
+        what: str, parameter: Parameter, title: str, physics: str, cure: str, changes: Any, code: str, begins: Any = ()
+    ) -> Missing:
+        return Missing(
+            f"{name}_{what}", (parameter,), physics, cure, changes, input=name, title=title, code=code, begins=begins
+        )
 
     return [
         one("scale", Parameter("share", "", SHARE), f"a wrong scale of {name}", "What is asked for is not what comes.",
@@ -265,17 +276,23 @@ def delayed(t_s: Array, values: Array, time_s: Any) -> Array:
 def _of_output(name: str, scales: Scales, scaled: bool) -> list[Missing]:
     largest, moves, length = scales.output[name], scales.moves[name], scales.length_s
 
-    def one(what: str, parameter: Parameter, title: str, physics: str, cure: str, changes: Any, code: str, begins: Any = ()) -> Missing:
-        return Missing(f"{name}_{what}", (parameter,), physics, cure, changes, output=name, title=title, code=code, begins=begins)
+    def one(
+        what: str, parameter: Parameter, title: str, physics: str, cure: str, changes: Any, code: str, begins: Any = ()
+    ) -> Missing:
+        return Missing(
+            f"{name}_{what}", (parameter,), physics, cure, changes, output=name, title=title, code=code, begins=begins
+        )
 
     found = [
         one("offset", Parameter("size", "", SHARE * moves), f"a wrong zero of {name}", "The sensor's zero is off.",
             "Read the sensor at a known value.", lambda t, y, b: y + b, "y + size"),
-        one("drift", Parameter("size", "", SHARE * moves), f"a drift of {name}", "The sensor's zero moves (by the size over a run).",
-            "Read the sensor at a known value before and after.", lambda t, y, b: y + b * (t / length)[:, None],
+        one("drift", Parameter("size", "", SHARE * moves), f"a drift of {name}", 
+            
+            "The sensor's zero moves (by the size over a run).", "Read the sensor at a known value before and after.", lambda t, y, b: y + b * (t / length)[:, None],
             f"y + size * (t / {length!r})[:, None]"),
         one("lag", Parameter("time_s", "s", LAG_STEPS * scales.step_s, one_sided=True), f"a first-order lag of {name}",
-            "The sensor follows with a lag.", "Put the lag into the model.", lambda t, y, s: lagged(t, y, s), "lagged(t, y, time_s)"),
+            "The sensor follows with a lag.", "Put the lag into the model.",
+            lambda t, y, s: lagged(t, y, s), "lagged(t, y, time_s)"),
         one("saturation", Parameter("cut", "", 0.3 * largest, one_sided=True), f"a limit of {name}", "The sensor shows no more.",
             "Take a sensor of a wider range.", lambda t, y, c: limited(y, largest - c), f"limited(y, {largest!r} - cut)",
             ((0.3 * largest,),)),

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import namedtuple
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -128,9 +129,9 @@ class Missing:
     name : in the answer
     parameters : its numbers (``towline.diagnose.effects.Parameter``), at ``none`` when it is absent
     physics, cure : a sentence each
-    changes : what it does, a function of arrays that broadcast, its numbers last. With ``equation``: (t, x, u, p, *numbers) -> what it
-        adds to that state's rate. With ``input`` or ``output``: (t, values, *numbers) -> values, t (n,) and values (n, k). With
-        neither: (t, *numbers) -> change of the time at which the outputs were read
+    changes : what it does, a function of arrays that broadcast, its numbers last. With ``equation``: (t, x, u, p, *numbers) -> what
+        it adds to that state's rate. With ``input`` or ``output``: (t, values, *numbers) -> values, t (n,) and values (n, k).
+        With neither: (t, *numbers) -> change of the time at which the outputs were read
     equation, input, output : name of the state, input or output that it changes
     title : in words; empty: the name
     form : share of what it explains that its own form may leave over
@@ -197,8 +198,8 @@ class System(Protocol):
         ...
 
     def course(self, t: Array, start: Array, u: Array, p: Array) -> Array:
-        """Outputs (c, n, k) of a model that runs by itself: at times (n,), of starts (s, k), numbers (q, k), inputs (m, n - 1, k) from each
-        time to the next.
+        """Outputs (c, n, k) of a model that runs by itself: at times (n,), of starts (s, k), numbers (q, k), inputs (m, n - 1, k)
+        from each time to the next.
         """
         ...
 
@@ -218,8 +219,8 @@ class Model:
     Attributes
     ----------
     states, inputs, numbers, outputs : what they are
-    rates : (t, x, u, p) -> the states' rates, in their order. x.NAME, u.NAME, p.NAME are arrays: numpy's functions, without ``if``, are
-        fast; plain Python of one number at a time works as well
+    rates : (t, x, u, p) -> the states' rates, in their order. x.NAME, u.NAME, p.NAME are arrays: numpy's functions, without ``if``,
+        are fast; plain Python of one number at a time works as well
     observe : (t, x, u, p) -> the outputs; None: the states of their names
     missing : what it may miss beside the library's effects
     name : of its file, set when it is read
@@ -228,7 +229,7 @@ class Model:
 
     Examples
     --------
-    >>> fall = Model((State("speed", "m/s"),), (), (Number("g", "m/s2", 9.81),), (Output("speed", "m/s"),), lambda t, x, u, p: [p.g])
+    >>> fall = Model([State("v", "m/s")], [], [Number("g", "m/s2", 9.81)], [Output("v", "m/s")], lambda t, x, u, p: [p.g])
     >>> fall.derivatives(0.0, np.zeros((1, 2)), np.zeros((0, 2)), np.array([[9.81, 1.6]]))
     array([[9.81, 1.6 ]])
     """
@@ -262,7 +263,12 @@ class Model:
 
     def arguments(self, x: Array, u: Array, p: Array) -> tuple[Any, Any, Any]:
         """Of ``System``."""
-        return named("x", self.states, x), named("u", self.inputs, u), named("p", self.numbers, p)
+        of_x, of_u, of_p = self._kinds
+        return of_x(*x), of_u(*u), of_p(*p)
+
+    @cached_property
+    def _kinds(self) -> tuple[Any, Any, Any]:
+        return kinds(self)
 
     def _called(self, function: Rates, what: str, count: int, t: Any, x: Array, u: Array, p: Array) -> Array:
         if not self._pointwise[0]:
@@ -285,28 +291,23 @@ class Model:
         return found.reshape(count, *shape)
 
     def _shaped(self, answer: Any, what: str, count: int, shape: tuple[int, ...]) -> Array:
-        parts = list(answer)
-        if len(parts) != count:
-            raise InputError(self.name, what, f"gave {len(parts)} values, expected {count}")
-        return np.array([np.broadcast_to(np.asarray(part, dtype=float), shape) for part in parts])
+        if len(answer) != count:
+            raise InputError(self.name, what, f"gave {len(answer)} values, expected {count}")
+        found = np.empty((count, *shape))
+        for row, part in enumerate(answer):
+            found[row] = part
+        return found
 
 
-def named(kind: str, of: Sequence[State | Input | Number], values: Any) -> Any:
-    """A tuple with names.
+def kinds(system: System) -> tuple[Any, Any, Any]:
+    """Tuples with the names of states, inputs and numbers.
 
     Parameters
     ----------
-    kind : its own name
-    of : what they are
-    values : one for each
+    system : the model
     """
-    names = tuple(one.name for one in of)
-    if (kind, names) not in _KINDS:
-        _KINDS[kind, names] = namedtuple(kind, names)  # noqa: PYI024
-    return _KINDS[kind, names](*values)
-
-
-_KINDS: dict[tuple[str, tuple[str, ...]], Any] = {}
+    those = (("x", system.states), ("u", system.inputs), ("p", system.numbers))
+    return tuple(namedtuple(kind, [one.name for one in of]) for kind, of in those)  # pyright: ignore
 
 
 def check_model(system: System) -> None:
@@ -393,7 +394,7 @@ __all__ = [
     "System",
     "check_bounds",
     "check_model",
-    "named",
+    "kinds",
     "rate_of",
     "usual_size",
 ]

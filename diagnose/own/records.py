@@ -20,7 +20,7 @@ from .model import Input, Model, Number, Output, State, System, check_bounds
 MOST_SAMPLES = 2000
 """More are taken in means of neighbours first: for time."""
 MOST_BLOCKS, USUAL_BLOCKS = 400, 200
-"""Blocks of a record (over one or two outputs): where the motion is fast, and else. For time: the engine's grows with their cube."""
+"""Blocks of a record (of one or two outputs): where the motion is fast, and else. The engine's time grows with their cube."""
 MOVES_WITHIN = 0.02
 """A motion is fast where, of its variance, this share is within blocks."""
 FEWEST_BLOCKS = 12
@@ -49,11 +49,13 @@ class SampleNoise:
         if self.still is None:
             return self.sd**2 / size * np.eye(len(lag_s))
         white, slow = float(self.still.white[0, 0]), float(self.still.slow[0, 0])
-        return self.sd**2 * (white / size * np.eye(len(lag_s)) + slow * _of_means(size * step_s, self.still.time_s, lag_s))
+        return self.sd**2 * (
+            white / size * np.eye(len(lag_s)) + slow * _of_means(size * step_s, self.still.time_s, lag_s)
+        )
 
 
 def _of_means(length_s: float, time_s: float, lag_s: Array) -> Array:
-    """Covariance of means over ``length_s`` of a first-order process of unit variance, ``lag_s`` apart (0, or at least a length)."""
+    """Covariance of means over ``length_s`` of a first-order process of unit variance, ``lag_s`` (0, or a length or more) apart."""
     ratio = length_s / max(time_s, 1e-6 * length_s)
     apart = np.maximum(lag_s / length_s, 1.0) * ratio
     other = np.exp(ratio - apart) * (1 - np.exp(-ratio)) ** 2 / ratio**2
@@ -134,7 +136,9 @@ def adapted(system: System, file: OwnData, path: Path) -> System:
                 if one.name == told.name:
                     those[k] = replace(one, **{field: told.stage})
         if told.name not in [one.name for one in (*states, *inputs, *outputs)]:
-            raise InputError(path, f"stage {told.name}", f"unknown; {system.name} has {_names((*states, *inputs, *outputs))}")
+            raise InputError(
+                path, f"stage {told.name}", f"unknown; {system.name} has {_names((*states, *inputs, *outputs))}"
+            )
     return replace(system, numbers=numbers, states=states, inputs=inputs, outputs=outputs)  # pyright: ignore
 
 
@@ -145,7 +149,9 @@ def _changed(those: Sequence[Any], told: Sequence[Any], path: Path, kind: str) -
         if one.name not in names:
             raise InputError(path, f"{kind} {one.name}", f"unknown; the model has {', '.join(names) or 'none'}")
         k = names.index(one.name)
-        given = {key: value for key, value in one.model_dump().items() if value is not None and key not in ("name", "unit")}
+        given = {
+            key: value for key, value in one.model_dump().items() if value is not None and key not in ("name", "unit")
+        }
         if getattr(one, "unit", None) is not None:
             share = _conversion(path, f"{kind} {one.name}", one.unit, found[k].unit)
             given = {key: value * share if key != "known" else value for key, value in given.items()}
@@ -206,7 +212,9 @@ def together(records: Sequence[Record]) -> Records:
     for record in records:
         if abs(record.step_s / step - 1) > 0.01:
             raise InputError(
-                record.name, "clock", f"a step of {record.step_s:g} s; {records[0].name} has {step:g} s: bring all to one step"
+                record.name,
+                "clock",
+                f"a step of {record.step_s:g} s; {records[0].name} has {step:g} s: bring all to one step",
             )
         if len(record.values) < FEWEST_BLOCKS:
             raise InputError(record.name, "", f"holds {len(record.values)} rows; at least {FEWEST_BLOCKS} are needed")
@@ -222,7 +230,9 @@ def together(records: Sequence[Record]) -> Records:
     if size > 1 and max(_within(record, size) for record in records) > MOVES_WITHIN:
         size = -(-longest // most)
     if size > 1 and max(_within(record, size) for record in records) > MOVES_WITHIN:
-        notes.append("the motion is fast for the length of the records: cut them, so that what is compared is not means over it")
+        notes.append(
+            "the motion is fast for the length of the records: cut them, so that what is compared is not means over it"
+        )
     return Records(tuple(records), size, tuple(notes))
 
 
@@ -248,7 +258,9 @@ def _thinned(record: Record, size: int) -> Record:
         return values[: count * size].reshape(count, size, values.shape[1]).mean(axis=1)
 
     noises = tuple(replace(noise, sd=noise.sd / np.sqrt(size)) for noise in record.noises)
-    return replace(record, step_s=record.step_s * size, inputs=means(record.inputs), values=means(record.values), noises=noises)
+    return replace(
+        record, step_s=record.step_s * size, inputs=means(record.inputs), values=means(record.values), noises=noises
+    )
 
 
 # one table -----------------------------------------------------------------------------------------------------------
@@ -285,7 +297,11 @@ def _record(system: System, table: Path, path: Path, file: OwnData, static: dict
         column = inputs[one.name]
         own = columns[column.name] * _share(path, column, one)
         if np.isnan(own).any():
-            raise InputError(table, f"column {column.name}", f"row {int(np.flatnonzero(np.isnan(own))[0]) + 1}: no value; an input must be known")
+            raise InputError(
+                table,
+                f"column {column.name}",
+                f"row {int(np.flatnonzero(np.isnan(own))[0]) + 1}: no value; an input must be known",
+            )
         given[:, k] = np.interp(np.arange(at[-1] + 1), at, own)
     stays = tuple(inputs[one.name].hold == "step" for one in system.inputs)
     return Record(table.stem, step_s, given, values, tuple(noises), stays)
@@ -296,7 +312,9 @@ def _known(told: dict[str, OwnColumn], those: Sequence[Input | Output], kind: st
     for name, column in told.items():
         if name not in names:
             known = ", ".join(names) or "none"
-            raise InputError(path, f'column "{column.name}"', f"{name!r} is no {kind} of {system.name}, which has {known}")
+            raise InputError(
+                path, f'column "{column.name}"', f"{name!r} is no {kind} of {system.name}, which has {known}"
+            )
 
 
 def _even(table: Path, t_s: Array) -> tuple[np.ndarray, float]:
@@ -307,7 +325,9 @@ def _even(table: Path, t_s: Array) -> tuple[np.ndarray, float]:
         raise InputError(table, f"row {int(np.flatnonzero(~np.isfinite(t_s))[0]) + 1}", "has no time")
     gaps = np.diff(t_s)
     if not (gaps > 0).all():
-        raise InputError(table, f"row {int(np.flatnonzero(gaps <= 0)[0]) + 2}", "its time does not come after the row before")
+        raise InputError(
+            table, f"row {int(np.flatnonzero(gaps <= 0)[0]) + 2}", "its time does not come after the row before"
+        )
     usual = float(np.median(gaps))
     at = np.round((t_s - t_s[0]) / usual).astype(int)
     # rounded times of a file make a median that is a little off: the whole record has the step
@@ -315,7 +335,11 @@ def _even(table: Path, t_s: Array) -> tuple[np.ndarray, float]:
     off = np.abs((t_s - t_s[0]) / step - at)
     if off.max() > UNEVEN or len(np.unique(at)) < len(at):
         worst = int(np.argmax(off)) + 1
-        raise InputError(table, f"row {worst}", f"the times are not even: about {step:g} s apart, here {off.max():.2f} of that beside")
+        raise InputError(
+            table,
+            f"row {worst}",
+            f"the times are not even: about {step:g} s apart, here {off.max():.2f} of that beside",
+        )
     return at, step
 
 
@@ -343,7 +367,9 @@ def _noise(path: Path, column: OwnColumn, share: float, static: dict[str, Array]
     if column.noise_sd is not None:
         return SampleNoise(abs(share) * column.noise_sd)
     if static is None:
-        raise InputError(path, f'column "{column.name}"', "noise_sd: missing, and there is no static record that would tell it")
+        raise InputError(
+            path, f'column "{column.name}"', "noise_sd: missing, and there is no static record that would tell it"
+        )
     values = static[column.name] * share
     # what goes slowly is not in the differences of neighbours
     values = values[np.isfinite(values)][:MOST_SAMPLES]

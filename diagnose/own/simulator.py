@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..effects import Effect
 from ..inference.evidence import Fitted
@@ -140,7 +139,11 @@ class OwnSimulator(UsersSimulator):
 
     def stage_of(self, m: Missing) -> str:
         """Where something missing acts, in the user's words."""
-        for name, those in ((m.equation, self.system.states), (m.input, self.system.inputs), (m.output, self.system.outputs)):
+        for name, those in (
+            (m.equation, self.system.states),
+            (m.input, self.system.inputs),
+            (m.output, self.system.outputs),
+        ):
             for one in those:
                 if name and one.name == name:
                     return getattr(one, "stage", "") or getattr(one, "equation", "") or name
@@ -303,12 +306,13 @@ class OwnSimulator(UsersSimulator):
 
     def _scaled(self, h: Hypothesis) -> tuple[Scales, dict[str, float]]:
         """Sizes along a course, and usual random changes of the rates of equations that have physics."""
-        states, rates = self._path(h)
         state, rate, random = {}, {}, {}
-        for k, one in enumerate(self.system.states):
+        if not self.system.whole:
+            states, rates = self._path(h)
+        for k, one in enumerate(() if self.system.whole else self.system.states):
             state[one.name] = _large(states[k]) or usual_size(one.start, one.size)
             rate[one.name] = _large(rates[k])
-            if one.name not in self.kinematic and not self.system.whole:
+            if one.name not in self.kinematic:
                 random[one.name] = one.random if one.random is not None else USUAL_FORCE * rate[one.name]
         inputs = np.concatenate([blocks.record.inputs for blocks in self.blocks])
         outputs = np.concatenate([blocks.record.values for blocks in self.blocks])
@@ -328,8 +332,6 @@ class OwnSimulator(UsersSimulator):
 
     def _path(self, h: Hypothesis) -> tuple[Array, Array]:
         """States and their rates (s, n) of all runs, one after the other."""
-        if self.system.whole:
-            return np.zeros((0, 1)), np.zeros((0, 1))
         run_of = np.arange(len(self._runs))
         p, start = self._filled([(h, k, self._here(h, k)[:, None]) for k in run_of])
         most = max(blocks.count * blocks.size for blocks in self.blocks)
@@ -338,9 +340,7 @@ class OwnSimulator(UsersSimulator):
         x = np.moveaxis(simulated(watched, grid, start, self._inputs(grid), p), 1, 0)
         u = np.moveaxis(self._inputs(grid)[:: 2 * self._inner], 0, 1)
         with np.errstate(all="ignore"):
-            rates = np.array(
-                [self.system.derivatives(t, x[:, k], u[:, k], p) for k, t in enumerate(grid.times_s)]
-            )
+            rates = np.array([self.system.derivatives(t, x[:, k], u[:, k], p) for k, t in enumerate(grid.times_s)])
         length = [blocks.count * blocks.size for blocks in self.blocks]
         parts = [(x[:, :n, k], np.moveaxis(rates, 1, 0)[:, :n, k]) for k, n in enumerate(length)]
         return np.concatenate([a for a, _ in parts], axis=1), np.concatenate([b for _, b in parts], axis=1)
@@ -374,9 +374,9 @@ class OwnSimulator(UsersSimulator):
         At PULSES times it is looked what a push does; between them it does what it does at both, each by its distance.
         """
         if not self._dynamic:
-            # what has no equation errs slowly in its outputs
-            sd = [np.sqrt(np.einsum("cnn->cn", run.covariance)) / FORCE_SD_N for run in self._runs]
-            return [[(s[:, :, None] * np.eye(s.shape[1])).reshape(-1, s.shape[1]) for s in sd]]
+            # what shows no equation errs slowly in its outputs
+            unit = [USUAL_FORCE * self.scales.moves[o.name] / FORCE_SD_N for o in self.system.outputs]
+            return [[np.concatenate([one * np.eye(blocks.count) for one in unit]) for blocks in self.blocks]]
         count = [blocks.count for blocks in self.blocks]
         at = [np.unique(np.linspace(0, n - 1, min(PULSES, n)).astype(int)) for n in count]
         names = [s.name for s in self.system.states]

@@ -26,25 +26,31 @@ def sentences(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mappin
     """
     said = _of_verdict(file, held, rest, titles)
     if not file.kept_aside:
-        said.append("There is one record only: the gaps are those of what was fitted itself, and fall further than another's would.")
+        said.append(
+            "There is one record only: the gaps are those of what was fitted itself, and fall further than another's would."
+        )
     return said
 
 
 def _of_verdict(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping[str, str]) -> list[str]:
     if file.verdict == "not_converged":
         return [
-            "There is no answer: the fit of the model to these records did not come to its end (one more step promises a log evidence "
-            f"of {file.promised:.0f} more).",
+            "There is no answer: the fit of the model to these records did not come to its end (one more step promises a log "
+            f"evidence of {file.promised:.0f} more).",
             "Let its numbers begin nearer to what they may be, state their sizes, or cut the records.",
         ]
     if file.verdict == "no_gap":
         if not is_open(file):
             said = [f"The model explains these records to within their noise (probability {file.p_no_gap:.2f})."]
         else:
-            said = [f"No gap is shown, nor excluded: that nothing is missing has a probability of {file.p_no_gap:.2f} only."]
+            said = [
+                f"No gap is shown, nor excluded: that nothing is missing has a probability of {file.p_no_gap:.2f} only."
+            ]
         if file.ranking:
             first = file.ranking[0]
-            said.append(f"The nearest thing to a gap would be {_titled(first.effects, titles)} (probability {first.probability:.2f}).")
+            said.append(
+                f"The nearest thing to a gap would be {_titled(first.effects, titles)} (probability {first.probability:.2f})."
+            )
         return said
     if file.verdict == "unknown":
         said = [f"Something is missing that none of the effects explains (probability {file.p_unknown:.2f})."]
@@ -56,7 +62,9 @@ def _named(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping[s
     row = file.ranking[0]
     inexact = file.verdict == "form_not_exact"
     form = ", in a form that is not exactly this one" if inexact else ""
-    said = [f"The model misses {_titled(row.effects, titles)}{form} (probability {row.named:.2f}). It lies in: {file.where.stage}."]
+    said = [
+        f"The model misses {_titled(row.effects, titles)}{form} (probability {row.named:.2f}). It lies in: {file.where.stage}."
+    ]
     numbers = ", ".join(f"{k} {v.value:.3g} +- {v.std:.2g}" for k, v in row.parameters.items())
     said.append(f"Its size: {numbers}{STILL_MOVING if file.promised > CONVERGED_GAIN else ''}.")
     if held is not None and held.before > 1:

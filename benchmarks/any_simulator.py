@@ -189,7 +189,7 @@ def cases() -> list[Case]:
         Case("drive", drive, lambda x, u, p: [-p[0] * x[0] - p[1] * np.tanh(x[0] / (TURN * 20)) + p[2] * u], (1.5, 6.0, 25.0),
              ((0.0,), (5.0,)), 0.02, 300, chirp(2.0, 0.2, 1.5), 0, None, 20.0, (0,), (0.1,),
              {"speed_quadratic_damping": ("quadratic", 0.03), "volt_backlash": ("backlash", 0.3), "volt_delay": ("delay", 0.02),
-              "volt_lag": ("lag", 0.03), "volt_saturation": ("saturation", 0.7), "volt_offset": ("input_offset", 0.1)}),
+              "volt_lag": ("lag", 0.03), "volt_saturation": ("saturation", 0.7), "speed_cubic_damping": ("cubic", 0.001)}),
         Case("Duffing", duffing, lambda x, u, p: [x[1], -p[0] * x[0] - p[1] * x[1] - p[2] * x[0] ** 3 + u], (36.0, 0.4, 25.0),
              ((0.5, 0.0), (-0.3, 0.0)), 0.04, 300, chirp(12.0, 0.3, 1.8), 1, 0, 4.0, (0,), (0.004,),
              {"v_dry_friction": ("dry", 0.5), "v_quadratic_damping": ("quadratic", 0.06), "v_stiffness_above": ("above", 3.0),

@@ -171,8 +171,8 @@ def description(version: int, kind: str) -> str:
         )
         head = f'fmiVersion="2.0" modelName="pendulum" guid="{TOKEN}" numberOfEventIndicators="0"'
     else:
-        structure = '<Output valueReference="0"/>'
-            '<ContinuousStateDerivative valueReference="7"/><ContinuousStateDerivative valueReference="8"/>'
+        rates = "".join(f'<ContinuousStateDerivative valueReference="{reference}"/>' for reference in (7, 8))
+        structure = f'<Output valueReference="0"/>{rates}'
         head = f'fmiVersion="3.0" modelName="pendulum" instantiationToken="{TOKEN}"'
     return (
         f'<?xml version="1.0" encoding="UTF-8"?>\n<fmiModelDescription {head}>{interface}\n<ModelVariables>\n'

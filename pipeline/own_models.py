@@ -9,8 +9,9 @@ import numpy as np
 
 from ..__version__ import __version__
 from ..diagnose.own.back import corrected_file, corrected_python
+from ..diagnose.own.fmu import FmuModel
 from ..diagnose.own.gap import OwnGap, own_gap
-from ..diagnose.own.model import Model, System
+from ..diagnose.own.model import Model
 from ..diagnose.own.read import named_model, read_model
 from ..diagnose.own.records import read_records
 from ..record.errors import EstimationError
@@ -22,7 +23,7 @@ Progress = Callable[[str, int, int | None], None]
 
 
 def gap_of_model(
-    model: str | Path | System,
+    model: str | Path | Model | FmuModel,
     tables: Sequence[Path],
     data: Path | None = None,
     held_out: Sequence[Path] = (),
@@ -47,7 +48,7 @@ def gap_of_model(
         inputs[str(model)] = sha256_of_file(model)
         system = read_model(model)
     else:
-        system = named_model(model, model.name) if isinstance(model, Model) else model
+        system = named_model(model, model.name)
     every = [Path(table) for table in (*tables, *held_out)]
     adapted, records = read_records(system, every, data)
     for table in every:

@@ -96,7 +96,7 @@ def run_model(
         else np.zeros((count, 0))
     )
     p = np.array([n.start for n in system.numbers], dtype=float).reshape(-1, 1)
-    found = simulated(system, grid, begin, held(values, grid, [False] * len(system.inputs))[..., None], p)
+    found = simulated(system, grid, begin, held(values, grid)[..., None], p)
     return {o.name: found[:, k, 0] for k, o in enumerate(system.outputs)}
 
 
@@ -174,7 +174,7 @@ def from_file(file: CorrectedFile, system: System, path: str | Path = "corrected
 
 
 def _compiled(put: PutIn, path: str | Path) -> Any:
-    """The effect's code as a function: arithmetic of its arguments and numbers, and what towline itself calls in it; nothing else."""
+    """The effect's code as a function: arithmetic of its arguments and numbers, and what towline calls in it; nothing else."""
     from . import library
 
     text = _lambda(put.acts, list(put.numbers), put.code)
@@ -188,6 +188,7 @@ def _compiled(put: PutIn, path: str | Path) -> Any:
         attribute = isinstance(node, ast.Attribute)
         of = node.value.id if attribute and isinstance(node.value, ast.Name) else ""
         fits = not attribute or (node.attr in NUMPY if of == "np" else of in ("x", "u", "p") and node.attr[0] != "_")
+        fits = fits and not (isinstance(node, ast.Call) and not isinstance(node.func, ast.Name | ast.Attribute))
         if not isinstance(node, ALLOWED) or (name and name not in known) or not fits:
             raise InputError(path, f"effects {put.effect}", "its code is none that towline writes")
     names = {"np": np, "__builtins__": {}, **{name: getattr(library, name) for name in USED}}

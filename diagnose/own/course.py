@@ -37,11 +37,13 @@ class Grid:
     step_s : between samples
     count : of samples
     inner : steps of integration between two samples
+    stays : of each input, whether it stays until the next sample; empty: none does
     """
 
     step_s: float
     count: int
     inner: int
+    stays: tuple[bool, ...] = ()
 
     @property
     def times_s(self) -> Array:
@@ -54,17 +56,15 @@ class Grid:
         return np.linspace(0.0, (self.count - 1) * self.step_s, 2 * self.inner * (self.count - 1) + 1)
 
 
-def held(values: Array, grid: Grid, stays: Sequence[bool]) -> Array:
+def held(values: Array, grid: Grid) -> Array:
     """Inputs between their samples: straight from one to the next, or staying until the next.
 
-    At the instant at which one that stays jumps it has the mean of both sides: Simpson's rule, which a Runge-Kutta step is for an
-    input, then counts the jump where it is.
+    At the instant at which one that stays jumps it has the mean of both sides.
 
     Parameters
     ----------
     values : (count, m, ...) at the samples
     grid : of the course
-    stays : of each input, whether it stays
 
     Returns
     -------
@@ -79,7 +79,7 @@ def held(values: Array, grid: Grid, stays: Sequence[bool]) -> Array:
     steps = values[before].copy()
     jumps = at[(at % pieces == 0) & (at > 0)]
     steps[jumps] = 0.5 * (values[before[jumps]] + values[before[jumps] - 1])
-    for index, stay in enumerate(stays):
+    for index, stay in enumerate(grid.stays):
         if stay:
             found[:, index] = steps[:, index]
     return found
@@ -148,6 +148,7 @@ def _integrated(
     names = [one.name for one in system.states]
     added = [(names.index(put.missing.equation), put) for put in puts]
     pushed: Array | float = 0.0
+    stays = np.flatnonzero(grid.stays)
 
     def rates(t: float, x: Array, u: Array) -> Array:
         found = system.derivatives(t, x, u, p)
@@ -166,6 +167,10 @@ def _integrated(
             pushed = push(sample - 1)
         for _ in range(grid.inner):
             t, (before, middle, after) = 0.5 * h * at, u[at : at + 3]
+            if len(stays):
+                # what stays jumps between two steps, never in one
+                before, after = before.copy(), after.copy()
+                before[stays] = after[stays] = middle[stays]
             k1 = rates(t, x, before)
             k2 = rates(t + 0.5 * h, x + 0.5 * h * k1, middle)
             k3 = rates(t + 0.5 * h, x + 0.5 * h * k2, middle)

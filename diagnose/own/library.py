@@ -286,9 +286,9 @@ def _of_output(name: str, scales: Scales, scaled: bool) -> list[Missing]:
     found = [
         one("offset", Parameter("size", "", SHARE * moves), f"a wrong zero of {name}", "The sensor's zero is off.",
             "Read the sensor at a known value.", lambda t, y, b: y + b, "y + size"),
-        one("drift", Parameter("size", "", SHARE * moves), f"a drift of {name}", 
-            
-            "The sensor's zero moves (by the size over a run).", "Read the sensor at a known value before and after.", lambda t, y, b: y + b * (t / length)[:, None],
+        one("drift", Parameter("size", "", SHARE * moves), f"a drift of {name}",
+            "The sensor's zero moves (by the size over a run).", "Read the sensor at a known value before and after.",
+            lambda t, y, b: y + b * (t / length)[:, None],
             f"y + size * (t / {length!r})[:, None]"),
         one("lag", Parameter("time_s", "s", LAG_STEPS * scales.step_s, one_sided=True), f"a first-order lag of {name}",
             "The sensor follows with a lag.", "Put the lag into the model.",

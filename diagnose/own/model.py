@@ -276,8 +276,12 @@ class Model:
                 return self._shaped(function(t, *self.arguments(x, u, p)), what, count, x.shape[1:])
             except (TypeError, ValueError):  # an ``if``, or math's functions: one number at a time then
                 self._pointwise[0] = True
+            except InputError:
+                raise
+            except Exception as error:
+                raise InputError(self.name, what, f"{type(error).__name__}: {error}") from None
         shape = np.broadcast_shapes(x.shape[1:], u.shape[1:], p.shape[1:])
-        flat = [np.broadcast_to(a, (len(a), *shape)).reshape(len(a), -1) for a in (x, u, p)]
+        flat = [np.broadcast_to(a, (len(a), *shape)).reshape(len(a), int(np.prod(shape))) for a in (x, u, p)]
         times = np.broadcast_to(t, shape).ravel()
         found = np.empty((count, flat[0].shape[1]))
         for k in range(found.shape[1]):

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 from ...record.errors import InputError
 from ...record.own_code import run_own
+from .fmu import FmuModel, read_fmu
 from .model import Model, System, check_model
+
+ModelT = TypeVar("ModelT", Model, FmuModel)
 
 
 def read_model(path: str | Path) -> System:
@@ -15,7 +19,7 @@ def read_model(path: str | Path) -> System:
 
     Parameters
     ----------
-    path : a Python file that defines one ``Model`` at its top level, or an FMU
+    path : a Python file that defines one ``Model`` at its top level (of several the one called MODEL), or an FMU
 
     Raises
     ------
@@ -23,30 +27,32 @@ def read_model(path: str | Path) -> System:
     """
     path = Path(path)
     if path.suffix.lower() == ".fmu":
-        from .fmu import read_fmu
-
         return read_fmu(path)
     if path.suffix.lower() != ".py":
         raise InputError(path, "", "is no model: a Python file (.py) or an FMU (.fmu) is expected")
-    found = [value for value in vars(run_own(path)).values() if isinstance(value, Model)]
+    found = {name: value for name, value in vars(run_own(path)).items() if isinstance(value, Model | FmuModel)}
+    if "MODEL" in found:
+        found = {"MODEL": found["MODEL"]}
     if len(found) != 1:
-        raise InputError(path, "", f"defines {len(found) or 'no'} Model at its top level, expected one")
-    return named_model(found[0], path.name)
+        raise InputError(
+            path, "", f"defines {len(found) or 'no'} Model at its top level; expected one, or one called MODEL"
+        )
+    return named_model(next(iter(found.values())), path.name)
 
 
-def named_model(model: Model, name: str) -> Model:
+def named_model(model: ModelT, name: str) -> ModelT:
     """The model with its name, checked.
 
     Parameters
     ----------
-    model : of Python
+    model : of Python, or an FMU
     name : for what is said of it
 
     Raises
     ------
     InputError : its lists are wrong
     """
-    made = replace(model, name=name)
+    made: ModelT = replace(model, name=name)
     check_model(made)
     return made
 

@@ -274,7 +274,7 @@ class OwnSimulator(UsersSimulator):
         size = self.blocks[0].size
         most = max(len(self._runs[k].centre_s) for k in set(run_of.tolist()))
         blocks = max(int(np.ceil(share * most)), min(2, most))
-        grid = Grid(self.blocks[0].record.step_s, blocks * size, self._inner)
+        grid = Grid(self.blocks[0].record.step_s, blocks * size, self._inner, self.blocks[0].record.stays)
         inputs = self._inputs(grid)[:, :, run_of]
         pushed = None if push is None else lambda sample: push[min(sample // size, len(push) - 1)]
         seen = simulated(self.system, grid, start, inputs, p, puts, pushed)
@@ -287,7 +287,7 @@ class OwnSimulator(UsersSimulator):
             for blocks in self.blocks:
                 own = blocks.record.inputs[: grid.count]
                 own = np.concatenate([own, np.repeat(own[-1:], grid.count - len(own), axis=0)])
-                found.append(held(own, grid, blocks.record.stays))
+                found.append(held(own, grid))
             self._held[grid] = np.stack(found, axis=2)
         return self._held[grid]
 
@@ -335,7 +335,7 @@ class OwnSimulator(UsersSimulator):
         run_of = np.arange(len(self._runs))
         p, start = self._filled([(h, k, self._here(h, k)[:, None]) for k in run_of])
         most = max(blocks.count * blocks.size for blocks in self.blocks)
-        grid = Grid(self.blocks[0].record.step_s, most, self._inner)
+        grid = Grid(self.blocks[0].record.step_s, most, self._inner, self.blocks[0].record.stays)
         watched = _Watched(self.system)
         x = np.moveaxis(simulated(watched, grid, start, self._inputs(grid), p), 1, 0)
         u = np.moveaxis(self._inputs(grid)[:: 2 * self._inner], 0, 1)

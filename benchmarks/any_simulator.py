@@ -182,31 +182,41 @@ def cases() -> list[Case]:
     )
     return [
         Case("pendulum", swing, lambda x, u, p: [x[1], -p[0] * np.sin(x[0]) - p[1] * x[1]], (55.0, 0.15),
-             ((0.6, 0.0), (1.3, 0.0)), 0.04, 300, None, 1, 0, 8.0, (0,), (0.004,),
+             ((0.6, 0.0), (1.3, 0.0)), 0.04, 200, None, 1, 0, 8.0, (0,), (0.004,),
              {"rate_dry_friction": ("dry", 0.3), "rate_quadratic_damping": ("quadratic", 0.02),
               "rate_cubic_stiffness": ("cubic_stiffness", 2.0),
               "rate_stiffness_above": ("above", 1.0), "angle_offset": ("offset", 0.02), "angle_drift": ("drift", 0.03)}),
         Case("drive", drive, lambda x, u, p: [-p[0] * x[0] - p[1] * np.tanh(x[0] / (TURN * 20)) + p[2] * u], (1.5, 6.0, 25.0),
-             ((0.0,), (5.0,)), 0.02, 300, chirp(2.0, 0.2, 1.5), 0, None, 20.0, (0,), (0.1,),
+             ((0.0,), (5.0,)), 0.02, 200, chirp(2.0, 0.2, 1.5), 0, None, 20.0, (0,), (0.1,),
              {"speed_quadratic_damping": ("quadratic", 0.03), "volt_backlash": ("backlash", 0.3), "volt_delay": ("delay", 0.02),
               "volt_lag": ("lag", 0.03), "volt_saturation": ("saturation", 0.7), "speed_cubic_damping": ("cubic", 0.001)}),
         Case("Duffing", duffing, lambda x, u, p: [x[1], -p[0] * x[0] - p[1] * x[1] - p[2] * x[0] ** 3 + u], (36.0, 0.4, 25.0),
-             ((0.5, 0.0), (-0.3, 0.0)), 0.04, 300, chirp(12.0, 0.3, 1.8), 1, 0, 4.0, (0,), (0.004,),
+             ((0.5, 0.0), (-0.3, 0.0)), 0.04, 200, chirp(12.0, 0.3, 1.8), 1, 0, 4.0, (0,), (0.004,),
              {"v_dry_friction": ("dry", 0.5), "v_quadratic_damping": ("quadratic", 0.06), "v_stiffness_above": ("above", 3.0),
               "u_delay": ("delay", 0.02), "u_lag": ("lag", 0.03), "x_offset": ("offset", 0.02)}),
         Case("two tanks", tanks,
              lambda x, u, p: [p[0] * u - p[1] * np.sqrt(max(x[0], 1e-9)),
                               p[1] * np.sqrt(max(x[0], 1e-9)) - p[2] * np.sqrt(max(x[1], 1e-9))], (0.01, 0.018, 0.017),
-             ((0.25, 0.2), (0.4, 0.5)), 2.0, 300, _pumped, 1, None, 0.4, (0, 1), (0.002, 0.002),
+             ((0.25, 0.2), (0.4, 0.5)), 3.0, 200, _pumped, 1, None, 0.4, (0, 1), (0.002, 0.002),
              {"h2_constant": ("constant", -0.001), "pump_lag": ("lag", 8.0), "pump_delay": ("delay", 5.0),
               "h2_offset": ("offset", 0.02),
               "h2_scale": ("scale", 0.05), "pump_saturation": ("saturation", 0.4)}),
         Case("ship yaw", yaw, lambda x, u, p: [x[1], -p[0] * x[1] + p[1] * u], (0.06, 0.006),
-             ((0.0, 0.0), (0.1, 0.01)), 1.0, 300, chirp(0.5, 0.005, 0.04), 1, 0, 0.03, (0,), (0.003,),
+             ((0.0, 0.0), (0.1, 0.01)), 1.5, 200, chirp(0.5, 0.005, 0.04), 1, 0, 0.03, (0,), (0.003,),
              {"turn_cubic_damping": ("cubic", 15.0), "turn_quadratic_damping": ("quadratic", 0.5), "rudder_lag": ("lag", 3.0),
               "rudder_backlash": ("backlash", 0.06), "rudder_saturation": ("saturation", 0.15),
               "rudder_offset": ("input_offset", 0.03)}),
     ]  # fmt: skip
+
+
+def left_out(case: Case, effect: str) -> list[str]:
+    """Names that are not offered: the effect's, and those that do the same to these records in all but name."""
+    if effect.endswith("dry_friction"):
+        return [effect, effect.replace("dry", "static")]
+    if effect.endswith(("_lag", "_delay")):
+        names = [*(i.name for i in case.model.inputs), *(o.name for o in case.model.outputs)]
+        return ["clock_offset", *(f"{name}_{what}" for name in names for what in ("lag", "delay"))]
+    return [effect]
 
 
 @dataclass(frozen=True)
@@ -307,9 +317,7 @@ def main() -> None:
         for kind, effect, k in todo:
             rng = np.random.default_rng([given.seed, index, ("effect", "left out", "complete").index(kind), k])
             made = drawn(case, effect, rng)
-            gone = [effect] if kind == "left out" else []
-            if kind == "left out" and effect.endswith("dry_friction"):
-                gone.append(effect.replace("dry", "static"))
+            gone = left_out(case, effect) if kind == "left out" else []
             began = monotonic()
             file = answered(made, gone)
             took = monotonic() - began

@@ -31,6 +31,7 @@ class Scales:
     Attributes
     ----------
     state, rate : state -> size of it, and of its rate
+    turns : states that are above and below zero
     input, output : name -> largest absolute value
     moves : input or output -> standard deviation
     step_s, length_s : of the records
@@ -38,6 +39,7 @@ class Scales:
 
     state: Mapping[str, float]
     rate: Mapping[str, float]
+    turns: Sequence[str]
     input: Mapping[str, float]
     output: Mapping[str, float]
     moves: Mapping[str, float]
@@ -58,9 +60,9 @@ def library_for(system: System, kinematic: Mapping[str, str], scales: Scales) ->
     --------
     >>> from .model import Model, Number, Output, State
     >>> tank = Model([State("h", "m")], [], [Number("a", "1/s", 1.0)], [Output("h", "m")], lambda t, x, u, p: [-p.a * x.h])
-    >>> sizes = Scales({"h": 1.0}, {"h": 1.0}, {}, {"h": 1.0}, {"h": 0.3}, 0.1, 10.0)
+    >>> sizes = Scales({"h": 1.0}, {"h": 1.0}, [], {}, {"h": 1.0}, {"h": 0.3}, 0.1, 10.0)
     >>> [m.name for m in library_for(tank, {}, sizes)][:3]
-    ['h_constant', 'h_dry_friction', 'h_static_friction']
+    ['h_constant', 'h_quadratic_damping', 'h_cubic_damping']
     """
     found: list[Missing] = []
     if not system.whole:
@@ -131,12 +133,15 @@ def _in_equation(v: str, places: Sequence[str], scales: Scales) -> list[Missing]
             f"-size * x.{v} * np.abs(x.{v})", size**2),
         one("cubic_damping", "cubic damping", "It drags with the cube of the speed.", cube, f"-size * x.{v} ** 3", size**3),
     ]  # fmt: skip
+    if v not in scales.turns:
+        # what always goes one way rubs with a constant
+        found = [m for m in found if not m.name.endswith("friction")]
     for place in places:
-        found += _stiffness(v, place, usual, scales.state[place])
+        found += _stiffness(v, place, usual, scales.state[place], place in scales.turns)
     return found
 
 
-def _stiffness(v: str, place: str, usual: float, size: float) -> list[Missing]:
+def _stiffness(v: str, place: str, usual: float, size: float, turns: bool) -> list[Missing]:
     cure = "Add the term to the equation, or find what pulls back."
     one_sided = (
         ("above", "above zero", 1.0),
@@ -154,7 +159,7 @@ def _stiffness(v: str, place: str, usual: float, size: float) -> list[Missing]:
             code=f"-size * x.{place} ** 3",
         )
     ]
-    for name, words, side in one_sided:
+    for name, words, side in one_sided if turns else ():
         found.append(
             Missing(
                 f"{v}_stiffness_{name}",

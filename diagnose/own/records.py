@@ -186,13 +186,13 @@ def read_records(system: System, tables: Sequence[Path], given: Path | None = No
         if any(name in known for name in measured):
             system = system.measured(measured, fitted)
     adapted_system = adapted(system, files[0][1], files[0][0])
-    for output in system.outputs:
-        if all(output.name not in [c.of or c.name for c in file.column if c.role == "output"] for _, file in files):
-            raise InputError(files[0][0], f"output {output.name}", f"{system.name} has it, and no column is it")
     records = [
         _record(adapted_system, table, path, file, _static(path, file))
         for table, (path, file) in zip(tables, files, strict=True)
     ]
+    for output in system.outputs:
+        if all(output.name not in [c.of or c.name for c in file.column if c.role == "output"] for _, file in files):
+            raise InputError(files[0][0], f"output {output.name}", f"{system.name} has it, and no column is it")
     return adapted_system, together(records)
 
 

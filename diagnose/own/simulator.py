@@ -31,6 +31,8 @@ USUAL_FORCE, MOST_FORCE = 1e-3, 0.02
 """Random forces on an equation, of its own rate: what stays when nothing is missing, and what is a gap. Choices."""
 TIMES = (2.5, 0.1)
 """Random forces last from so many steps of a record to this share of its length, or the geometric mean of both."""
+TURNS = 0.05
+"""A state is above and below zero where it is so by more than this share of its usual size."""
 LARGE = 95.0
 """Percentile of a state's absolute value that is its usual size."""
 
@@ -307,11 +309,14 @@ class OwnSimulator(UsersSimulator):
     def _scaled(self, h: Hypothesis) -> tuple[Scales, dict[str, float]]:
         """Sizes along a course, and usual random changes of the rates of equations that have physics."""
         state, rate, random = {}, {}, {}
+        turns: list[str] = []
         if not self.system.whole:
             states, rates = self._path(h)
         for k, one in enumerate(() if self.system.whole else self.system.states):
             state[one.name] = _large(states[k]) or usual_size(one.start, one.size)
             rate[one.name] = _large(rates[k])
+            if states[k].min() < -TURNS * state[one.name] and states[k].max() > TURNS * state[one.name]:
+                turns.append(one.name)
             if one.name not in self.kinematic:
                 random[one.name] = one.random if one.random is not None else USUAL_FORCE * rate[one.name]
         inputs = np.concatenate([blocks.record.inputs for blocks in self.blocks])
@@ -322,6 +327,7 @@ class OwnSimulator(UsersSimulator):
         scales = Scales(
             state,
             rate,
+            turns,
             {name: float(np.abs(v).max()) for name, v in given},
             {name: float(np.nanmax(np.abs(v))) for name, v in names},
             {name: float(np.nanstd(v)) or float(np.nanmax(np.abs(v))) for name, v in (*names, *given)},

@@ -22,6 +22,7 @@ _PREFIXES = {
     "µ": 1e-6,
     "n": 1e-9,
 }
+"""SI prefixes."""
 _PLAIN: dict[str, tuple[float, dict[str, int]]] = {
     "1": (1.0, {}),
     "-": (1.0, {}),
@@ -57,6 +58,7 @@ _PREFIXED: dict[str, tuple[float, dict[str, int]]] = {
     "Ohm": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -2}),
     "l": (1e-3, {"m": 3}),
 }
+"""Units that take them: times SI, and the powers of its base units (SI brochure)."""
 _FACTOR = re.compile(r"(?P<name>[A-Za-zµ%]+|1|-)(?:\^?(?P<power>[+-]?\d+(?:\.\d+)?))?$")
 
 

@@ -28,6 +28,7 @@ import pytest
 from towline.cli import command_parser, main
 from towline.record.corrections import Corrections
 from towline.record.instruments.setup import SetupFile
+from towline.record.own_data import OwnData
 from towline.record.plan_file import PlanRequest
 from towline.record.priors import Priors
 from towline.record.scenario import ScenarioFile
@@ -44,6 +45,7 @@ APP = "app.md"
 SCHEMAS = {
     "run.toml": RunFile,
     "plan.toml": PlanRequest,
+    "data.toml": OwnData,
     "setup.toml": SetupFile,
     "corrections.toml": Corrections,
     "priors.toml": Priors,

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -132,8 +132,9 @@ def corrected_file(gap: OwnGap) -> CorrectedFile:
             q.name: Measured(value=v, std=row[f"{m.name}.{q.name}"].std)
             for q, v in zip(m.parameters, values, strict=True)
         }
-        place = {"equation": m.equation, "input": m.input, "output": m.output}
-        acts, on = next(((k, v) for k, v in place.items() if v), ("clock", ""))
+        acts: Literal["equation", "input", "output", "clock"] = "clock"
+        acts = "equation" if m.equation else "input" if m.input else "output" if m.output else acts
+        on = m.equation or m.input or m.output
         put.append(PutIn(effect=m.name, acts=acts, on=on, code=m.code, numbers=own))
     return CorrectedFile(
         schema="towline/corrected",
@@ -163,8 +164,18 @@ def from_file(file: CorrectedFile, system: System, path: str | Path = "corrected
     for put in file.effects:
         parameters = tuple(Parameter(name, "", 1.0) for name in put.numbers)
         if put.code:
-            place = {} if put.acts == "clock" else {put.acts: put.on}
-            made = Missing(put.effect, parameters, "", "", _compiled(put, path), code=put.code, **place)
+            on = {place: put.on if place == put.acts else "" for place in ("equation", "input", "output")}
+            made = Missing(
+                put.effect,
+                parameters,
+                "",
+                "",
+                _compiled(put, path),
+                on["equation"],
+                on["input"],
+                on["output"],
+                code=put.code,
+            )
         elif put.effect in own:
             made = own[put.effect]
         else:

@@ -36,6 +36,7 @@ _CALLS: dict[int, dict[str, tuple[str, tuple[Any, ...]]]] = {
         "step": ("fmi3DoStep", (_C, _D, _D, _B, _P, _P, _P, _P)),
     },
 }
+"""What is called of each version, and its arguments, as the standards have them."""
 
 
 @dataclass(frozen=True)

@@ -51,9 +51,9 @@ def free_forms(system: System, kinematic: Mapping[str, str], scales: Scales) -> 
                     found.append(_driven(state.name, one.name, scales))
     for name, size in scales.input.items():
         if size:
-            found.append(_changed(name, size, SHARE * scales.moves[name], {"input": name}))
+            found.append(_changed(name, size, SHARE * scales.moves[name], name, ""))
     for name, size in scales.output.items():
-        found.append(_changed(name, size, SHARE * scales.moves[name], {"output": name}))
+        found.append(_changed(name, size, SHARE * scales.moves[name], "", name))
     return found
 
 
@@ -82,11 +82,11 @@ def _driven(equation: str, name: str, scales: Scales) -> Missing:
     return Missing(form, _parameters(SHARE * scales.rate[equation]), WORDS, WORDS, changes, equation=equation)
 
 
-def _changed(name: str, size: float, height: float, where: Mapping[str, str]) -> Missing:
+def _changed(name: str, size: float, height: float, given: str, seen: str) -> Missing:
     def changes(t: Any, values: Array, *numbers: Array) -> Array:
         return values + bumps(values / size, numbers)
 
-    return Missing(f"free_{name}", _parameters(height), WORDS, WORDS, changes, **where)
+    return Missing(f"free_{name}", _parameters(height), WORDS, WORDS, changes, "", given, seen)
 
 
 __all__ = ["bumps", "free_forms"]

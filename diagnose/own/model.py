@@ -169,25 +169,47 @@ class Missing:
 
 
 class System(Protocol):
-    """What a model is to the engine: equations of any make, many columns k side by side.
+    """What a model is to the engine: equations of any make, many columns k side by side."""
 
-    Attributes
-    ----------
-    name : of its file
-    states, inputs, numbers, outputs : what they are
-    missing : what its author thinks it may miss
-    built_in : what was missing and is put in, with its numbers: part of the model
-    whole : its states are not to be had: it runs by itself, and nothing can be added to its equations
-    """
+    @property
+    def name(self) -> str:
+        """Of its file."""
+        ...
 
-    name: str
-    states: Sequence[State]
-    inputs: Sequence[Input]
-    numbers: Sequence[Number]
-    outputs: Sequence[Output]
-    missing: Sequence[Missing]
-    built_in: Sequence[tuple[Missing, tuple[float, ...]]]
-    whole: bool
+    @property
+    def states(self) -> Sequence[State]:
+        """What they are, as are the next three."""
+        ...
+
+    @property
+    def inputs(self) -> Sequence[Input]:
+        """What it is given."""
+        ...
+
+    @property
+    def numbers(self) -> Sequence[Number]:
+        """What is fitted or known."""
+        ...
+
+    @property
+    def outputs(self) -> Sequence[Output]:
+        """What is measured."""
+        ...
+
+    @property
+    def missing(self) -> Sequence[Missing]:
+        """What its author thinks it may miss."""
+        ...
+
+    @property
+    def built_in(self) -> Sequence[tuple[Missing, tuple[float, ...]]]:
+        """What was missing and is put in, with its numbers: part of the model."""
+        ...
+
+    @property
+    def whole(self) -> bool:
+        """Its states are not to be had: it runs by itself, and nothing can be added to its equations."""
+        ...
 
     def derivatives(self, t: float, x: Array, u: Array, p: Array) -> Array:
         """Rates (s, k) of states (s, k) with inputs (m, k) and numbers (q, k), t s after the first row."""

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
 
 from ...record.errors import InputError
 from ...record.own_code import run_own
 from .fmu import FmuModel, read_fmu
-from .model import Model, System, check_model
-
-ModelT = TypeVar("ModelT", Model, FmuModel)
+from .model import Model, check_model
 
 
-def read_model(path: str | Path) -> System:
+def read_model(path: str | Path) -> Model | FmuModel:
     """Read a model.
 
     Parameters
@@ -40,7 +37,7 @@ def read_model(path: str | Path) -> System:
     return named_model(next(iter(found.values())), path.name)
 
 
-def named_model(model: ModelT, name: str) -> ModelT:
+def named_model(model: Model | FmuModel, name: str) -> Model | FmuModel:
     """The model with its name, checked.
 
     Parameters
@@ -52,7 +49,7 @@ def named_model(model: ModelT, name: str) -> ModelT:
     ------
     InputError : its lists are wrong
     """
-    made: ModelT = replace(model, name=name)
+    made = replace(model, name=name)
     check_model(made)
     return made
 

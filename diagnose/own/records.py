@@ -129,7 +129,8 @@ def adapted(system: System, file: OwnData, path: Path) -> System:
     states = _changed(system.states, file.state, path, "state")
     for number in numbers:
         check_bounds(str(path), number)
-    inputs, outputs = list(system.inputs), list(system.outputs)
+    inputs: list[Any] = list(system.inputs)
+    outputs: list[Any] = list(system.outputs)
     for told in file.stage:
         for those, field in ((states, "equation"), (inputs, "stage"), (outputs, "stage")):
             for k, one in enumerate(those):

@@ -18,7 +18,7 @@ from .begin import Beginning, begun
 from .course import FAR, Grid, Put, held, simulated
 from .free import free_forms
 from .library import Scales, library_for
-from .model import Missing, System, rate_of, usual_size
+from .model import Missing, Output, System, rate_of, usual_size
 from .records import Record
 
 INNERS, EXACT = (1, 2, 4, 8, 16, 32), 0.02
@@ -109,7 +109,7 @@ class OwnSimulator(UsersSimulator):
             [UsersNumber(n.name, n.start, n.sd, n.usual) for n in self._numbers],
             [UsersNumber(s.name, values[s.name], None, usual_size(s.start, s.size)) for s in self._free],
         )
-        self.shared_bounds = np.array([[n.least, n.most] for n in self._numbers]).reshape(-1, 2).T
+        self.shared_bounds: Array | None = np.array([[n.least, n.most] for n in self._numbers]).reshape(-1, 2).T
         longest = max(r.length_s for r in records)
         first, last = TIMES[0] * self.step_s, max(TIMES[1] * longest, 2 * TIMES[0] * self.step_s)
         self.times_s = (first, float(np.sqrt(first * last)), last)
@@ -214,7 +214,7 @@ class OwnSimulator(UsersSimulator):
         own = [*self._shared, *self._own]
         here = self._here(h, index)
         steps = [STEP_SHARE * max(abs(v), n.size) for v, n in zip(here, own, strict=False)]
-        for k, most in enumerate(self.shared_bounds[1]):
+        for k, most in enumerate(n.most for n in self._numbers):
             if here[k] + steps[k] > most:
                 steps[k] = -steps[k]
         return np.array(steps + [EFFECT_STEP * q.sd for e in h.effects for q in e.parameters])
@@ -310,8 +310,7 @@ class OwnSimulator(UsersSimulator):
         """Sizes along a course, and usual random changes of the rates of equations that have physics."""
         state, rate, random = {}, {}, {}
         turns: list[str] = []
-        if not self.system.whole:
-            states, rates = self._path(h)
+        states, rates = self._path(h) if not self.system.whole else (np.zeros((0, 1)), np.zeros((0, 1)))
         for k, one in enumerate(() if self.system.whole else self.system.states):
             state[one.name] = _large(states[k]) or usual_size(one.start, one.size)
             rate[one.name] = _large(rates[k])
@@ -338,8 +337,7 @@ class OwnSimulator(UsersSimulator):
 
     def _path(self, h: Hypothesis) -> tuple[Array, Array]:
         """States and their rates (s, n) of all runs, one after the other."""
-        run_of = np.arange(len(self._runs))
-        p, start = self._filled([(h, k, self._here(h, k)[:, None]) for k in run_of])
+        p, start = self._filled([(h, k, self._here(h, k)[:, None]) for k in range(len(self._runs))])
         most = max(blocks.count * blocks.size for blocks in self.blocks)
         grid = Grid(self.blocks[0].record.step_s, most, self._inner, self.blocks[0].record.stays)
         watched = _Watched(self.system)
@@ -438,8 +436,12 @@ class _Watched:
 
     def __init__(self, system: System) -> None:
         self.states, self.inputs, self.numbers = system.states, system.inputs, system.numbers
-        self.name, self.outputs, self.missing, self.whole = system.name, (), (), False
-        self.built_in = [one for one in system.built_in if one[0].equation or one[0].input]
+        self.name, self.whole = system.name, False
+        self.outputs: Sequence[Output] = ()
+        self.missing: Sequence[Missing] = ()
+        self.built_in: Sequence[tuple[Missing, tuple[float, ...]]] = [
+            one for one in system.built_in if one[0].equation or one[0].input
+        ]
         self.derivatives, self.arguments, self.course = system.derivatives, system.arguments, system.course
 
     def seen(self, t: Array, x: Array, u: Array, p: Array) -> Array:

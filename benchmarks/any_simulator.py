@@ -279,7 +279,7 @@ def fitted(made: Made, kind: str, usual: float) -> tuple[float, int]:
 
     begin = [s / (np.abs(given) + 0.1 * case.speed) for s, given in zip(made.starts, case.starts, strict=True)]
     z = np.concatenate([made.p / np.array(case.numbers), *begin, [0.3] if kind else []])
-    found = least_squares(residuals, z, diff_step=1e-4, max_nfev=8, x_scale=0.1)
+    found = least_squares(residuals, z, diff_step=1e-4, max_nfev=6, x_scale=0.1)
     return 2 * float(found.cost), len(z)
 
 
@@ -318,39 +318,40 @@ def main() -> None:
     parser.add_argument("--no-bic", action="store_true")
     given = parser.parse_args()
     rows: list[tuple[str, str, bool, bool, bool, float]] = []
+    todo: list[tuple[int, int, str, str, Case]] = []
     for index, case in enumerate(cases()):
         if given.systems and case.name not in given.systems:
             continue
         names = list(case.effects)
-        todo = [("effect", names[k % len(names)], k) for k in range(given.effects)]
-        todo += [("left out", names[(k + given.effects) % len(names)], k) for k in range(given.left_out)]
-        todo += [("complete", "", k) for k in range(given.complete)]
-        for kind, effect, k in todo:
-            rng = np.random.default_rng([given.seed, index, ("effect", "left out", "complete").index(kind), k])
-            made = drawn(case, effect, rng)
-            gone = left_out(case, effect) if kind == "left out" else []
-            began = monotonic()
-            file = answered(made, gone)
-            took = monotonic() - began
-            named = (
-                " + ".join(file.ranking[0].effects) if file.verdict in ("effect", "form_not_exact") else file.verdict
-            )
-            alike = [n for group in file.indistinguishable for n in group]
-            right = {
-                "effect": file.verdict in ("effect", "form_not_exact") and effect in (*file.ranking[0].effects, *alike),
-                "left out": file.verdict == "unknown",
-                "complete": file.verdict == "no_gap",
-            }[kind]
-            chosen, d = "-", np.nan
-            if not given.no_bic:
-                chosen, chi = by_bic(made, [n for n in names if n not in gone])
-                own = chi[effect] if effect in chi else fitted(made, *case.effects[effect])[0]
-                d = chi[""] - own
-            bic = {"effect": chosen == effect, "left out": False, "complete": chosen == ""}[kind]
-            counts = kind == "complete" or given.no_bic or d > LEAST_D
-            rows.append((case.name, kind, right, bic, counts, took))
-            print(f"{case.name:10} {kind:9} {effect or '-':24} D {d:8.0f}  engine {named:42} {'right' if right else 'WRONG':6}"
-                  f"BIC {chosen or 'the model as it is':24} {took:5.1f} s", flush=True)  # fmt: skip
+        todo += [(k, index, "effect", names[k % len(names)], case) for k in range(given.effects)]
+        todo += [(k, index, "left out", names[(k + given.effects) % len(names)], case) for k in range(given.left_out)]
+        todo += [(k, index, "complete", "", case) for k in range(given.complete)]
+    # all systems in turn, so that a score that is cut short has some of each
+    for k, index, kind, effect, case in sorted(todo, key=lambda one: one[:3]):
+        names = list(case.effects)
+        rng = np.random.default_rng([given.seed, index, ("effect", "left out", "complete").index(kind), k])
+        made = drawn(case, effect, rng)
+        gone = left_out(case, effect) if kind == "left out" else []
+        began = monotonic()
+        file = answered(made, gone)
+        took = monotonic() - began
+        named = " + ".join(file.ranking[0].effects) if file.verdict in ("effect", "form_not_exact") else file.verdict
+        alike = [n for group in file.indistinguishable for n in group]
+        right = {
+            "effect": file.verdict in ("effect", "form_not_exact") and effect in (*file.ranking[0].effects, *alike),
+            "left out": file.verdict == "unknown",
+            "complete": file.verdict == "no_gap",
+        }[kind]
+        chosen, d = "-", np.nan
+        if not given.no_bic:
+            chosen, chi = by_bic(made, [n for n in names if n not in gone])
+            own = chi[effect] if effect in chi else fitted(made, *case.effects[effect])[0]
+            d = chi[""] - own
+        bic = {"effect": chosen == effect, "left out": False, "complete": chosen == ""}[kind]
+        counts = kind == "complete" or given.no_bic or d > LEAST_D
+        rows.append((case.name, kind, right, bic, counts, took))
+        print(f"{case.name:10} {kind:9} {effect or '-':24} D {d:8.0f}  engine {named:42} {'right' if right else 'WRONG':6}"
+              f"BIC {chosen or 'the model as it is':24} {took:5.1f} s", flush=True)  # fmt: skip
         # of what is done so far: a long score that is cut short has one all the same
         _table(rows)
 

@@ -336,6 +336,7 @@ def main() -> None:
         file = answered(made, gone)
         took = monotonic() - began
         named = " + ".join(file.ranking[0].effects) if file.verdict in ("effect", "form_not_exact") else file.verdict
+        named = f"about {named}" if file.verdict == "form_not_exact" else named
         alike = [n for group in file.indistinguishable for n in group]
         right = {
             "effect": file.verdict in ("effect", "form_not_exact") and effect in (*file.ranking[0].effects, *alike),

@@ -3,9 +3,10 @@
     python benchmarks/any_simulator.py --effects 4 --left-out 4 --complete 8 [--seed 1] > benchmarks/any_simulator.txt
 
 The truth is made by ``truth`` below with scipy's solve_ivp; it shares no code with the engine. Beside it in the table, on the same
-records: scipy's least squares of the model and of the model with each effect, the one of the smallest smallest BIC named (six steps at most, begun at the truth: where it does not end, D is below 0). D is twice the log
-likelihood that the true model has over the best of the model as it is; effects of D below 20 are not scored. One counts as named where it is the
-headline or is told as not to be distinguished from it.
+records: scipy's least squares of the model and of the model with each effect, the one of the smallest BIC named (six steps at most,
+begun at the truth; where they do not end, D is below 0). D is twice the log likelihood that the true model has over the best of the
+model as it is; effects of D below 20 are not scored. One counts as named where it is the headline or is told as not to be
+distinguished from it.
 """
 
 from __future__ import annotations

@@ -43,6 +43,7 @@ PURPOSES = {
     "dask": "towline campaign on a cluster",
     "nicegui": "the local web page",
     "python-docx": "towline budget --docx",
+    "fmpy": "towline gap with an FMU",
 }
 """What each package is for, by the name it is installed under."""
 INSTEAD = {

@@ -103,6 +103,7 @@ class UsersSimulator:
         self.shared_names: tuple[str, ...] = tuple(n.name for n in shared)
         sd = np.array([np.inf if n.sd is None else n.sd for n in shared])
         self.shared_prior: tuple[Array, Array] | None = (self._begin(shared)[0], sd) if np.isfinite(sd).any() else None
+        self.shared_bounds: Array | None = None
         self.stated = np.where([n.sd is None for n in own], 0.0, self._begin(own)) if own else np.zeros((len(runs), 0))
         self.own_sd = np.tile([FREE if n.sd is None else n.sd for n in own], (len(runs), 1)).astype(float)
         self.free = sum(n.sd is None for n in own)

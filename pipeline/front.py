@@ -13,6 +13,7 @@ from ..record.threads import one_thread
 if TYPE_CHECKING:
     import pandas as pd
 
+    from ..diagnose.own import Model
     from ..record.check_file import CheckFile
     from ..record.gap_file import GapFile
     from ..record.priors import Priors
@@ -254,6 +255,47 @@ def diagnose(
     return found.diagnosis.file
 
 
+def gap(
+    model: Folder | Model, *tables: Folder, columns: Folder | None = None, held_out: Sequence[Folder] = ()
+) -> GapFile:
+    """What a model of your own misses against measured records: which effect, where, and how far the gap shrinks with it.
+
+    Parameters
+    ----------
+    model : a Python file with a ``Model`` (its code is run), an FMU, or a ``Model``
+    tables : records: CSV, Parquet or MAT
+    columns : TOML that says what their columns are; default: NAME.toml beside NAME.csv, else data.toml
+    held_out : records kept aside to say how far the gap shrinks; default: each in turn
+
+    Returns
+    -------
+    GapFile
+        as of ``diagnose``; its stages are the model's own
+
+    Raises
+    ------
+    InputError : names file, key or column, value and what was expected
+    EstimationError : the model cannot follow the records at all
+
+    Examples
+    --------
+    >>> import numpy as np, pathlib, towline
+    >>> from towline.diagnose.own import Model, Number, Output, State
+    >>> tank = Model([State("h", "m")], [], [Number("a", "1/s", 0.5)], [Output("h", "m")], lambda t, x, u, p: [-p.a * x.h])
+    >>> rows = [f"{t:.2f},{np.exp(-0.8 * t) + 1e-3 * np.sin(91 * t * t):.6f}" for t in np.arange(0, 4, 0.05)]
+    >>> _ = pathlib.Path("emptied.csv").write_text("t,h\\n" + "\\n".join(rows))
+    >>> _ = pathlib.Path("emptied.toml").write_text(
+    ...     '[clock]\\ncolumn = "t"\\n[[column]]\\nname = "h"\\nrole = "output"\\nnoise_sd = 7e-4'
+    ... )
+    >>> towline.gap(tank, "emptied.csv").verdict
+    'no_gap'
+    """
+    from .own_models import gap_of_model
+
+    given, aside = ([Path(one) for one in some] for some in (tables, held_out))
+    return gap_of_model(model, given, None if columns is None else Path(columns), aside).file
+
+
 def simulate(scenario: Folder, *, effects: Sequence[Folder] = (), line: Line | None = None) -> pd.DataFrame:
     """A tow or a free run by the equations of motion.
 
@@ -328,6 +370,7 @@ __all__ = [
     "check_camera",
     "compute_motion",
     "diagnose",
+    "gap",
     "identify",
     "read_run",
     "render",

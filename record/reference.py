@@ -11,10 +11,12 @@ from pydantic_core import PydanticUndefined
 
 from .budget_file import BudgetFile, BudgetInputs
 from .check_file import CheckFile
+from .corrected_file import CorrectedFile
 from .corrections import Corrections
 from .gap_file import GapFile
 from .law_file import LawFile
 from .lens_file import LensFile
+from .own_data import OwnData
 from .plan_file import PlanFile, PlanRequest
 from .priors import Priors
 from .results import CameraFile, DerivativesFile, SteadyFile, TruthFile
@@ -33,7 +35,9 @@ _PAGES: tuple[tuple[str, type[BaseModel], str], ...] = (
     ("out/budget.json", BudgetFile, "Written by `towline budget`."),
     ("inputs.toml", BudgetInputs, "What `towline budget --inputs` is told of its lines."),
     ("out/steady.json", SteadyFile, "Written by `towline steady`."),
-    ("out/gap.json", GapFile, "Written by `towline diagnose`."),
+    ("out/gap.json", GapFile, "Written by `towline diagnose` and, of a model of your own, by `towline gap`."),
+    ("data.toml", OwnData, "What `towline gap` is told of the tables of a model of your own."),
+    ("out/corrected.json", CorrectedFile, "Written by `towline gap`."),
     (
         "out/law.json",
         LawFile,

@@ -29,6 +29,7 @@ from towline.cli import command_parser, main
 from towline.record.budget_file import BudgetInputs
 from towline.record.corrections import Corrections
 from towline.record.instruments.setup import SetupFile
+from towline.record.own_data import OwnData
 from towline.record.plan_file import PlanRequest
 from towline.record.priors import Priors
 from towline.record.scenario import ScenarioFile
@@ -46,6 +47,7 @@ SCHEMAS = {
     "run.toml": RunFile,
     "plan.toml": PlanRequest,
     "inputs.toml": BudgetInputs,
+    "data.toml": OwnData,
     "setup.toml": SetupFile,
     "corrections.toml": Corrections,
     "priors.toml": Priors,

@@ -258,6 +258,7 @@ CURRENT_ALONG = replace(
     force=_current_along,
     variant="that changes along the tank",
 )
+"""Beside one that is stronger at one wall ..."""
 CURRENT_SWINGS = tuple(
     replace(
         CURRENT,
@@ -272,7 +273,7 @@ CURRENT_SWINGS = tuple(
     )
     for period in SWINGS_S
 )
-"""Beside one that is stronger at one wall."""
+"""... and as eddies of an earlier tow."""
 _OF_BANK = (Parameter("suction_m2", "m2", 0.01, one_sided=True), Parameter("moment_m2", "m2", 0.005))
 """Numbers of a force on the whole hull: their usual sizes, choices; ..."""
 _BY_SECTIONS = (*_OF_BANK, Parameter("ahead", "", 0.2), Parameter("turn_m2", "m2", 0.003))

@@ -218,7 +218,7 @@ def _converged(inference: Inference, candidates: list[Candidate], base: Fitted) 
     better = [
         replace(c, fitted=f, log_evidence=_worth(f) - base.log_evidence) for c, f in zip(few, fitted, strict=True)
     ]
-    rest = [c for c in candidates if c not in few]
+    rest = [c for c in candidates if all(c is not one for one in few)]
     return sorted((*better, *rest), key=lambda c: -c.log_evidence)
 
 

@@ -242,15 +242,34 @@ class Inference:
 
     def _on_their_side(self, h: Hypothesis, step: Array, covariance: Array) -> tuple[Array, float]:
         """The best step that leaves every one-sided number on its side, and half the chi-square that this costs."""
-        return within(step, covariance, self._least(h, len(step)), np.full(len(step), np.inf))
+        return within(step, covariance, self._least(h, len(step)), self._most(h, len(step)))
 
     def _least(self, h: Hypothesis, size: int) -> Array:
         """(size,) the smallest steps that leave one-sided numbers on their side."""
         least, effects = np.full(size, -np.inf), [q for e in h.effects for q in e.parameters]
+        if self.simulator.shared_bounds is not None:
+            least[: len(h.shared)] = np.minimum(self.simulator.shared_bounds[0] - h.shared, 0.0)
         sided = np.flatnonzero([q.one_sided for q in effects])
         if len(sided):
             least[self.fixed(h) + sided] = (np.array([q.none for q in effects]) - np.concatenate(h.numbers))[sided]
         return least
+
+    def _most(self, h: Hypothesis, size: int) -> Array:
+        """(size,) the largest steps that leave shared numbers below their upper bounds."""
+        most = np.full(size, np.inf)
+        if self.simulator.shared_bounds is not None:
+            most[: len(h.shared)] = np.maximum(self.simulator.shared_bounds[1] - h.shared, 0.0)
+        return most
+
+    def bounded(self, h: Hypothesis, solved: Solved) -> float:
+        """What bounds of the shared numbers take off the log evidence: log of the probability that each, alone, is between."""
+        if self.simulator.shared_bounds is None:
+            return 0.0
+        count = len(h.shared)
+        free = h.shared + (solved.shared if solved.free is None else solved.free)[:count]
+        sd = np.sqrt(np.maximum(np.diag(solved.covariance)[:count], 0.0))
+        least, most = self.simulator.shared_bounds
+        return float((log_ndtr((free - least) / sd) + log_ndtr((most - free) / sd)).sum())
 
     def sized(self, h: Hypothesis, solved: Solved) -> float:
         """What the effects' priors add to the log evidence beside one normal distribution each: an effect may be of any of its
@@ -443,7 +462,7 @@ class Inference:
     def _fitted(self, linear: Linear, grams: Grams, forces: Forces, solved: Solved) -> Fitted:
         h = linear.hypothesis
         log_evidence = solved.log_evidence + forces.log_prior(self.simulator.most_force) + self.sized(h, solved)
-        log_evidence -= sum(e.cost for e in h.effects)
+        log_evidence += self.bounded(h, solved) - sum(e.cost for e in h.effects)
         return Fitted(h, forces, log_evidence, solved, linear, grams)
 
     def _bounded(self, linear: Linear) -> bool:
@@ -470,7 +489,8 @@ class Inference:
             most[fixed:] = share * LARGEST_SD * np.concatenate([[q.sd for q in e.parameters] for e in h.effects])
         if (np.abs(solved.shared) > most).any():
             free = solved.shared if solved.free is None else solved.free
-            step, _ = within(free, solved.covariance, np.maximum(self._least(h, len(free)), -most), most)
+            least, top = self._least(h, len(free)), np.minimum(self._most(h, len(free)), most)
+            step, _ = within(free, solved.covariance, np.maximum(least, -most), top)
             own = solved.reduced.own_step(step)
         else:
             step, own = share * solved.shared, share * solved.own

@@ -44,6 +44,7 @@ class Simulator(Protocol):
     step_s : between values
     shared_names : of the numbers that all runs share
     shared_prior : mean and standard deviation of those; None: fitted freely
+    shared_bounds : (2, s), the least and the most that they may be; None: anything
     stated, own_sd : (runs, own): each run's own numbers as stated, and how sure they are
     free : how many of a run's own numbers its data decide (its start)
     modes : per run (n, c, k): common errors of unit variance
@@ -57,6 +58,7 @@ class Simulator(Protocol):
     step_s: float
     shared_names: tuple[str, ...]
     shared_prior: tuple[Array, Array] | None
+    shared_bounds: Array | None
     stated: Array
     own_sd: Array
     free: int

@@ -84,6 +84,7 @@ class TowSimulator(TowModel):
         self._shared = shared_numbers(runs, self.speed_m_s, known)
         mean, spread = self._shared.mean, self._shared.sd
         self.shared_prior: tuple[Array, Array] | None = (mean, spread) if np.isfinite(spread).any() else None
+        self.shared_bounds: Array | None = None
         self.stated, self.own_sd = np.array([_stated(run) for run in runs]), own_sds(runs)
         # alpha, beta, v, r, and what little the biases are free
         self.free, self.gone, self.force_scale = 6, 5.0, 1.0

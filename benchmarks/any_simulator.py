@@ -1,0 +1,388 @@
+"""The gap of any simulator, scored on sealed cases: five systems with an effect, with it left out of the library, and complete.
+
+    python benchmarks/any_simulator.py --effects 4 --left-out 4 --complete 8 [--seed 1] > benchmarks/any_simulator.txt
+
+The truth is made by ``truth`` below with scipy's solve_ivp; it shares no code with the engine. Beside it in the table, on the same
+records: scipy's least squares of the model and of the model with each effect, the one of the smallest BIC named (six steps at most,
+begun at the truth; where they do not end, D is below 0). D is twice the log likelihood that the true model has over the best of the
+model as it is; effects of D below 20 are not scored. One counts as named where it is the headline or is told as not to be
+distinguished from it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import monotonic
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
+
+from towline.diagnose.own import Input, Model, Number, Output, State
+from towline.diagnose.own.gap import own_gap
+from towline.diagnose.own.records import Record, SampleNoise, together
+
+LEAST_D = 20.0
+TURN = 0.01
+"""Dry friction turns within this share of the usual speed."""
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Case:
+    """A system.
+
+    Attributes
+    ----------
+    name : of it
+    model : what the engine is given
+    plain : (x, u, p) -> rates, for the truth: its own code
+    numbers : truth of the model's numbers, and a share by which they scatter from case to case
+    starts : of each record
+    step_s, count : of the samples
+    drive : (rng, t) -> input, or None
+    equation, place, speed : state whose equation an effect acts in, its integral or "", its usual size
+    outputs : columns of the state that are measured
+    noise : sd of each
+    effects : name of the engine -> (kind, usual size); kinds are of ``truth``
+    """
+
+    name: str
+    model: Model
+    plain: Callable[[Array, float, Array], list[float]]
+    numbers: tuple[float, ...]
+    starts: tuple[tuple[float, ...], ...]
+    step_s: float
+    count: int
+    drive: Callable[[np.random.Generator, Array], Array] | None
+    equation: int
+    place: int | None
+    speed: float
+    outputs: tuple[int, ...]
+    noise: tuple[float, ...]
+    effects: dict[str, tuple[str, float]]
+
+
+def truth(case: Case, p: Array, start: Array, drive: Array, kind: str, size: float) -> Array:
+    """Outputs (n, c), by solve_ivp."""
+    t = np.arange(case.count) * case.step_s
+    index, place, v0 = case.equation, case.place, TURN * case.speed
+    fine = np.linspace(0, t[-1], 8 * (case.count - 1) + 1)
+    u_fine = np.interp(fine, t, drive)
+    if kind == "saturation":
+        u_fine = np.clip(u_fine, -(np.abs(drive).max() - size), np.abs(drive).max() - size)
+    elif kind == "backlash":
+        now, out = u_fine[0], []
+        for value in u_fine:
+            now = min(max(now, value - size / 2), value + size / 2)
+            out.append(now)
+        u_fine = np.array(out)
+    elif kind == "input_scale":
+        u_fine = u_fine * (1 + size)
+    elif kind == "input_offset":
+        u_fine = u_fine + size
+    late = size if kind == "delay" else 0.0
+    lag = size if kind == "lag" and size > 1e-6 else 0.0
+
+    levels, last = u_fine.tolist(), float(len(u_fine) - 1)
+
+    def rates(time: float, state: Array) -> list[float]:
+        x = state[: len(start)]
+        u = 0.0
+        if case.drive is not None:
+            at = min(max((time - late) / fine[1], 0.0), last)
+            before = min(int(at), len(levels) - 2)
+            u = levels[before] + (at - before) * (levels[before + 1] - levels[before])
+        more = [(u - state[-1]) / lag] if lag else []
+        found = list(case.plain(x, state[-1] if lag else u, p))
+        v = x[index]
+        if kind == "constant":
+            found[index] += size
+        elif kind == "dry":
+            found[index] -= size * np.tanh(v / v0)
+        elif kind == "quadratic":
+            found[index] -= size * v * abs(v)
+        elif kind == "cubic":
+            found[index] -= size * v**3
+        elif kind == "cubic_stiffness" and place is not None:
+            found[index] -= size * x[place] ** 3
+        elif kind == "above" and place is not None:
+            found[index] -= size * max(x[place], 0.0)
+        return [*found, *more]
+
+    at = t * (1 + size) if kind == "clock" else t
+    first = [*start, drive[0]] if lag else list(start)
+    solved = solve_ivp(
+        rates, (0, at[-1]), first, t_eval=at, method="LSODA", rtol=1e-6, atol=1e-9, max_step=4 * case.step_s
+    )
+    y = solved.y[list(case.outputs)].T
+    if len(y) < case.count:
+        return np.full((case.count, len(case.outputs)), 1e3)
+    if kind == "offset":
+        y[:, -1] += size
+    elif kind == "drift":
+        y[:, -1] += size * t / t[-1]
+    elif kind == "scale":
+        y[:, -1] *= 1 + size
+    return y
+
+
+def chirp(size: float, slow: float, fast: float) -> Callable[[np.random.Generator, Array], Array]:
+    """A sweep with steps in it."""
+
+    def made(rng: np.random.Generator, t: Array) -> Array:
+        phase = 2 * np.pi * (slow * t + 0.5 * (fast - slow) * t**2 / t[-1]) + rng.uniform(0, 6)
+        steps = rng.uniform(-0.5, 0.5, 6)[np.minimum((6 * t / t[-1]).astype(int), 5)]
+        return size * (0.7 * np.sin(phase) + steps)
+
+    return made
+
+
+def _pumped(rng: np.random.Generator, t: Array) -> Array:
+    return rng.uniform(0.3, 1.6, 10)[np.minimum((10 * t / t[-1]).astype(int), 9)]
+
+
+def cases() -> list[Case]:
+    """The five."""
+    swing = Model(
+        [State("angle", "rad"), State("rate", "rad/s", equation="pendulum")],
+        [], [Number("w2", "1/s2", 40.0, least=0.0), Number("c", "1/s", 0.2, least=0.0)], [Output("angle", "rad", "encoder")],
+        lambda t, x, u, p: (x.rate, -p.w2 * np.sin(x.angle) - p.c * x.rate),
+    )  # fmt: skip
+    drive = Model(
+        [State("speed", "rad/s", equation="drive")],
+        [Input("volt", "V", "amplifier")],
+        [Number("b", "1/s", 2.0, least=0.0), Number("f", "rad/s2", 5.0, least=0.0), Number("k", "rad/(s2 V)", 20.0)],
+        [Output("speed", "rad/s", "tachometer")],
+        lambda t, x, u, p: (-p.b * x.speed - p.f * np.tanh(x.speed / (TURN * 20)) + p.k * u.volt,),
+    )
+    duffing = Model(
+        [State("x", "V"), State("v", "V/s", equation="oscillator")],
+        [Input("u", "V", "source")],
+        [Number("k", "1/s2", 30.0, least=0.0), Number("c", "1/s", 0.5, least=0.0), Number("k3", "1/(V2 s2)", 20.0)],
+        [Output("x", "V", "voltmeter")],
+        lambda t, x, u, p: (x.v, -p.k * x.x - p.c * x.v - p.k3 * x.x**3 + u.u),
+    )
+    tanks = Model(
+        [State("h1", "m", 0.3, equation="upper tank"), State("h2", "m", 0.3, equation="lower tank")],
+        [Input("pump", "", "pump")],
+        [
+            Number("q", "m/s", 0.008, least=0.0),
+            Number("a1", "m^0.5/s", 0.02, least=0.0),
+            Number("a2", "m^0.5/s", 0.02, least=0.0),
+        ],
+        [Output("h1", "m", "gauge 1"), Output("h2", "m", "gauge 2")],
+        lambda t, x, u, p: (
+            p.q * u.pump - p.a1 * np.sqrt(np.maximum(x.h1, 1e-9)),
+            p.a1 * np.sqrt(np.maximum(x.h1, 1e-9)) - p.a2 * np.sqrt(np.maximum(x.h2, 1e-9)),
+        ),
+    )
+    yaw = Model(
+        [State("heading", "rad"), State("turn", "rad/s", equation="yaw balance")],
+        [Input("rudder", "rad", "steering gear")],
+        [Number("inverse_t", "1/s", 0.08, least=0.0), Number("k", "1/s2", 0.008)],
+        [Output("heading", "rad", "compass")],
+        lambda t, x, u, p: (x.turn, -p.inverse_t * x.turn + p.k * u.rudder),
+    )
+    return [
+        Case("pendulum", swing, lambda x, u, p: [x[1], -p[0] * np.sin(x[0]) - p[1] * x[1]], (55.0, 0.15),
+             ((0.6, 0.0), (1.3, 0.0)), 0.04, 200, None, 1, 0, 8.0, (0,), (0.004,),
+             {"rate_dry_friction": ("dry", 0.3), "rate_quadratic_damping": ("quadratic", 0.02),
+              "rate_cubic_stiffness": ("cubic_stiffness", 2.0),
+              "rate_stiffness_above": ("above", 1.0), "angle_offset": ("offset", 0.02), "angle_drift": ("drift", 0.03)}),
+        Case("drive", drive, lambda x, u, p: [-p[0] * x[0] - p[1] * np.tanh(x[0] / (TURN * 20)) + p[2] * u], (1.5, 6.0, 25.0),
+             ((0.0,), (5.0,)), 0.02, 200, chirp(2.0, 0.2, 1.5), 0, None, 20.0, (0,), (0.1,),
+             {"speed_quadratic_damping": ("quadratic", 0.03), "volt_backlash": ("backlash", 0.3), "volt_delay": ("delay", 0.02),
+              "volt_lag": ("lag", 0.03), "volt_saturation": ("saturation", 0.7), "speed_cubic_damping": ("cubic", 0.001)}),
+        Case("Duffing", duffing, lambda x, u, p: [x[1], -p[0] * x[0] - p[1] * x[1] - p[2] * x[0] ** 3 + u], (36.0, 0.4, 25.0),
+             ((0.5, 0.0), (-0.3, 0.0)), 0.04, 200, chirp(12.0, 0.3, 1.8), 1, 0, 4.0, (0,), (0.004,),
+             {"v_dry_friction": ("dry", 0.5), "v_quadratic_damping": ("quadratic", 0.06), "v_stiffness_above": ("above", 3.0),
+              "u_delay": ("delay", 0.02), "u_lag": ("lag", 0.03), "x_offset": ("offset", 0.02)}),
+        Case("two tanks", tanks,
+             lambda x, u, p: [p[0] * u - p[1] * np.sqrt(max(x[0], 1e-9)),
+                              p[1] * np.sqrt(max(x[0], 1e-9)) - p[2] * np.sqrt(max(x[1], 1e-9))], (0.01, 0.018, 0.017),
+             ((0.25, 0.2), (0.4, 0.5)), 3.0, 200, _pumped, 1, None, 0.4, (0, 1), (0.002, 0.002),
+             {"h2_constant": ("constant", -0.001), "pump_lag": ("lag", 8.0), "pump_delay": ("delay", 5.0),
+              "h2_offset": ("offset", 0.02),
+              "h2_scale": ("scale", 0.05), "pump_saturation": ("saturation", 0.4)}),
+        Case("ship yaw", yaw, lambda x, u, p: [x[1], -p[0] * x[1] + p[1] * u], (0.06, 0.006),
+             ((0.0, 0.0), (0.1, 0.01)), 1.5, 200, chirp(0.5, 0.005, 0.04), 1, 0, 0.03, (0,), (0.003,),
+             {"turn_cubic_damping": ("cubic", 15.0), "turn_quadratic_damping": ("quadratic", 0.5), "rudder_lag": ("lag", 3.0),
+              "rudder_backlash": ("backlash", 0.06), "rudder_saturation": ("saturation", 0.15),
+              "rudder_offset": ("input_offset", 0.03)}),
+    ]  # fmt: skip
+
+
+def left_out(case: Case, effect: str) -> list[str]:
+    """Names that are not offered: the effect's, and those that do the same to these records in all but name."""
+    if effect.endswith("dry_friction"):
+        return [effect, effect.replace("dry", "static")]
+    if effect.endswith(("_lag", "_delay")):
+        names = [*(i.name for i in case.model.inputs), *(o.name for o in case.model.outputs)]
+        return ["clock_offset", *(f"{name}_{what}" for name in names for what in ("lag", "delay"))]
+    if effect.endswith("_stiffness_above"):
+        # beside a free stiffness on both sides one on the other side is the same
+        return [effect, effect.replace("above", "below")]
+    return [effect]
+
+
+@dataclass(frozen=True)
+class Made:
+    """A sealed case: its records, and what is true."""
+
+    case: Case
+    p: Array
+    starts: list[Array]
+    drives: list[Array]
+    values: list[Array]
+    effect: str
+    size: float
+
+    @property
+    def kind(self) -> str:
+        return self.case.effects[self.effect][0] if self.effect else ""
+
+
+def drawn(case: Case, effect: str, rng: np.random.Generator) -> Made:
+    """One."""
+    p = np.array(case.numbers) * rng.uniform(0.8, 1.25, len(case.numbers))
+    t = np.arange(case.count) * case.step_s
+    drives = [np.zeros(case.count) if case.drive is None else case.drive(rng, t) for _ in case.starts]
+    kind, usual = case.effects[effect] if effect else ("", 0.0)
+    size = usual * rng.uniform(0.6, 1.6)
+    values, starts = [], []
+    for start, drive in zip(case.starts, drives, strict=True):
+        begin = np.array(start) * rng.uniform(0.8, 1.2)
+        starts.append(begin)
+        clean = truth(case, p, begin, drive, kind, size)
+        values.append(clean + np.array(case.noise) * rng.normal(size=clean.shape))
+    return Made(case, p, starts, drives, values, effect, size)
+
+
+def fitted(made: Made, kind: str, usual: float) -> tuple[float, int]:
+    """Chi-square and numbers of scipy's least squares with an effect (or none), begun at the truth's numbers."""
+    case = made.case
+    q = len(made.p)
+    states = len(case.starts[0])
+
+    def residuals(z: Array) -> Array:
+        found = []
+        for k, (drive, values) in enumerate(zip(made.drives, made.values, strict=True)):
+            begin = z[q + states * k : q + states * (k + 1)] * (np.abs(case.starts[k]) + 0.1 * case.speed)
+            clean = truth(
+                case, z[:q] * np.array(case.numbers), begin, drive, kind, float(z[-1]) * usual if kind else 0.0
+            )
+            found.append(((values - clean) / np.array(case.noise)).ravel())
+        return np.nan_to_num(np.concatenate(found), nan=1e3)
+
+    begin = [s / (np.abs(given) + 0.1 * case.speed) for s, given in zip(made.starts, case.starts, strict=True)]
+    z = np.concatenate([made.p / np.array(case.numbers), *begin, [0.3] if kind else []])
+    found = least_squares(residuals, z, diff_step=1e-4, max_nfev=6, x_scale=0.1)
+    return 2 * float(found.cost), len(z)
+
+
+def by_bic(made: Made, offered: list[str]) -> tuple[str, dict[str, float]]:
+    """Name of the smallest BIC ("" : the model as it is), and every chi-square."""
+    count = sum(v.size for v in made.values)
+    best, name, chi = np.inf, "", {}
+    for effect in ["", *offered]:
+        kind, usual = made.case.effects[effect] if effect else ("", 0.0)
+        chi[effect], numbers = fitted(made, kind, usual)
+        bic = chi[effect] + numbers * np.log(count)
+        if bic < best:
+            best, name = bic, effect
+    return name, chi
+
+
+def answered(made: Made, without: list[str]) -> Any:
+    """The engine's gap.json."""
+    case = made.case
+    records = [
+        Record(f"record {k + 1}", case.step_s, drive[:, None] if case.drive is not None else np.zeros((case.count, 0)), values,
+               tuple(SampleNoise(s) for s in case.noise), (False,) if case.drive is not None else ())
+        for k, (drive, values) in enumerate(zip(made.drives, made.values, strict=True))
+    ]  # fmt: skip
+    return own_gap(case.model, together(records), "benchmark", {}, rng=np.random.default_rng(0), without=without).file
+
+
+def main() -> None:
+    """All cases, a line each, and the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--effects", type=int, default=4)
+    parser.add_argument("--left-out", type=int, default=4)
+    parser.add_argument("--complete", type=int, default=8)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--systems", nargs="+", default=[])
+    parser.add_argument("--no-bic", action="store_true")
+    given = parser.parse_args()
+    rows: list[tuple[str, str, bool, bool, bool, float]] = []
+    todo: list[tuple[int, int, str, str, Case]] = []
+    for index, case in enumerate(cases()):
+        if given.systems and case.name not in given.systems:
+            continue
+        names = list(case.effects)
+        todo += [(k, index, "effect", names[k % len(names)], case) for k in range(given.effects)]
+        todo += [(k, index, "left out", names[(k + given.effects) % len(names)], case) for k in range(given.left_out)]
+        todo += [(k, index, "complete", "", case) for k in range(given.complete)]
+    # all systems in turn, so that a score that is cut short has some of each
+    for k, index, kind, effect, case in sorted(todo, key=lambda one: one[:3]):
+        names = list(case.effects)
+        rng = np.random.default_rng([given.seed, index, ("effect", "left out", "complete").index(kind), k])
+        made = drawn(case, effect, rng)
+        gone = left_out(case, effect) if kind == "left out" else []
+        began = monotonic()
+        file = answered(made, gone)
+        took = monotonic() - began
+        named = " + ".join(file.ranking[0].effects) if file.verdict in ("effect", "form_not_exact") else file.verdict
+        named = f"about {named}" if file.verdict == "form_not_exact" else named
+        alike = [n for group in file.indistinguishable for n in group]
+        right = {
+            "effect": file.verdict in ("effect", "form_not_exact") and effect in (*file.ranking[0].effects, *alike),
+            "left out": file.verdict == "unknown",
+            "complete": file.verdict == "no_gap",
+        }[kind]
+        chosen, d = "-", np.nan
+        if not given.no_bic:
+            chosen, chi = by_bic(made, [n for n in names if n not in gone])
+            own = chi[effect] if effect in chi else fitted(made, *case.effects[effect])[0]
+            d = chi[""] - own
+        bic = {"effect": chosen == effect, "left out": False, "complete": chosen == ""}[kind]
+        counts = kind == "complete" or given.no_bic or d > LEAST_D
+        rows.append((case.name, kind, right, bic, counts, took))
+        print(f"{case.name:10} {kind:9} {effect or '-':24} D {d:8.0f}  engine {named:42} {'right' if right else 'WRONG':6}"
+              f"BIC {chosen or 'the model as it is':24} {took:5.1f} s", flush=True)  # fmt: skip
+        # of what is done so far: a long score that is cut short has one all the same
+        _table(rows)
+
+
+def _table(rows: list[tuple[str, str, bool, bool, bool, float]]) -> None:
+    print()
+    print(f"{'':12}{'effect named':>24}{'left out: unknown':>24}{'complete: no_gap':>24}")
+    for name in dict.fromkeys(r[0] for r in rows):
+        print(
+            f"{name:12}"
+            + "".join(
+                _cell([r for r in rows if r[0] == name and r[1] == kind]) for kind in ("effect", "left out", "complete")
+            )
+        )
+    print(
+        f"{'all':12}" + "".join(_cell([r for r in rows if r[1] == kind]) for kind in ("effect", "left out", "complete"))
+    )
+    print(
+        f"Each cell: the engine, least squares with BIC, of how many (effects of D below {LEAST_D:g} are not counted). "
+        "BIC has no word for the unknown."
+    )
+    print(f"Median time of the engine: {np.median([r[5] for r in rows]):.1f} s on one busy core.", file=sys.stdout)
+
+
+def _cell(rows: list[tuple[str, str, bool, bool, bool, float]]) -> str:
+    counted = [r for r in rows if r[4]]
+    return f"{sum(r[2] for r in counted):8d} {sum(r[3] for r in counted):4d} of {len(counted):3d}    "
+
+
+if __name__ == "__main__":
+    main()

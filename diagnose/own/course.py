@@ -1,0 +1,231 @@
+"""A model's course: Runge-Kutta's fourth order, many simulations side by side; what effects do to inputs, equations, outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...simulate.model import Array
+from .model import Missing, System
+
+FAR = 1e30
+"""A state beyond this has grown beyond bounds: it stays there, so that no number overflows in what follows."""
+
+
+@dataclass(frozen=True)
+class Put:
+    """Something missing, put in.
+
+    Attributes
+    ----------
+    missing : what
+    numbers : its numbers (k,) each
+    """
+
+    missing: Missing
+    numbers: tuple[Array, ...]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Where a course is taken.
+
+    Attributes
+    ----------
+    step_s : between samples
+    count : of samples
+    inner : steps of integration between two samples
+    stays : of each input, whether it stays until the next sample; empty: none does
+    """
+
+    step_s: float
+    count: int
+    inner: int
+    stays: tuple[bool, ...] = ()
+
+    @property
+    def times_s(self) -> Array:
+        """(count,) of the samples."""
+        return np.arange(self.count) * self.step_s
+
+    @property
+    def half_s(self) -> Array:
+        """(2 inner (count - 1) + 1,) beginnings, middles and ends of the steps."""
+        return np.linspace(0.0, (self.count - 1) * self.step_s, 2 * self.inner * (self.count - 1) + 1)
+
+
+def held(values: Array, grid: Grid) -> Array:
+    """Inputs between their samples: straight from one to the next, or staying until the next.
+
+    At the instant at which one that stays jumps it has the mean of both sides.
+
+    Parameters
+    ----------
+    values : (count, m, ...) at the samples
+    grid : of the course
+
+    Returns
+    -------
+    halves : (2 inner (count - 1) + 1, m, ...)
+    """
+    pieces = 2 * grid.inner
+    at = np.arange(pieces * (grid.count - 1) + 1)
+    before, share = at // pieces, (at % pieces) / pieces
+    after = np.minimum(before + 1, grid.count - 1)
+    share = share.reshape(-1, *[1] * (values.ndim - 1))
+    found = (1 - share) * values[before] + share * values[after]
+    steps = values[before].copy()
+    jumps = at[(at % pieces == 0) & (at > 0)]
+    steps[jumps] = 0.5 * (values[before[jumps]] + values[before[jumps] - 1])
+    for index, stay in enumerate(grid.stays):
+        if stay:
+            found[:, index] = steps[:, index]
+    return found
+
+
+def simulated(
+    system: System,
+    grid: Grid,
+    start: Array,
+    inputs: Array,
+    p: Array,
+    puts: Sequence[Put] = (),
+    push: Callable[[int], Array] | None = None,
+) -> Array:
+    """Outputs of k simulations.
+
+    Parameters
+    ----------
+    system : the model
+    grid : of the course
+    start : (s, k)
+    inputs : (2 inner (count - 1) + 1, m, k), as of ``held``
+    p : (q, k)
+    puts : what is missing, put in
+    push : index of a sample -> (s, k) that is added to the rates until the next; None: nothing
+
+    Returns
+    -------
+    outputs : (count, c, k)
+    """
+    own = [Put(m, tuple(np.full(start.shape[1], v) for v in numbers)) for m, numbers in system.built_in]
+    puts = [*own, *puts]
+    with np.errstate(all="ignore"):
+        u = _changed_inputs(system, grid, inputs, puts)
+        if system.whole:
+            # between two samples an input is what it is in the middle
+            seen = system.course(grid.times_s, start, np.moveaxis(u[grid.inner :: 2 * grid.inner], 0, 1), p)
+        else:
+            x = _integrated(system, grid, start, u, p, [q for q in puts if q.missing.equation], push)
+            at = np.moveaxis(u[:: 2 * grid.inner], 0, 1)
+            seen = system.seen(grid.times_s[:, None], x, at, p[:, None])
+        return _changed_outputs(system, grid, np.moveaxis(seen, 0, 1), puts)
+
+
+def _changed_inputs(system: System, grid: Grid, inputs: Array, puts: Sequence[Put]) -> Array:
+    names = [one.name for one in system.inputs]
+    found = inputs
+    for put in puts:
+        if put.missing.input:
+            found = found.copy() if found is inputs else found
+            index = names.index(put.missing.input)
+            found[:, index] = put.missing.changes(grid.half_s, found[:, index], *put.numbers)
+    return found
+
+
+def _integrated(
+    system: System,
+    grid: Grid,
+    start: Array,
+    u: Array,
+    p: Array,
+    puts: Sequence[Put],
+    push: Callable[[int], Array] | None,
+) -> Array:
+    """(s, count, k)."""
+    names = [one.name for one in system.states]
+    added = [(names.index(put.missing.equation), put) for put in puts]
+    pushed: Array | float = 0.0
+    stays = np.flatnonzero(grid.stays)
+
+    def rates(t: float, x: Array, u: Array) -> Array:
+        found = system.derivatives(t, x, u, p)
+        if added:
+            arguments = system.arguments(x, u, p)
+            for index, put in added:
+                found[index] += put.missing.changes(t, *arguments, *put.numbers)
+        return found + pushed
+
+    h = grid.step_s / grid.inner
+    path = np.empty((len(start), grid.count, start.shape[1]))
+    path[:, 0] = x = np.array(start, dtype=float)
+    at = 0
+    for sample in range(1, grid.count):
+        if push is not None:
+            pushed = push(sample - 1)
+        for _ in range(grid.inner):
+            t, (before, middle, after) = 0.5 * h * at, u[at : at + 3]
+            if len(stays):
+                # what stays jumps between two steps, never in one
+                before, after = before.copy(), after.copy()
+                before[stays] = after[stays] = middle[stays]
+            k1 = rates(t, x, before)
+            k2 = rates(t + 0.5 * h, x + 0.5 * h * k1, middle)
+            k3 = rates(t + 0.5 * h, x + 0.5 * h * k2, middle)
+            k4 = rates(t + h, x + h * k3, after)
+            x = x + h / 6 * (k1 + 2 * (k2 + k3) + k4)
+            at += 2
+        x = np.clip(np.nan_to_num(x, nan=FAR, posinf=FAR, neginf=-FAR), -FAR, FAR)
+        path[:, sample] = x
+    return path
+
+
+def _changed_outputs(system: System, grid: Grid, seen: Array, puts: Sequence[Put]) -> Array:
+    """(count, c, k); the sensors first, then the clock that reads them."""
+    names = [one.name for one in system.outputs]
+    found = seen
+    for put in puts:
+        m = put.missing
+        if m.output:
+            found = np.array(found, dtype=float) if found is seen else found
+            index = names.index(m.output)
+            found[:, index] = m.changes(grid.times_s, found[:, index], *put.numbers)
+    for put in puts:
+        m = put.missing
+        if not (m.output or m.input or m.equation):
+            change = np.asarray(m.changes(grid.times_s[:, None], *put.numbers), dtype=float)
+            found = read_at(found, np.broadcast_to(change, (grid.count, found.shape[2])) / grid.step_s)
+    return found
+
+
+def read_at(values: Array, shift: Array) -> Array:
+    """Values at other times: a cubic through the four nearest samples (Catmull and Rom), straight beyond both ends.
+
+    Parameters
+    ----------
+    values : (n, c, k) at even steps
+    shift : (n, k), in steps
+
+    Returns
+    -------
+    moved : (n, c, k)
+    """
+    n = len(values)
+    at = np.arange(n)[:, None] + shift
+    first = np.clip(np.floor(at), 0, n - 2).astype(int)
+    s = (at - first)[:, None]
+
+    def take(index: Array) -> Array:
+        return np.take_along_axis(values, np.clip(index, 0, n - 1)[:, None], axis=0)
+
+    b, c = take(first), take(first + 1)
+    a = np.where((first > 0)[:, None], take(first - 1), 2 * b - c)
+    d = np.where((first < n - 2)[:, None], take(first + 2), 2 * c - b)
+    inside = b + 0.5 * s * (c - a + s * (2 * a - 5 * b + 4 * c - d + s * (3 * (b - c) + d - a)))
+    straight = b + s * (c - b)
+    return np.where((s >= 0) & (s <= 1), inside, straight)
+
+
+__all__ = ["FAR", "Grid", "Put", "held", "read_at", "simulated"]

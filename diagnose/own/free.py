@@ -1,0 +1,92 @@
+"""What stands for something that is in no list: any function, by bumps, of a state in an equation, of an input, of an output."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ...simulate.model import Array
+from ..effects import Parameter
+from .library import SHARE, Scales
+from .model import Missing, System
+
+CENTRES = np.linspace(-1.0, 1.0, 5)
+"""Of the bumps, in the variable's usual sizes."""
+WIDTH = 0.5
+"""Of a bump."""
+WORDS = "Something that is in no list."
+
+
+def bumps(z: Any, numbers: Any) -> Any:
+    """Sum of bumps.
+
+    Parameters
+    ----------
+    z : any shape (..., k)
+    numbers : height of each bump, (k,) each
+    """
+    return sum(n * np.exp(-0.5 * ((z - c) / WIDTH) ** 2) for n, c in zip(numbers, CENTRES, strict=True))
+
+
+def free_forms(system: System, kinematic: Mapping[str, str], scales: Scales) -> list[Missing]:
+    """One for each equation and state (and input) in it, each input, each output.
+
+    Parameters
+    ----------
+    system : the model
+    kinematic : of ``model.rate_of``
+    scales : of the records
+    """
+    found = []
+    if not system.whole:
+        for state in system.states:
+            if state.name in kinematic or not scales.rate[state.name]:
+                continue
+            for other in system.states:
+                found.append(_added(state.name, other.name, scales))
+            for one in system.inputs:
+                if scales.input[one.name]:
+                    found.append(_driven(state.name, one.name, scales))
+    for name, size in scales.input.items():
+        if size:
+            found.append(_changed(name, size, SHARE * scales.moves[name], name, ""))
+    for name, size in scales.output.items():
+        found.append(_changed(name, size, SHARE * scales.moves[name], "", name))
+    return found
+
+
+def _parameters(size: float) -> tuple[Parameter, ...]:
+    return tuple(Parameter(f"bump_{k + 1}", "", size) for k in range(len(CENTRES)))
+
+
+def _added(equation: str, state: str, scales: Scales) -> Missing:
+    size = scales.state[state]
+
+    def changes(t: Any, x: Any, u: Any, p: Any, *numbers: Array) -> Array:
+        return bumps(getattr(x, state) / size, numbers)
+
+    name = f"free_{equation}_by_{state}"
+    return Missing(name, _parameters(SHARE * scales.rate[equation]), WORDS, WORDS, changes, equation=equation)
+
+
+def _driven(equation: str, name: str, scales: Scales) -> Missing:
+    """What an input does beside what it should, times the state."""
+    size, own = scales.input[name], scales.state[equation]
+
+    def changes(t: Any, x: Any, u: Any, p: Any, *numbers: Array) -> Array:
+        return bumps(getattr(u, name) / size, numbers) * getattr(x, equation) / own
+
+    form = f"free_{equation}_with_{name}"
+    return Missing(form, _parameters(SHARE * scales.rate[equation]), WORDS, WORDS, changes, equation=equation)
+
+
+def _changed(name: str, size: float, height: float, given: str, seen: str) -> Missing:
+    def changes(t: Any, values: Array, *numbers: Array) -> Array:
+        return values + bumps(values / size, numbers)
+
+    return Missing(f"free_{name}", _parameters(height), WORDS, WORDS, changes, "", given, seen)
+
+
+__all__ = ["bumps", "free_forms"]

@@ -1,0 +1,91 @@
+"""The gap of a model of one's own, from its files: composes record and diagnose; the command prints it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..__version__ import __version__
+from ..diagnose.own.back import corrected_file, corrected_python
+from ..diagnose.own.fmu import FmuModel
+from ..diagnose.own.gap import OwnGap, own_gap
+from ..diagnose.own.model import Model
+from ..diagnose.own.read import named_model, read_model
+from ..diagnose.own.records import read_records
+from ..record.errors import EstimationError
+from ..record.files import sha256_of_file, write_text
+from ..record.own_data import read_data_file
+from ..record.results import write_result
+
+Progress = Callable[[str, int, int | None], None]
+
+
+def gap_of_model(
+    model: str | Path | Model | FmuModel,
+    tables: Sequence[Path],
+    data: Path | None = None,
+    held_out: Sequence[Path] = (),
+    progress: Progress | None = None,
+) -> OwnGap:
+    """Diagnose a model of one's own.
+
+    Parameters
+    ----------
+    model : its file, or the model itself
+    tables : records to fit
+    data : what says what their columns are; None: NAME.toml or data.toml beside each
+    held_out : records kept aside for the shrink; none: each in turn
+    progress : is told what is done
+
+    Raises
+    ------
+    TowlineError : a file is wrong, or the model does not follow the records at all
+    """
+    inputs: dict[str, str] = {}
+    if isinstance(model, str | Path):
+        inputs[str(model)] = sha256_of_file(model)
+        system = read_model(model)
+    else:
+        system = named_model(model, model.name)
+    every = [Path(table) for table in (*tables, *held_out)]
+    adapted, records = read_records(system, every, data)
+    for table in every:
+        inputs[str(table)] = sha256_of_file(table)
+        file = read_data_file(table, data)[0]
+        inputs[str(file)] = sha256_of_file(file)
+    held = list(range(len(tables), len(every))) or None
+    say = None if progress is None else lambda text: progress(text, 0, None)
+    # the bootstrap of an interval: the same records give the same answer
+    rng = np.random.default_rng(int.from_bytes("".join(sorted(inputs.values())).encode()[:8].ljust(8, b"0"), "big"))
+    try:
+        return own_gap(adapted, records, __version__, inputs, held, rng, say)
+    except np.linalg.LinAlgError as error:
+        raise EstimationError(f"the records' normal equations cannot be solved ({error}); do they move?") from error
+
+
+def write_gap(out: Path, found: OwnGap, model: Path) -> list[Path]:
+    """Write gap.json, and the corrected model as corrected.json and corrected.py where there is an answer.
+
+    Parameters
+    ----------
+    out : folder
+    found : what was found
+    model : the model's file
+
+    Returns
+    -------
+    written : paths
+    """
+    written = [out / "gap.json"]
+    write_result(written[0], found.file)
+    if found.file.verdict in ("effect", "form_not_exact", "no_gap"):
+        path = out / "corrected.py"
+        write_result(out / "corrected.json", corrected_file(found))
+        write_text(path, corrected_python(found, model, path))
+        written += [out / "corrected.json", path]
+    return written
+
+
+__all__ = ["gap_of_model", "write_gap"]

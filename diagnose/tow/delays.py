@@ -59,6 +59,7 @@ def _late(run: TowRun, node_s: Array, pull_n: Array, since_s: float | None) -> t
         parts = [np.ones_like(t_s)]
     course, late = np.array(parts), np.zeros(len(parts))
     rate = np.gradient(pull_n, node_s)
+    left = said
     for _ in range(TURNS):
         at = t_s + late @ course
         # the cell's scale and zero, and the resistance, are free
@@ -66,8 +67,8 @@ def _late(run: TowRun, node_s: Array, pull_n: Array, since_s: float | None) -> t
             [np.ones_like(t_s), np.interp(at, node_s, pull_n), *(course * np.interp(at, node_s, rate))]
         )
         numbers, *_ = np.linalg.lstsq(rows, said, rcond=None)
-        late = late + numbers[2:] / max(numbers[1], 0.1)
-    return float(((said - rows @ numbers) ** 2).sum()) / run.usual_sd(PULL) ** 2, late
+        left, late = said - rows @ numbers, late + numbers[2:] / max(numbers[1], 0.1)
+    return float(left @ left) / run.usual_sd(PULL) ** 2, late
 
 
 __all__ = ["delay_effects"]

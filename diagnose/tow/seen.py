@@ -195,7 +195,7 @@ def _stretched(more: Array, columns: slice, seen: Seen, longer: Array) -> None:
 
 def _late(numbers: Numbers, run: TowRun) -> Array:
     """By how much every block of a run is seen later, (n, c, columns) s: by the camera's clock, the cell's channel by its own."""
-    late = np.zeros((*run.values.shape, numbers.width))
+    late = np.zeros((len(run.centre_s), run.values.shape[1], numbers.width))
     for a in numbers.active:
         if a.effect.clock is not None:
             late[:, :PULL, a.columns] += a.effect.clock(run.centre_s[:, None], *a.numbers)[:, None]

@@ -103,7 +103,8 @@ def jerk_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Eff
                 f"run {i + 1} {own[i].begin_s:.1f}-{own[i].begin_s + own[i].length_s:.1f} s" for i in sorted(taken)
             )
             courses = [_course(own[i], runs[i].step_s / 2) if i in taken else NOTHING for i in range(len(runs))]
-            found.append(jerked(*map(by_run, zip(*courses, strict=True)), f"{push.words}, {said}", FOUND_COST * count))
+            ahead, pull, loose = (by_run(functions) for functions in zip(*courses, strict=True))
+            found.append(jerked(ahead, pull, loose, f"{push.words}, {said}", FOUND_COST * count))
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from ..diagnose.effects import LIBRARY, Effect, installed_effects, load_effects
 from ..diagnose.gap import Diagnosed, Diagnosis, diagnosed
 from ..diagnose.inference.apart import measured_apart
 from ..diagnose.inference.evidence import Fitted
-from ..diagnose.tow.data import Recorded, block_step, tow_runs
+from ..diagnose.tow.data import Recorded, block_step, tow_runs, without_cell
 from ..diagnose.tow.numbers import COMPLIANCE
 from ..diagnose.tow.towed import TowSimulator
 from ..record.errors import EstimationError, InputError, TowlineError
@@ -92,9 +93,31 @@ def diagnose_folders(
     tows = tow_runs(recorded, step)
     inputs = all_inputs(runs)
     known = None if reference is None else _reference(reference)
-    simulator = TowSimulator(tows, known, measured_apart(runs, library))
-    found = diagnosed_runs(simulator, library, inputs, held or None, progress)
+    apart = measured_apart(runs, library)
+    simulator = TowSimulator(tows, known, apart)
+    try:
+        found = diagnosed_runs(simulator, library, inputs, held or None, progress)
+    except EstimationError:
+        if not simulator.celled:
+            raise
+        # a line that is far from what is stated pulls otherwise than any start can follow; the motion alone may say why
+        simulator = TowSimulator(without_cell(tows), known, apart)
+        found = without_the_cell(diagnosed_runs(simulator, library, inputs, held or None, progress))
     return Diagnosed(found, runs, failed, tuple(library), tuple(held) or None)
+
+
+def without_the_cell(found: Diagnosis) -> Diagnosis:
+    """A diagnosis that says that the load cells' records were left out.
+
+    Parameters
+    ----------
+    found : from the motion alone
+    """
+    why = "left out: beside it the simulator as it is cannot follow these runs at all"
+    said = "The load cell's record is left out: beside it the simulator cannot follow these runs at all."
+    file = found.file
+    changed = {"excluded": file.excluded | {"load cell": why}, "sentences": [*file.sentences, said]}
+    return replace(found, file=file.model_copy(update=changed))
 
 
 def diagnosed_runs(

@@ -227,8 +227,8 @@ def test_tension_and_speed_by_hand() -> None:
 def seen(t_s: np.ndarray, side: np.ndarray, rate: float = 0.05) -> Seen:
     column = t_s[:, None, None]
     zero = np.zeros_like(column)
-    shutter = np.zeros((len(t_s), 1, 4, 3))
-    shutter[:, :, 1, 1], shutter[:, :, 2, 2], shutter[:, :, 3, 2] = 0.4, 0.3, 0.2
+    shutter = np.zeros((2, len(t_s), 1, 4, 3))
+    shutter[0, :, :, 1, 1], shutter[0, :, :, 2, 2], shutter[0, :, :, 3, 2] = 0.4, 0.3, 0.2
     return Seen(
         column, (zero, zero + 0.2, zero + 0.04), (zero, zero + 0.1, zero + rate), side[:, None, None], zero - 0.3,
         np.array([[3.96]]), shutter,

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,13 +15,16 @@ import pytest
 from towline.blind.draw import case_of
 from towline.blind.truth.folders import write_case
 from towline.diagnose.effects import DELAY_FORMS, ELASTIC, Effect
+from towline.diagnose.gap import Diagnosis
 from towline.diagnose.inference.hypothesis import Hypothesis
 from towline.diagnose.tow.cell import SETTLES_S, cell_means
 from towline.diagnose.tow.data import PULL, Recorded, TowRun, block_step, tow_runs
 from towline.diagnose.tow.delays import delay_effects
 from towline.diagnose.tow.towed import TowSimulator
-from towline.pipeline.diagnosing import diagnose_folders
+from towline.pipeline import diagnosing
+from towline.pipeline.diagnosing import diagnose_folders, diagnosed_runs
 from towline.record import Run, RunFile
+from towline.record.errors import EstimationError
 from towline.record.toml import check_tables
 from towline.simulate import Hull, Start, Tow, simulate_full
 
@@ -138,3 +142,23 @@ def test_a_clock_that_jumps_is_named_in_a_reality_of_its_own(tmp_path: Path) -> 
     assert found.verdict == "effect"
     assert found.ranking[0].effects == ["sync_delay"]
     assert found.ranking[0].shrink > 0.8 * (1 - 1 / found.ranking[0].gap_before)
+
+
+def test_a_record_beside_which_nothing_can_be_followed_is_left_out_and_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A line that stands far off what is stated; here every fit with a cell is refused."""
+    case = replace(case_of("case-x", "effect", ["sync_delay"], [4, 1], False), extra={})
+    case = replace(case, runs=case.runs[:2], numbers={"sync_delay.delay_s": 0.0})
+
+    def refused(simulator: TowSimulator, *rest: Any) -> Diagnosis:
+        if simulator.celled:
+            raise EstimationError("it cannot follow")
+        return diagnosed_runs(simulator, *rest)
+
+    monkeypatch.setattr(diagnosing, "diagnosed_runs", refused)
+    found = diagnose_folders(write_case(tmp_path, case)).diagnosis
+    assert not found.inference.simulator.celled  # pyright: ignore[reportAttributeAccessIssue]
+    assert "load cell" in found.file.excluded
+    assert any("load cell's record is left out" in sentence for sentence in found.file.sentences)
+    assert found.file.verdict == "no_gap"

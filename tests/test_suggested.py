@@ -42,7 +42,7 @@ def straight(t_s: np.ndarray) -> Seen:
     """Three straight tows with a pull of 1 N."""
     none = np.zeros((len(t_s), 3, 1))
     still = (none, none, none)
-    return Seen(t_s[:, None, None], still, still, none, np.zeros((1, 1, 1)), np.ones((3, 1)), np.zeros((1, 1, 4, 3)))
+    return Seen(t_s[:, None, None], still, still, none, np.zeros((1, 1, 1)), np.ones((3, 1)), np.zeros((2, 1, 1, 4, 3)))
 
 
 def ring(run, phase: float) -> np.ndarray:

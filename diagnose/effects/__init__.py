@@ -22,6 +22,7 @@ from .camera import (
     SCALE_APART,
     SHIFT,
     SHUTTER,
+    SHUTTER_ACROSS,
     delayed_each,
     delayed_since,
 )
@@ -95,6 +96,7 @@ LIBRARY: tuple[Effect, ...] = (
     DELAY,
     *DELAY_FORMS,
     SHUTTER,
+    SHUTTER_ACROSS,
 )
 """All but ``slack_line``, whose window or course is found in the runs (``slack``, ``jerked``)."""
 

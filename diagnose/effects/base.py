@@ -115,7 +115,8 @@ class Seen:
     side : line force over tension, sin(alpha + beta)
     alpha_rad : tow line angle
     tension_n : (runs, columns), of a straight tow
-    shutter : (samples, runs, 4, 3): change of x, y, beta and marker distance by 1 s of readout over the picture's height, per rate
+    shutter : (2, samples, runs, 4, 3): change of x, y, beta and marker distance by 1 s of readout over the picture's height, or its
+        width, per rate
     beyond_n : (samples, runs, columns), what a line that keeps its length has beyond tension_n
     line_length_m : (runs, columns)
     """

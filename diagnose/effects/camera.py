@@ -118,11 +118,15 @@ def _rolling(seen: Seen, lean, period, damping, turn, sway=0.0, swing=0.0):
     return nothing, rolled, turn * rolled, nothing
 
 
-def _shutter(seen: Seen, readout):
-    """A mark lower in the picture is seen later: it has moved on by its own speed."""
-    rates = np.stack(np.broadcast_arrays(*seen.rate), axis=-1)
-    change = np.einsum("srij,srkj->srki", seen.shutter, rates)
-    return tuple(readout * change[..., i] for i in range(4))
+def _shutter(way: int) -> Callable[..., tuple[Any, ...]]:
+    """A mark lower in the picture (or further to the right) is seen later: it has moved on by its own speed."""
+
+    def observe(seen: Seen, readout):
+        rates = np.stack(np.broadcast_arrays(*seen.rate), axis=-1)
+        change = np.einsum("srij,srkj->srki", seen.shutter[way], rates)
+        return tuple(readout * change[..., i] for i in range(4))
+
+    return observe
 
 
 def _delayed(s: Situation, delay):
@@ -305,10 +309,12 @@ SHUTTER = Effect(
     "The sensor's rows are exposed one after another, so that marks in different rows are seen at different times.",
     "Film a light that flashes (its edge stands in one row) for the readout time; use a camera with a global shutter.",
     "CMOS sensors",
-    observe=_shutter,
+    observe=_shutter(0),
     needs=_no_pixels,
     title="a rolling shutter",
 )
+SHUTTER_ACROSS = replace(SHUTTER, observe=_shutter(1), variant="column by column")
+"""Of a camera on its side, whose picture was turned."""
 RATE_CHANGES_S = (8.0, 16.0, 26.0, 40.0)
 """Times from which one at which a camera goes over to another rate is sought ..."""
 CHANGES_S = 0.3

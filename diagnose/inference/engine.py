@@ -139,7 +139,9 @@ def _as_candidates(
             fitted = inference.fit([h], [forces], REFIT_STEPS, (1,))[0]
         except EstimationError:
             continue
-        found.append(Candidate(h.effects, fitted, _worth(fitted) - base.log_evidence, single_prior))
+        # one that has run off beyond all numbers is none
+        if np.isfinite(_worth(fitted)):
+            found.append(Candidate(h.effects, fitted, _worth(fitted) - base.log_evidence, single_prior))
     return found
 
 
@@ -181,7 +183,8 @@ def _settled(inference: Inference, base: Fitted) -> Fitted:
 
 def _worth(fitted: Fitted) -> float:
     """Its log evidence, without what a step promises that is not taken yet."""
-    return fitted.log_evidence - max(fitted.promised - CONVERGED_GAIN, 0.0)
+    worth = fitted.log_evidence - max(fitted.promised - CONVERGED_GAIN, 0.0)
+    return worth if np.isfinite(worth) else -np.inf
 
 
 def _siblings(

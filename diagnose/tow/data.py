@@ -77,7 +77,8 @@ class TowRun:
     covariance : (c, n, n), measurement noise of each channel
     cross : (n, n), of y with beta
     modes : (k, n, c), change with each common mode of the camera (unit variance)
-    shutter : (n, 4, 3), change of x, y, beta and distance by 1 s of readout, per rate of x, y, beta
+    shutter : (2, n, 4, 3), change of x, y, beta and distance by 1 s of readout, row by row or column by column, per rate of x, y,
+        beta
     length_pp_m, density_kg_m3, half_width_m : of model, water and tank (NaN: not given)
     run : as stated
     cell_s, cell_spread_s2 : (n,), mean time and variance of the load cell's samples in each block, by its own clock
@@ -183,6 +184,19 @@ def _with_cell(run: TowRun) -> TowRun:
     return replace(wide, cell_s=cell.centre_s, cell_spread_s2=cell.spread_s2)
 
 
+def without_cell(runs: Sequence[TowRun]) -> list[TowRun]:
+    """The same without the load cell's channel.
+
+    Parameters
+    ----------
+    runs : as the diagnosis sees them
+    """
+    return [
+        replace(run, values=run.values[:, :PULL], covariance=run.covariance[:PULL], modes=run.modes[..., :PULL])
+        for run in runs
+    ]
+
+
 def _with_channel(run: TowRun, values: Array, covariance: Array) -> TowRun:
     return replace(
         run,
@@ -235,7 +249,9 @@ def _tow_run(recorded: Recorded, still: Sequence[StillNoise | None], step_s: flo
         np.array([_mean(series.t_s - start, m, step_s)[: len(centre)] for m in modes]).reshape(
             len(modes), len(centre), 4
         ),
-        _mean(series.t_s - start, series.shutter.reshape(len(series.t_s), -1), step_s)[: len(centre)].reshape(-1, 4, 3),
+        np.array(
+            [_mean(series.t_s - start, way.reshape(len(way), -1), step_s)[: len(centre)] for way in series.shutter]
+        ).reshape(2, -1, 4, 3),
         run.model.length_pp_m,
         run.water.density_kg_m3,
         0.5 * width if width else float("nan"),
@@ -318,12 +334,15 @@ def _from_pixels(run: Run, tracks: pd.DataFrame, fit: DatumFit) -> _Series:
 
 
 def _shutter(found, along: Array, run: Run) -> Array:
-    """(n, 4, 3): x, y, beta, distance by a readout of 1 s over the picture's height, per rate of x, y, beta."""
+    """(2, n, 4, 3): x, y, beta, distance by a readout of 1 s over the picture's height, or its width, per rate of x, y, beta."""
+    camera = run.file.camera
+    size = camera.image_size_px if camera is not None else [float(np.nanmax(found.pixel_px[..., k])) for k in (0, 1)]
+    return np.array([_read_late(found, along, found.pixel_px[..., k] / size[k] - 0.5) for k in (1, 0)])
+
+
+def _read_late(found, along: Array, late: Array) -> Array:
+    """(n, 4, 3) by marks (n, m) that are read so much later, in readouts."""
     n, m = found.place_m.shape[:2]
-    height = (
-        run.file.camera.image_size_px[1] if run.file.camera is not None else float(np.nanmax(found.pixel_px[..., 1]))
-    )
-    late = found.pixel_px[..., 1] / height - 0.5
     body = np.array([k.body_m for k in found.markers])
     heading = found.rigid.pose[:, 2]
     cosine, sine = np.cos(heading)[:, None], np.sin(heading)[:, None]
@@ -347,7 +366,7 @@ def _from_motion(run: Run, data: RunData, motion: pd.DataFrame) -> _Series:
     variance[:, 4] = data.covariance[:, 0, 1]
     modes = np.zeros((len(data.common), n, 4))
     modes[..., :2] = data.common
-    return _Series(data.t_s, values, variance, modes, np.zeros((n, 4, 3)))
+    return _Series(data.t_s, values, variance, modes, np.zeros((2, n, 4, 3)))
 
 
 def _blocks(t_s: Array, values: Array, step_s: float) -> tuple[Array, Array, Array, Array]:
@@ -412,4 +431,4 @@ def _covariances(
     return answer, cross
 
 
-__all__ = ["CHANNELS", "Marks", "Recorded", "TowRun", "block_step", "corrected", "tow_runs"]
+__all__ = ["CHANNELS", "Marks", "Recorded", "TowRun", "block_step", "corrected", "tow_runs", "without_cell"]

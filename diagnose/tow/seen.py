@@ -51,10 +51,10 @@ class TowSeen:
         self._stated = np.array(
             [[t.line_length_m, t.tow_point_m, t.tow_point_offset_m, t.post_m[0]] for t in tows], dtype=float
         )
-        self._shutter = np.zeros((len(node_s), len(runs), 4, 3))
+        self._shutter = np.zeros((2, len(node_s), len(runs), 4, 3))
         for i, run in enumerate(runs):
-            nodes = np.clip((np.arange(len(node_s)) - 1) // 2, 0, len(run.shutter) - 1)
-            self._shutter[:, i] = np.nan_to_num(run.shutter[nodes])
+            nodes = np.clip((np.arange(len(node_s)) - 1) // 2, 0, run.shutter.shape[1] - 1)
+            self._shutter[:, :, i] = np.nan_to_num(run.shutter[:, nodes])
 
     def slopes(
         self, group: Variations, path: Array, changes: Array, lags_s: tuple[float, ...]

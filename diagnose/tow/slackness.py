@@ -13,7 +13,7 @@ from ...simulate.model import RESISTANCE_EXPONENT, Array
 from ..effects import Effect, jerked, slack
 from .courses import by_run
 from .data import TowRun
-from .jerks import STEP_S, Event, Straight, events
+from .jerks import STEP_S, Event, Push, Straight, events
 from .start import straight_pull
 
 SLACK_Z = 8.0
@@ -21,8 +21,9 @@ SLACK_Z = 8.0
 LIKE_THE_MOST = 0.3
 """Windows below this share of the clearest one's significance are left out: a fit that lacks the slack line errs a little in all
 runs."""
-KINDS = 2
-"""Kinds of what carries the models ahead that are tried as effects: a choice, for time."""
+KINDS, AS_GOOD = 4, 10.0
+"""Kinds of what carries the models ahead that are tried as effects: so many, as far as the radius alone does not tell them from the
+best by more than the second. Choices, for time."""
 FOUND_COST = 10.0
 """Log evidence that finding an event's six numbers in a run's residual costs: a choice."""
 SURGING = 1.05
@@ -73,7 +74,7 @@ def slack_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Ef
 
 def jerk_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Effect]:
     """The likeliest slackenings of lines that keep their length, from the taut line's residual: in the run that shows most, in the
-    two, ... in all that show any; by the two likeliest kinds of what carried the models.
+    two, ... in all that show any; by the likeliest kinds of what carried the models.
 
     Parameters
     ----------
@@ -91,10 +92,10 @@ def jerk_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Eff
     clear = max(SLACK_Z**2 / 2, LIKE_THE_MOST**2 * max(sure.values(), default=0.0))
     order = sorted((i for i in sure if sure[i] > clear), key=lambda i: -sure[i])
     found: list[Effect] = []
-    kinds = sorted(
-        {e.push for i in order for e in shown[i]},
-        key=lambda push: -sum(e.gain for i in order for e in shown[i] if e.push == push),
-    )
+    gains: dict[Push, float] = {}
+    for event in (e for i in order for e in shown[i]):
+        gains[event.push] = gains.get(event.push, 0.0) + event.gain
+    kinds = [k for k in sorted(gains, key=lambda k: -gains[k]) if gains[k] > max(gains.values()) - AS_GOOD]
     for push in kinds[:KINDS]:
         own = {i: next(e for e in shown[i] if e.push == push) for i in order}
         for count in range(1, len(order) + 1):

@@ -49,21 +49,23 @@ def tow(filmed: tuple[Any, Any, Any]) -> TowRun:
 
 
 @pytest.mark.parametrize("aside_m", [0.0, 0.5])
-def test_a_rolling_shutter_sees_a_lower_mark_later(filmed: tuple[Any, Any, Any], aside_m: float) -> None:
-    """Every mark taken from its own track 20 ms times its row's share later: y, beta and marker distance change by the shutter's
+@pytest.mark.parametrize("way", [0, 1], ids=["rows", "columns"])
+def test_a_rolling_shutter_sees_a_lower_mark_later(filmed: tuple[Any, Any, Any], aside_m: float, way: int) -> None:
+    """Every mark taken from its own track 20 ms times its row's (or column's) share later: y, beta and marker distance change by the shutter's
     slopes times the rates of x, y and beta, to a twentieth of the largest change, with marks on the model's axis and beside it."""
     run, tracks, static = filmed
     marks = [m.model_copy(update={"body_m": (m.body_m[0], aside_m)}) for m in run.file.marker]
     run = replace(run, file=run.file.model_copy(update={"marker": tuple(marks)}))
     filmed, tow = (run, tracks, static), prepared((run, tracks, static))
-    readout_s, (_, height) = 0.02, run.file.camera.image_size_px
+    readout_s, (width, height) = 0.02, run.file.camera.image_size_px
     late = tracks.copy()
     for mark in tracks["marker"].unique():
         rows = (tracks["marker"] == mark) & (tracks["status"] == "measured")
-        t_s, v_px = tracks.loc[rows, "t_s"].to_numpy(), tracks.loc[rows, "v_px"].to_numpy()
+        t_s = tracks.loc[rows, "t_s"].to_numpy()
+        share = tracks.loc[rows, ("v_px", "u_px")[way]].to_numpy() / (height, width)[way] - 0.5
         for column in ("u_px", "v_px"):
             course = CubicSpline(t_s[::12], tracks.loc[rows, column].to_numpy()[::12])
-            late.loc[rows, column] += course(t_s + readout_s * (v_px / height - 0.5)) - course(t_s)
+            late.loc[rows, column] += course(t_s + readout_s * share) - course(t_s)
     seen = prepared(filmed, late).values - tow.values
     fit = run_datum(run, None)
     motion = motion_from_tracks(run, tracks, fit).motion
@@ -71,7 +73,7 @@ def test_a_rolling_shutter_sees_a_lower_mark_later(filmed: tuple[Any, Any, Any],
     for name in ("x_cg_m", "y_cg_m", "beta_rad"):
         course = CubicSpline(motion["t_s"].to_numpy()[::12], motion[name].to_numpy()[::12])
         rates.append(course(tow.centre_s + tow.start_s, 1))
-    told = readout_s * np.einsum("nck,kn->nc", tow.shutter, np.array(rates))
+    told = readout_s * np.einsum("nck,kn->nc", tow.shutter[way], np.array(rates))
     for channel, row in ((0, 1), (1, 2), (3, 3)):  # y, beta and distance among (x, y, beta, distance)
         largest = np.abs(told[:, row]).max()
         np.testing.assert_allclose(seen[2:-2, channel], told[2:-2, row], atol=0.05 * largest)

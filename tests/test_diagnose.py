@@ -141,6 +141,9 @@ def test_an_absent_effect_changes_nothing(model) -> None:
             "bank_suction",
             "speed_drift",
             "frame_rate",
+            "crossflow_drag",
+            "tow_point_offset",
+            "cross_current",
         }
 
 

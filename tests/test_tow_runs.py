@@ -48,11 +48,17 @@ def tow(filmed: tuple[Any, Any, Any]) -> TowRun:
 # what the camera would show ---------------------------------------------------------------------------------------
 
 
+SPLINED = 2e-5
+"""m, rad: marks scatter by 0.3 mm; a spline through every twelfth frame (0.48 s), read 20 ms later, moves by that times 0.02 / 0.48
+and the square root of two marks."""
+
+
 @pytest.mark.parametrize("aside_m", [0.0, 0.5])
 @pytest.mark.parametrize("way", [0, 1], ids=["rows", "columns"])
 def test_a_rolling_shutter_sees_a_lower_mark_later(filmed: tuple[Any, Any, Any], aside_m: float, way: int) -> None:
-    """Every mark taken from its own track 20 ms times its row's (or column's) share later: y, beta and marker distance change by the shutter's
-    slopes times the rates of x, y and beta, to a twentieth of the largest change, with marks on the model's axis and beside it."""
+    """Every mark from its own track 20 ms times its row's (or column's) share later: y, beta and marker distance change by the
+    shutter's slopes times the rates of x, y and beta, to a twentieth of the largest change, with marks on the model's axis and
+    beside it."""
     run, tracks, static = filmed
     marks = [m.model_copy(update={"body_m": (m.body_m[0], aside_m)}) for m in run.file.marker]
     run = replace(run, file=run.file.model_copy(update={"marker": tuple(marks)}))
@@ -76,7 +82,7 @@ def test_a_rolling_shutter_sees_a_lower_mark_later(filmed: tuple[Any, Any, Any],
     told = readout_s * np.einsum("nck,kn->nc", tow.shutter[way], np.array(rates))
     for channel, row in ((0, 1), (1, 2), (3, 3)):  # y, beta and distance among (x, y, beta, distance)
         largest = np.abs(told[:, row]).max()
-        np.testing.assert_allclose(seen[2:-2, channel], told[2:-2, row], atol=0.05 * largest)
+        np.testing.assert_allclose(seen[2:-2, channel], told[2:-2, row], atol=0.05 * largest + SPLINED)
 
 
 @pytest.fixture(scope="module")

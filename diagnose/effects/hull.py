@@ -150,10 +150,10 @@ CROSSFLOW_FORMS = (
     replace(
         CROSSFLOW,
         parameters=(
-            Parameter("y_v_v_m", "m", 0.15, one_sided=True),
-            Parameter("y_v_r_m", "m", 0.05),
+            Parameter("y_v_v_m", "m", 0.1, one_sided=True),
+            Parameter("y_v_r_m", "m", 0.02),
             Parameter("n_v_v_m", "m", 0.05),
-            Parameter("n_v_r_m", "m", 0.03),
+            Parameter("n_v_r_m", "m", 0.01),
             Parameter("n_r_r_m", "m", 0.02, one_sided=True),
         ),
         force=_moduli,

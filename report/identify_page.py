@@ -14,7 +14,7 @@ from ..record.each import Each, in_turn
 from .budget_section import budget_section
 from .dynamics_figures import Answer, bode_figure, orbits_figure, spectrum_figure
 from .format import NONE, SYMBOLS_TEXT, plus_minus, significant, to_decimals
-from .html import FIGURES, Html, bullets, figure, join, number, table, tag, unit
+from .html import FIGURES, Html, bullets, figure, join, number, symbols, table, tag, unit
 from .identify_figures import consistency_figure, cross_figure, estimators_figure, white_residuals
 from .page import document, write_document
 from .run_figures import motion_figure, residuals_figure, whiteness_figure
@@ -196,7 +196,7 @@ def _reference(found: FitPage, agreed: Consistency, compared: Comparison) -> Htm
         tag("h2", "Against a reference"),
         tag("p", verdict),
         tag("div", shown, drawn, class_="grid"),
-        bullets(compared.notes),
+        bullets(map(symbols, compared.notes)),
         id="reference",
     )
 
@@ -250,7 +250,7 @@ def _consistency(found: FitPage, agreed: Consistency, pictures: list[Html]) -> H
             )
         )  # fmt: skip
     problems = [f"{part.name}: {part.problem}" for part in (*agreed.alone, *agreed.without) if part.problem]
-    parts.append(bullets(problems))
+    parts.append(bullets(map(symbols, problems)))
     return tag("section", *parts, id="consistency")
 
 

@@ -166,9 +166,8 @@ def _reference(found: FitPage, agreed: Consistency, compared: Comparison) -> Htm
         far = abs(row.difference_sd) > FAR
         score = number(f"{row.difference_sd:+.1f}" if np.isfinite(row.difference_sd) else NONE)
         rows.append([
-            SYMBOLS_HTML[row.name],
+            join([SYMBOLS_HTML[row.name], " ", tag("small", unit(row.unit))]),
             number(plus_minus(row.value, row.std)),
-            unit(row.unit),
             number(significant(alone, 4)),
             number(plus_minus(row.reference, row.reference_std) if row.reference_std else significant(row.reference, 4)),
             number(f"{row.difference_percent:+.2f}"),
@@ -179,7 +178,7 @@ def _reference(found: FitPage, agreed: Consistency, compared: Comparison) -> Htm
             *(number(to_decimals(1e3 * x / prime, 3)) for x in (row.value, alone, row.reference)),
         ])  # fmt: skip
     caption = f"{source.name}: {source.source}" if source.source else source.name
-    head = ["derivative", "this fit", "unit", "mean of runs alone", "reference", "differs, %", "in sd"]
+    head = ["derivative", "this fit", "mean of runs alone", "reference", "differs, %", "in sd"]
     verdict = (
         f"All {len(rows)} together: chi-square {significant(compared.chi_square, 4)} on {len(rows)}, "
         f"p {_chance(compared.p_value)}: the chance of so large a difference, were the reference the truth."
@@ -188,7 +187,7 @@ def _reference(found: FitPage, agreed: Consistency, compared: Comparison) -> Htm
     drawn = figure(estimators_figure([r.name for r in compared.rows], *values), "The same in a picture.")
     shown = tag(
         "div",
-        table(head, rows, kind="units", caption=caption),
+        table(head, rows, caption=caption),
         table(["in primes × 10³", "this fit", "mean of runs alone", "reference"], primes),
     )
     return tag(

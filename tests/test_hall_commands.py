@@ -27,7 +27,6 @@ from towline.cli.ask import numbers
 from towline.cli.outcome import Outcome, plain
 from towline.record import RunFile, read_run
 from towline.record.template import ASSUMED, EXAMPLE, PLACEHOLDER, checked_value, field_of, run_text
-from towline.record.toml import _lists_to_tuples
 
 HELP_S = 0.3
 """``towline --help`` answers within this time."""
@@ -362,10 +361,17 @@ def in_force(text: str) -> str:
     return re.sub(r"^# ?", "", text, flags=re.MULTILINE)
 
 
+def tupled(value: Any) -> Any:
+    """Lists as the tuples that the schema's strict tables hold."""
+    if isinstance(value, dict):
+        return {key: tupled(inner) for key, inner in value.items()}
+    return tuple(map(tupled, value)) if isinstance(value, list) else value
+
+
 def faults_of(content: dict[str, Any]) -> dict[str, str]:
     """What the schema has against the tables, by the place."""
     try:
-        RunFile.model_validate(_lists_to_tuples(content))
+        RunFile.model_validate(tupled(content))
     except ValidationError as error:
         return {".".join(map(str, fault["loc"])): fault["msg"] for fault in error.errors(include_url=False)}
     return {}

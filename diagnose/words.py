@@ -101,16 +101,14 @@ def _summary(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping
     }
     form = ", in a form that is not exactly the library's" if inexact else ""
     missed = f"{_titled(row.effects, titles)}{side.get(stage, '')}{form} (probability {row.named:.2f})"
-    said = [f"Your simulator misses {missed}."]
-    if is_unseen(file):
-        said = [f"What fits these runs best is {missed}, but no gap shrinks with it: that it is missing is not shown."]
+    said = [f"Your simulator misses {missed}{', by the fitted runs alone' if is_unseen(file) else ''}."]
     numbers = ", ".join(size.text for size in sizes_of(row.parameters, row.units))
     said.append(f"Its size: {numbers}{STILL_MOVING if file.promised > CONVERGED_GAIN else ''}.")
     on = "runs kept aside" if file.kept_aside else "fitted run itself"
     if held is not None and is_unseen(file):
         said.append(
-            f"The gap on the {on} is {row.gap_before:.2f} sigma without it and {row.gap_after:.2f} with it; another tow would show "
-            "whether it is there."
+            f"No gap on the {on} shrinks with it ({row.gap_before:.2f} sigma without it, {row.gap_after:.2f} with it): another tow "
+            "would show whether it is there again."
         )
     elif held is not None and held.before > 1:
         low, high = row.shrink_interval

@@ -27,11 +27,12 @@ HEADLINES = {
     "unknown": "Something unknown is missing",
     "not_converged": "No answer: the fit did not converge",
 }
-UNSEEN = "Open: an effect fits, but no gap shrinks with it"
+UNSEEN = "An effect fits, but no other run shows it"
+"""Instead of "is missing", where the gap of the runs kept aside does not shrink with it."""
 
 
 def headline(file: GapFile) -> str:
-    """The verdict in two or three words; "Open" where no gap is said for want of proof, or an effect without a gap that shrinks.
+    """The verdict in two or three words; "Open" where no gap is said for want of proof.
 
     Parameters
     ----------
@@ -125,7 +126,8 @@ def _size(one: Size) -> Html:
 
 
 def _not_told(file: GapFile) -> Html:
-    rows = [" and ".join(names) for names in file.indistinguishable]
+    words = {row.effects[0]: row.titles[0] for row in file.ranking if len(row.effects) == 1 and row.titles}
+    rows = [" and ".join(words.get(name, name.replace("_", " ")) for name in names) for names in file.indistinguishable]
     return tag("div", tag("h3", "What these runs cannot tell apart"), bullets(rows)) if rows else Html("")
 
 

@@ -1,7 +1,7 @@
 # make demo        the main job on the sample videos        make test   lint and tests        make docs   build/site/index.html
 # make wheel       dist/ with wheel and sdist
 # make wheel-test  the tests against an installed wheel (TESTS='-k lens' passes options on)
-# KORNIA=0         leaves torch and kornia out              PYTHON=...  another interpreter (3.11 or newer)
+# KORNIA=0         tests without torch and kornia           PYTHON=...  another interpreter (3.11 or newer)
 # WORKERS=auto     processes of the tests, one a core
 PYTHON ?= python3
 KORNIA ?= 1
@@ -10,21 +10,28 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml Makefile
 
+# The main job needs neither torch nor kornia; the tests do, to check the derivatives behind the uncertainties.
+TORCH := $(shell sed -n 's/.*"\(torch==[0-9.]*\)".*/\1/p' pyproject.toml)
+TORCH_CPU := https://download.pytorch.org/whl/cpu
+
 ifeq ($(KORNIA),0)
-DEMO_EXTRAS := .
-TEST_EXTRAS := .[test]
 EXTRAS := test
 STAMP := plain
 else
-DEMO_EXTRAS := .[kornia]
-TEST_EXTRAS := .[test,kornia]
 EXTRAS := test,kornia
 STAMP := kornia
 endif
 
+# Without a GPU the CPU build, of a tenth of the size, goes in first and the pin accepts it. $(1): the environment's folder
+define cpu_torch
+@if [ '$(KORNIA)' != 0 ] && ! command -v nvidia-smi >/dev/null && ! $(1)/bin/python -c 'import torch' 2>/dev/null; then \
+  $(1)/bin/python -m pip install --quiet '$(TORCH)' --retries 1 --index-url $(TORCH_CPU) \
+  || echo "$(TORCH_CPU) cannot be reached: the default build of torch follows, several GB (KORNIA=0 leaves it out)" >&2; fi
+endef
+
 .PHONY: demo test lint wheel wheel-test clean docs
 
-demo: $(VENV)/.demo-$(STAMP)
+demo: $(VENV)/.demo
 	$(BIN)/towline run sample_videos/leander_steady/hole6 sample_videos/leander_steady/hole5 sample_videos/leander_steady/hole4 sample_videos/leander_steady/hole3
 	$(BIN)/towline run sample_videos/mariner/x1446 sample_videos/mariner/x1548 sample_videos/mariner/x1649 sample_videos/mariner/x1751
 
@@ -54,20 +61,22 @@ $(BIN)/python:
 wheel-test:
 	@rm -rf build/wheel-test && mkdir -p build/wheel-test
 	@$(MAKE) --no-print-directory VENV=build/wheel-test/venv build/wheel-test/venv/bin/python
+	$(call cpu_torch,build/wheel-test/venv)
 	build/wheel-test/venv/bin/python -m pip wheel --quiet --no-deps -w build/wheel-test .
 	build/wheel-test/venv/bin/python -m pip install --quiet -c constraints.txt "$$(ls build/wheel-test/towline-*.whl)[$(EXTRAS)]"
 	@cd build/wheel-test && venv/bin/python -c 'import sys, towline; sys.exit(None if "site-packages" in towline.__file__ else towline.__file__)'
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 build/wheel-test/venv/bin/python -m pytest tests $(TESTS)
 
-$(VENV)/.demo-$(STAMP): $(BIN)/python $(SOURCES)
-	$(BIN)/python -m pip install --quiet -e '$(DEMO_EXTRAS)'
+$(VENV)/.demo: $(BIN)/python $(SOURCES)
+	$(BIN)/python -m pip install --quiet -e .
 	@touch $@
 
 $(VENV)/.test-$(STAMP): $(BIN)/python $(SOURCES)
-	$(BIN)/python -m pip install --quiet -e '$(TEST_EXTRAS)'
+	$(call cpu_torch,$(VENV))
+	$(BIN)/python -m pip install --quiet -e '.[$(EXTRAS)]'
 	@touch $@
 
-wheel: $(VENV)/.demo-$(STAMP)
+wheel: $(VENV)/.demo
 	$(BIN)/python -m pip install --quiet build
 	$(BIN)/python -m build --outdir dist .
 

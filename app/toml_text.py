@@ -14,6 +14,8 @@ from typing import Any
 
 import tomlkit
 
+from ..record.template import EXAMPLE
+
 Where = tuple[str | int, ...]
 """("tow", "speed_m_s"), or ("datum", 2, "pixel_px") with numbers from 0."""
 _HEADER = re.compile(r"^\s*\[")
@@ -196,7 +198,7 @@ def _in_place_of_comment(text: str, where: Where, value: Any) -> str | None:
             return None
         found = re.match(rf"#\s*{re.escape(key)}\s*=[^#]*(#.*)?", lines[number])
         if found:
-            words = (found.group(1) or "").rstrip()
+            words = (found.group(1) or "").replace(EXAMPLE, "").rstrip()
             lines[number] = f"{f'{key} = {toml_value(value)}':36}  {words}".rstrip() + "\n"
             return "".join(lines)
     return None

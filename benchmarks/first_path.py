@@ -2,7 +2,7 @@
 
     python benchmarks/first_path.py
 
-Prints a table; the figures of README.md come from it.
+Prints a table; the figures of README.md and docs/how-well.md come from it.
 """
 
 from __future__ import annotations

@@ -217,7 +217,7 @@ def _numbers(values: Array, decimals: int) -> str:
 
 
 def tables(out: Path) -> str:
-    """What the README quotes."""
+    """What docs/how-well.md quotes."""
     lines = [
         f"{'':34s} {'rms error over the bound':58s} 95 % intervals hold, %",
         f"{'':34s} " + f"{HEADS}           {HEADS}",

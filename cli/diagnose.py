@@ -94,12 +94,12 @@ def _law(options: argparse.Namespace, out: Path, found: Any) -> tuple[list[Path]
 
 
 def _ranking(file: Any) -> None:
-    print(f"{'hypothesis':44}{'probability':>12}{'gap before':>12}{'after':>8}{'shrink':>8}")
-    print(f"{'no gap':44}{file.p_no_gap:12.3f}")
+    print(f"{'hypothesis':54}{'probability':>12}{'gap before':>12}{'after':>8}{'shrink':>8}")
+    print(f"{'no gap':54}{file.p_no_gap:12.3f}")
     for row in file.ranking[:5]:
-        name = " + ".join(row.effects)
-        print(f"{name:44}{row.named:12.3f}{row.gap_before:12.2f}{row.gap_after:8.2f}{row.shrink:8.2f}")
-    print(f"{'unknown':44}{file.p_unknown:12.3f}")
+        shrink = "-" if row.shrinks is None else f"{row.shrink:.2f}"
+        print(f"{row.words:54}{row.named:12.3f}{row.gap_before:12.2f}{row.gap_after:8.2f}{shrink:>8}")
+    print(f"{'unknown':54}{file.p_unknown:12.3f}")
     shares = ", ".join(f"{stage} {share:.2f}" for stage, share in file.where.share.items())
     print(f"where: {shares}")
     for name, why in file.excluded.items():

@@ -223,11 +223,13 @@ def _rows(
         rows.append(
             RankedEffects(
                 effects=list(candidate.names),
+                titles=[effect.title or effect.name for effect in candidate.effects],
                 probability=float(probability),
                 probability_inexact=float(named - probability),
                 form=candidate.variant,
                 forms=_forms(ranking, candidate),
                 parameters=_numbers(inference, candidate),
+                units=_units(candidate),
                 gap_before=gap.before,
                 gap_after=gap.after,
                 shrink=gap.shrink,
@@ -243,6 +245,12 @@ def _forms(ranking: Ranking, candidate: Candidate) -> dict[str, float]:
     """Other forms of the same effects that were fitted -> log evidence below this one's."""
     found = ranking.forms.get(candidate.names, {})
     return {variant: log - candidate.log_evidence for variant, log in found.items() if variant != candidate.variant}
+
+
+def _units(candidate: Candidate) -> dict[str, str]:
+    """effect.number -> unit, of those that have one."""
+    found = {f"{e.name}.{p.name}": p.unit for e in candidate.effects for p in e.parameters if p.unit}
+    return found | {f"{effect.name}.time_s": "s" for effect in candidate.effects if effect.lag_s}
 
 
 def _numbers(inference: Inference, candidate: Candidate) -> dict[str, Measured]:

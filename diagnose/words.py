@@ -8,6 +8,7 @@ from ..record.gap_file import GapFile, RankedEffects
 from .inference.engine import CONVERGED_GAIN
 from .inference.held_out import Shrink
 from .inference.scan import Leftover
+from .sizes import sizes_of, symbol
 from .tow.numbers import BESIDE
 
 OPEN = 0.6
@@ -24,6 +25,11 @@ NOTABLE = 5.0
 def is_open(file: GapFile) -> bool:
     """No gap is said for want of proof, not because nothing seems to be missing."""
     return file.verdict == "no_gap" and file.p_no_gap < OPEN
+
+
+def is_unseen(file: GapFile) -> bool:
+    """Effects are named, but on the runs that are judged the gap does not shrink with them."""
+    return file.verdict in ("effect", "form_not_exact") and bool(file.ranking) and file.ranking[0].shrinks is False
 
 
 STILL_MOVING = "; its fit has not come to its end, so that sizes and gap may be further off than this says"
@@ -94,14 +100,18 @@ def _summary(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping
         "camera": " in the camera",
     }
     form = ", in a form that is not exactly the library's" if inexact else ""
-    said = [
-        f"Your simulator misses {_titled(row.effects, titles)}{side.get(stage, '')}{form} (probability {row.named:.2f})."
-    ]
-    numbers = ", ".join(f"{k.split('.')[1]} {v.value:.3g} +- {v.std:.2g}" for k, v in row.parameters.items())
+    missed = f"{_titled(row.effects, titles)}{side.get(stage, '')}{form} (probability {row.named:.2f})"
+    said = [f"Your simulator misses {missed}{', by the fitted runs alone' if is_unseen(file) else ''}."]
+    numbers = ", ".join(size.text for size in sizes_of(row.parameters, row.units))
     said.append(f"Its size: {numbers}{STILL_MOVING if file.promised > CONVERGED_GAIN else ''}.")
-    if held is not None and held.before > 1:
+    on = "runs kept aside" if file.kept_aside else "fitted run itself"
+    if held is not None and is_unseen(file):
+        said.append(
+            f"No gap on the {on} shrinks with it ({row.gap_before:.2f} sigma without it, {row.gap_after:.2f} with it): another tow "
+            "would show whether it is there again."
+        )
+    elif held is not None and held.before > 1:
         low, high = row.shrink_interval
-        on = "runs kept aside" if file.kept_aside else "fitted run itself"
         said.append(
             f"With it, the gap on the {on} falls from {row.gap_before:.2f} to {row.gap_after:.2f} sigma "
             f"({100 * row.shrink:.0f} %, interval {100 * low:.0f}-{100 * high:.0f})."
@@ -170,7 +180,7 @@ def _changed(file: GapFile) -> str:
         return ""
     worst = max(bias, key=lambda k: abs(bias[k]))
     return (
-        f"Left out, it biases the derivatives by up to {abs(bias[worst]):.0f} % ({worst})."
+        f"Left out, it biases the derivatives by up to {abs(bias[worst]):.0f} % ({symbol(worst)})."
         if abs(bias[worst]) >= 1
         else ""
     )

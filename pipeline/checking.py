@@ -169,10 +169,11 @@ def _checked(
     tried = [found_fault(check, scored, points, marks, names) for scored in check.ranking]
     likely = tried[: len(check.named)]
     unlikely = chdtrc(check.null.degrees, check.null.chi_square) < UNLIKELY
-    verdict = "fault" if likely else ("unknown" if unlikely or mistakes else "sound")
+    gauges = gauges_of(runs, tracks, datum) if not mistakes else {}
+    contradicted = [name for name, gauge in gauges.items() if gauge.contradicted]
+    verdict = "fault" if likely else ("unknown" if unlikely or mistakes or contradicted else "sound")
     values, words = refined(check, refine) if refine else ([], [])
     changes = effects_of(runs, tracks, datum, say) if effects else {}
-    gauges = gauges_of(runs, tracks, datum) if not mistakes else {}
     file = CheckFile(
         schema="towline/check",
         tool=__version__,
@@ -181,7 +182,7 @@ def _checked(
         verdict=verdict,
         sentences=[
             *(mistake.line for mistake in mistakes),
-            *_sentences(verdict, likely, check, runs, changes),
+            *_sentences(verdict, likely, check, runs, changes, bool(unlikely)),
             *(gauge_words(*g) for g in gauges.items()),
         ],
         mistakes=[FoundMistake(kind=m.kind, keys=list(m.keys), sentence=m.line) for m in mistakes],
@@ -213,7 +214,12 @@ def _checked(
 
 
 def _sentences(
-    verdict: str, named: Sequence[FoundFault], check: Check, runs: Sequence[Run], changes: dict[str, dict[str, float]]
+    verdict: str,
+    named: Sequence[FoundFault],
+    check: Check,
+    runs: Sequence[Run],
+    changes: dict[str, dict[str, float]],
+    unlikely: bool,
 ) -> list[str]:
     said: list[str] = []
     if verdict == "sound":
@@ -227,6 +233,8 @@ def _sentences(
         said.append(f"odds against nothing being wrong: {odds}")
         if len(named) > 1:
             said.append("these runs do not tell it from: " + "; ".join(f.sentence for f in named[1:]))
+    elif not unlikely:
+        said.append("datum, marker distances and taut line agree with one another, but not with all that is stated")
     else:
         said.append(
             f"something does not fit (chi-square {check.null.chi_square:.0f} of {check.null.degrees}) and no single fault explains "

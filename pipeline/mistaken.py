@@ -11,6 +11,7 @@ import numpy as np
 from ..record.errors import InputError, TowlineError
 from ..record.run import RUN_FILE, Run
 from ..record.tables import read_history
+from ..record.template import left_of_template
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,6 +39,24 @@ def mistakes_of(run: Run, tracks: pd.DataFrame | None) -> tuple[Mistake, ...]:
         None if tension is None else float(np.median(tension)),
         None if rudder is None else float(np.abs(rudder).max()),
     )
+
+
+def refuse_untouched(run: Run) -> None:
+    """Stop before anything is computed from datum points that are still the example of ``towline init``.
+
+    Parameters
+    ----------
+    run : the run folder as read; one that came with its motion needs no datum
+
+    Raises
+    ------
+    InputError : names the point, its key and what was expected
+    """
+    if run.file.source.motion is not None:
+        return
+    left = left_of_template(run.file, _size_px(run))
+    if left is not None:
+        raise InputError(run.folder / RUN_FILE, *left)
 
 
 @contextmanager
@@ -105,4 +124,4 @@ def _history(run: Run, name: str | None, column: str) -> np.ndarray | None:
         return None
 
 
-__all__ = ["mistake_lines", "mistake_notes", "mistakes_of", "named"]
+__all__ = ["mistake_lines", "mistake_notes", "mistakes_of", "named", "refuse_untouched"]

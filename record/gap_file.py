@@ -8,6 +8,9 @@ from pydantic import Field
 
 from .results import Measured, ResultFile, _Part
 
+LEAST_SHRINK = 0.005
+"""A smaller shrink reads 0.00."""
+
 
 class Where(_Part):
     """Where the gap lies."""
@@ -26,6 +29,7 @@ class RankedEffects(_Part):
     """One effect or a pair."""
 
     effects: list[str] = Field(description="names")
+    titles: list[str] = Field(default_factory=list, description="the same in words; empty: the names")
     probability: float = Field(description="posterior, of the effects in the form that the library has")
     probability_inexact: float = Field(
         default=0.0, description="that they are there in another form, and leave something over"
@@ -36,12 +40,23 @@ class RankedEffects(_Part):
         description="other forms that were fitted -> log evidence against this one's; below -3: excluded",
     )
     parameters: dict[str, Measured] = Field(description="numbers, as effect.number; SI")
+    units: dict[str, str] = Field(default_factory=dict, description="of the parameters; absent: a plain number")
     gap_before: float = Field(description="rms whitened residual of y and beta on runs kept aside, without")
     gap_after: float = Field(description="with; 1 = noise")
     shrink: float = Field(description="1 - excess_after/excess_before, excess = gap^2 - 1 floored at 0")
     shrink_interval: tuple[float, float] = Field(description="90 % interval of shrink")
     log_evidence: float = Field(default=0.0, description="against no effect, natural logarithm")
     cure: str = Field(default="", description="what to do about it")
+
+    @property
+    def words(self) -> str:
+        """What is missing, in words."""
+        return " + ".join(self.titles or self.effects)
+
+    @property
+    def shrinks(self) -> bool | None:
+        """Whether the gap gets smaller with the effects by a share that two decimals show; None: it is noise without them."""
+        return None if self.gap_before <= 1 else self.shrink >= LEAST_SHRINK
 
     @property
     def named(self) -> float:

@@ -70,8 +70,10 @@ class Priors(Table):
     )
     line_length_sd_m: _Sd = Field(default=0.0, description="error of L common to all runs")
     speed_sd_rel: _Sd = Field(default=0.0, description="error of U common to all runs, relative")
-    y_bias_sd_m: _Sd | None = Field(default=None, description="datum bias y_b of a run; absent: free")
-    beta_bias_sd_rad: _Sd | None = Field(default=None, description="datum bias beta_b of a run; absent: free")
+    y_bias_sd_m: _Sd | None = Field(default=None, description="datum bias y_b of a run; absent: free", examples=[0.002])
+    beta_bias_sd_rad: _Sd | None = Field(
+        default=None, description="datum bias beta_b of a run; absent: free", examples=[0.003]
+    )
     marker_depth_sd_m: _Sd = Field(
         default=0.0, description="error of each marker's depth_m, the same in all runs of a model"
     )

@@ -67,12 +67,21 @@ class SourceTable(Table):
         default=None,
         description="the recording: any container ffmpeg reads, a folder of numbered pictures, or a pattern of their names "
         "(img_%04d.png, *.tif; img_{ms}.png: times in the names, in s, ms, us or ns); path from the run folder",
+        examples=["video.mp4"],
     )
-    tracks: str | None = Field(default=None, description="pixel tracks (tracks.csv or .parquet) made elsewhere")
-    motion: str | None = Field(default=None, description="motion (motion.csv or .parquet) from a tracking system")
-    span_s: Span | None = Field(default=None, description="the part to analyse, in the source's own time")
+    tracks: str | None = Field(
+        default=None, description="pixel tracks (tracks.csv or .parquet) made elsewhere", examples=["tracks.csv"]
+    )
+    motion: str | None = Field(
+        default=None, description="motion (motion.csv or .parquet) from a tracking system", examples=["motion.csv"]
+    )
+    span_s: Span | None = Field(
+        default=None, description="the part to analyse, in the source's own time", examples=[[2.0, 40.0]]
+    )
     frame_rate_hz: Positive | None = Field(
-        default=None, description="replaces the recording's own timestamps; of numbered pictures the only ones"
+        default=None,
+        description="replaces the recording's own timestamps; of numbered pictures the only ones",
+        examples=[50.0],
     )
     exposure_s: NotNegative = Field(
         default=0.0,
@@ -98,17 +107,21 @@ class SourceTable(Table):
 class NoiseTable(Table):
     """Records of the measurement's own noise."""
 
-    static: str = Field(description="the same marks while the model is held still: tracks, or a video")
+    static: str = Field(
+        description="the same marks while the model is held still: tracks, or a video", examples=["static.csv"]
+    )
 
 
 class CameraTable(Table):
     """The lens; without this table the picture is taken as free of distortion."""
 
-    image_size_px: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]] = Field(description="width, height")
-    fx_px: Positive = Field(description="focal length along u")
-    fy_px: Positive = Field(description="focal length along v")
-    cx_px: Number = Field(description="principal point, u")
-    cy_px: Number = Field(description="principal point, v")
+    image_size_px: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]] = Field(
+        description="width, height", examples=[[1280, 720]]
+    )
+    fx_px: Positive = Field(description="focal length along u", examples=[1200.0])
+    fy_px: Positive = Field(description="focal length along v", examples=[1200.0])
+    cx_px: Number = Field(description="principal point, u", examples=[639.5])
+    cy_px: Number = Field(description="principal point, v", examples=[359.5])
     distortion: tuple[Number, Number, Number, Number, Number] = Field(
         default=(0.0, 0.0, 0.0, 0.0, 0.0), description="k1 k2 p1 p2 k3 of OpenCV's model"
     )
@@ -117,7 +130,9 @@ class CameraTable(Table):
         description="standard deviations of fx fy cx cy k1 k2 p1 p2 k3; 0: exact",
     )
     calibration: str | None = Field(
-        default=None, description="lens.json of towline lens: the covariance of these numbers, instead of sd"
+        default=None,
+        description="lens.json of towline lens: the covariance of these numbers, instead of sd",
+        examples=["lens.json"],
     )
 
 
@@ -128,17 +143,20 @@ def _found_by() -> str:
 class DatumPoint(Table):
     """A point of known place, picked in the picture."""
 
-    name: Name = Field(default="", description="what the point is called in reports")
-    pixel_px: Pixel = Field(description="where it was picked, u right and v down, integers at pixel centres")
+    name: Name = Field(default="", description="what the point is called in reports", examples=["far_port"])
+    pixel_px: Pixel = Field(
+        description="where it was picked, u right and v down, integers at pixel centres", examples=[[640.0, 360.0]]
+    )
     tank_m: tuple[Length, Length, Depth] = Field(
-        description="x, y and depth below the datum plane (>= 0); points at a second depth make the height exact"
+        description="x, y and depth below the datum plane (>= 0); points at a second depth make the height exact",
+        examples=[[0.0, 0.0, 0.0]],
     )
     sigma_px: Sigma = Field(default=0.5, description="how well it was picked, standard deviation along u and along v")
     tank_sd_m: NotNegative = Field(
         default=0.0, description="how well tank_m is known, standard deviation along each axis; 0: exact"
     )
     track: bool = Field(default=False, description="re-found in every frame (shaken camera); false: stands as picked")
-    look: Annotated[str | None, Words(_found_by)] = Field(default=None, description=_found_by())
+    look: Annotated[str | None, Words(_found_by)] = Field(default=None, description=_found_by(), examples=["mark"])
 
     @model_validator(mode="after")
     def _below_datum(self) -> DatumPoint:
@@ -156,12 +174,16 @@ def _seen_at() -> str:
 class Marker(Table):
     """A mark to be found in every frame."""
 
-    name: Name = Field(description="its name in tracks.csv")
-    body_m: tuple[Length, Length] = Field(description='ahead of LCG, to starboard (on = "post": from post_m)')
-    depth_m: Depth = Field(description="below the datum plane (negative: above)")
+    name: Name = Field(description="its name in tracks.csv", examples=["bow"])
+    body_m: tuple[Length, Length] = Field(
+        description='ahead of LCG, to starboard (on = "post": from post_m)', examples=[[1.0, 0.0]]
+    )
+    depth_m: Depth = Field(description="below the datum plane (negative: above)", examples=[0.0])
     look: Annotated[str, Words(listed)] = Field(default="led", description=listed())
     colour: Colour = Field(default="bright", description="red | green | blue | white | yellow | bright | dark")
-    seen_at_px: Annotated[Pixel | None, Words(_seen_at)] = Field(default=None, description=_seen_at())
+    seen_at_px: Annotated[Pixel | None, Words(_seen_at)] = Field(
+        default=None, description=_seen_at(), examples=[[640.0, 360.0]]
+    )
     on: Literal["model", "post"] = Field(
         default="model", description="what it is fixed to; post: camera fixed to the tank"
     )
@@ -180,13 +202,19 @@ class Marker(Table):
 class TowTable(Table):
     """How the model was towed."""
 
-    speed_m_s: Speed = Field(description="carriage speed U")
+    speed_m_s: Speed = Field(description="carriage speed U", examples=[1.0])
     speed: str | None = Field(
-        default=None, description="history of U (t_s, speed_m_s); speed_m_s stays the nominal value"
+        default=None,
+        description="history of U (t_s, speed_m_s); speed_m_s stays the nominal value",
+        examples=["speed.csv"],
     )
     speed_delay_s: Delay = Field(default=0.0, description="t_video = t_speed + speed_delay_s")
-    line_length_m: PositiveLength | None = Field(default=None, description="L; needed unless kind is free")
-    tow_point_m: Length | None = Field(default=None, description="X_T, ahead of LCG; needed unless kind is free")
+    line_length_m: PositiveLength | None = Field(
+        default=None, description="L; needed unless kind is free", examples=[1.0]
+    )
+    tow_point_m: Length | None = Field(
+        default=None, description="X_T, ahead of LCG; needed unless kind is free", examples=[1.2]
+    )
     tow_point_offset_m: Length = Field(default=0.0, description="Y_T, to starboard")
     post_m: tuple[Length, Length] = Field(default=(0.0, 0.0), description="tow post in tank axes")
     line: Line = Field(
@@ -198,11 +226,13 @@ class TowTable(Table):
         default=None,
         description="line = surge: R, the force of a straight tow at speed_m_s (may be left out where the model swings far "
         "enough to be weighed); constant: T (or tension, not both)",
+        examples=[4.0],
     )
     tension: str | None = Field(
         default=None,
         description="history of T (t_s, tension_n) on the load cell's own clock; line = surge: an observation, constant: what "
         "moves the model",
+        examples=["tension.csv"],
     )
     tension_delay_s: Delay = Field(default=0.0, description="t_video = t_tension + tension_delay_s")
     rudder_rad: Angle = Field(default=0.0, description="rudder angle, positive to port")
@@ -210,6 +240,7 @@ class TowTable(Table):
         default=None,
         description="history of the rudder (t_s, rudder_rad) instead of rudder_rad; kind = free: it or rudder_rad is needed to "
         "identify the run",
+        examples=["rudder.csv"],
     )
     rudder_delay_s: Delay = Field(default=0.0, description="t_video = t_rudder + rudder_delay_s")
     post_amplitude_m: NotNegative = Field(default=0.0, description="forced: y_o = amplitude sin(2 pi f t + phase)")
@@ -228,29 +259,37 @@ class TowTable(Table):
 class ModelTable(Table):
     """The ship model."""
 
-    length_pp_m: PositiveLength = Field(description="LBP, the length of the prime system")
-    mass_kg: Positive = Field(description="displacement mass m")
+    length_pp_m: PositiveLength = Field(description="LBP, the length of the prime system", examples=[2.5])
+    mass_kg: Positive = Field(description="displacement mass m", examples=[75.0])
     dry_mass_kg: Positive | None = Field(
-        default=None, description="m of the ballasted model as weighed; with it Y_vdot stands alone in derivatives.json"
+        default=None,
+        description="m of the ballasted model as weighed; with it Y_vdot stands alone in derivatives.json",
+        examples=[75.0],
     )
     dry_mass_sd_kg: NotNegative = Field(default=0.0, description="standard deviation of dry_mass_kg")
     yaw_inertia_kg_m2: Positive | None = Field(
-        default=None, description="I, dry, about the LCG; with it N_rdot stands alone in derivatives.json"
+        default=None,
+        description="I, dry, about the LCG; with it N_rdot stands alone in derivatives.json",
+        examples=[30.0],
     )
     yaw_inertia_sd_kg_m2: NotNegative = Field(default=0.0, description="standard deviation of yaw_inertia_kg_m2")
     gyration_k2_m2: Positive | None = Field(
         default=None,
         description="K^2 = I/m of the dry model from its ballast's places; instead of yaw_inertia_kg_m2, not beside it",
+        examples=[0.4],
     )
     gyration_k2_sd_m2: NotNegative = Field(default=0.0, description="standard deviation of gyration_k2_m2")
     beam_m: PositiveLength | None = Field(
-        default=None, description="beam, by which a touch of the wall is seen; default length_pp_m / 7"
+        default=None, description="beam, by which a touch of the wall is seen; default length_pp_m / 7", examples=[0.36]
     )
-    rudder_arm_m: Length | None = Field(default=None, description="X_delta ahead of LCG; default -0.45 length_pp_m")
+    rudder_arm_m: Length | None = Field(
+        default=None, description="X_delta ahead of LCG; default -0.45 length_pp_m", examples=[-1.1]
+    )
     trim_rad: Trim | None = Field(
         default=None,
         description="trim by the stern (bow up) positive: (draught aft - draught forward)/length_pp_m; absent: not stated. "
         "The derivatives change with it: runs of unlike trim are not fitted together",
+        examples=[0.0],
     )
 
     @model_validator(mode="after")
@@ -270,22 +309,24 @@ class WaterTable(Table):
 
     density_kg_m3: Density = Field(default=1000.0, description="rho of the prime system")
     tank_width_m: PositiveLength | None = Field(
-        default=None, description="between the walls, which stand at y = +- half of it"
+        default=None, description="between the walls, which stand at y = +- half of it", examples=[4.0]
     )
 
 
 class ApartTable(Table):
     """[[measured]]: a number of something the simulator does not know, measured apart: data for `diagnose`."""
 
-    number: Name = Field(description="effect.number, as gap.json names it: `frame_rate.rate`")
-    value: Number = Field(description="what was measured; SI")
-    sd: Positive = Field(description="its standard deviation")
+    number: Name = Field(
+        description="effect.number, as gap.json names it: `frame_rate.rate`", examples=["frame_rate.rate"]
+    )
+    value: Number = Field(description="what was measured; SI", examples=[0.0])
+    sd: Positive = Field(description="its standard deviation", examples=[1e-4])
 
 
 class RunFile(Table):
     """run.toml."""
 
-    name: Name = Field(description="name of the run in tables and reports")
+    name: Name = Field(description="name of the run in tables and reports", examples=["run"])
     kind: Kind = Field(default="tow", description="tow | forced (post oscillates) | free (no line)")
     notes: str = Field(default="", description="free text")
     outside: bool = Field(

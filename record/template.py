@@ -8,27 +8,30 @@ from typing import Annotated, Any
 import tomlkit
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
-from pydantic_core import PydanticUndefined
 
-from .reference import _model_in, _type_name
+from .reference import _model_in
 from .schema import RunFile
 from .toml import described
 
 COMMENT_AT = 36
 """Column at which the words beside a value begin."""
 ASSUMED = "TODO a default, nobody gave it: "
+EXAMPLE = "example: "
+"""Before the words of a key whose commented value only shows how it is written; the other commented values are defaults."""
 PLACEHOLDER = "TODO_"
 """Begins the names of datum points that nobody picked."""
 UNKNOWN_PX, UNKNOWN_M = 100.0, 1.0
 """Standard deviations of such points: what is worked out from them is as uncertain as they are."""
-_HEAD = """\
-# A run of towline: what was filmed, how the camera saw it, how the model was towed. Paths start at this folder.
-# Axes: x ahead, y to starboard, depth downwards; pixels: u right, v down. m, s, kg, N, rad. `# key = ...` may be left out.
+# Words alone have two #, so that all keys together can be put in force by taking one # off every line.
+_HEAD = f"""\
+## A run of towline: what was filmed, how the camera saw it, how the model was towed. Paths start at this folder.
+## Axes: x ahead, y to starboard, depth downwards; pixels: u right, v down. m, s, kg, N, rad.
+## `# key = value` may be left out: the value is the default, or, under "{EXAMPLE.strip()}", shows how it is written.
 """
 _DATUM_HEAD = f"""\
-# TODO datum: at least 4 points of known place, not on one line. These are an EXAMPLE that nobody picked. Put in what the
-# points are, where they lie in the picture and in the tank; then rename them and take out sigma_px = {UNKNOWN_PX:g} and
-# tank_sd_m = {UNKNOWN_M:g}, which keep every result of this run as uncertain as it is now.
+## TODO datum: at least 4 points of known place, not on one line. These are an EXAMPLE that nobody picked; nothing is computed
+## from them. Put in what the points are, where they lie in the picture and in the tank; then rename them and take out
+## sigma_px = {UNKNOWN_PX:g} and tank_sd_m = {UNKNOWN_M:g}.
 """
 
 
@@ -104,14 +107,15 @@ def left_of_template(file: RunFile, size_px: tuple[int, int] | None) -> tuple[st
         where = f'datum[{index} "{point.name}"]'
         if point.name.startswith(PLACEHOLDER):
             return (
-                where,
-                "is still the example of towline init, which nobody picked; put in real points and rename them",
+                f"{where}.name",
+                f"is still the example of towline init, which nobody picked; expected: the point's own name, pixel_px picked in "
+                f"the picture and tank_m measured in the tank, without sigma_px = {UNKNOWN_PX:g} and tank_sd_m = {UNKNOWN_M:g}",
             )
         if point.sigma_px == UNKNOWN_PX and point.tank_sd_m == UNKNOWN_M:
             return (
                 f"{where}.sigma_px",
-                f"{UNKNOWN_PX:g}, and tank_sd_m = {UNKNOWN_M:g}, are still those of towline init's example; take them out, "
-                "or put in how well the point was picked",
+                f"{UNKNOWN_PX:g}, and tank_sd_m = {UNKNOWN_M:g}, are still those of towline init's example; expected: how well the "
+                "point was picked and is known, or neither key",
             )
     size = size_px or (file.camera.image_size_px if file.camera else None)
     if size is None:
@@ -120,7 +124,10 @@ def left_of_template(file: RunFile, size_px: tuple[int, int] | None) -> tuple[st
     same = [i for i, p in enumerate(file.datum, 1) if tuple(p.pixel_px) in example]
     if len(same) < len(example):
         return None
-    return "datum.pixel_px", "the points lie where towline init's example has them; pick them in the picture"
+    return (
+        "datum.pixel_px",
+        "the points lie where towline init's example has them; expected: places picked in the picture",
+    )
 
 
 def run_text(content: Mapping[str, Any], assumed: Collection[str], size_px: tuple[int, int] | None = None) -> str:
@@ -173,29 +180,32 @@ def _lines(
 
 
 def _line(name: str, field: FieldInfo, row: Mapping[str, Any], prefix: str, assumed: Collection[str]) -> str:
-    words = (ASSUMED if prefix + name in assumed else "") + described(field)
     if name in row:
+        words = (ASSUMED if prefix + name in assumed else "") + described(field)
         return f"{f'{name} = {_toml(row[name])}':{COMMENT_AT}}  # {words}"
-    return f"{f'# {name} = {_example(field)}':{COMMENT_AT}}  # {words}"
+    if _model_in(field.annotation) is not None:
+        return f"# [{prefix}{name}]  # {described(field)}"
+    return _commented(name, field)
 
 
 def _left_out(name: str, field: FieldInfo, model: type[BaseModel], known: Mapping[str, Any]) -> str:
-    """A table as a comment; tables within it are only named."""
-    lines = [f"# [{name}]  # {field.description}; optional"]
+    """A table, or the first of an array's, as a comment; tables within it are only named."""
+    header = f"[[{name}]]" if field.default == () else f"[{name}]"
+    lines = [f"# {header}  # {field.description}; optional"]
     for key, inner in model.model_fields.items():
         if _model_in(inner.annotation) is None:
-            shown = _toml(known[key]) if key in known else _example(inner)
-            lines.append(f"{f'# {key} = {shown}':{COMMENT_AT}}  # {described(inner)}")
+            lines.append(_commented(key, inner, known.get(key)))
         else:
             lines.append(f"# [{name}.{key}]  # {described(inner)}")
     return "\n".join(lines) + "\n"
 
 
-def _example(field: FieldInfo) -> str:
-    """The default, or the kind of value in angle brackets."""
-    if field.default is PydanticUndefined or field.default is None or field.default == ():
-        return f"<{_type_name(field.annotation)}>"
-    return _toml(field.default)
+def _commented(name: str, field: FieldInfo, known: Any = None) -> str:
+    """A key as a comment: with what is known, else the schema's example of it, which is marked, else its default."""
+    words, value = described(field), field.default if known is None else known
+    if known is None and field.examples:
+        words, value = EXAMPLE + words, field.examples[0]
+    return f"{f'# {name} = {_toml(value)}':{COMMENT_AT}}  # {words}"
 
 
 def _toml(value: Any) -> str:

@@ -61,11 +61,16 @@ def invariants_figure(found: Checked) -> Html:
 
 def map_figure(file: CheckFile) -> Html:
     """Common error over the working area."""
+    from matplotlib.gridspec import GridSpec
+
     grid = file.uncertainty
-    drawing, axes = new_figure(3.3, columns=2)
+    drawing, axes = new_figure(3.5, columns=2)
+    grid_of_axes = axes[0].get_gridspec()
+    assert isinstance(grid_of_axes, GridSpec)
+    grid_of_axes.update(right=0.92, top=0.9)  # room for the numbers beside the bars and the titles
     for ax, values, name in zip(axes, (grid.x_mm, grid.y_mm), ("x", "y"), strict=True):
         lines = ax.contourf(grid.y_m, grid.x_m, np.array(values).T, levels=8, cmap="cividis")
-        bar = drawing.colorbar(lines, ax=ax)
+        bar = drawing.colorbar(lines, ax=ax, format="{x:.3g}")
         bar.ax.tick_params(labelsize=8)
         ax.set_title(f"sd of {name} (mm)", fontsize=9.5, color=BLACK, pad=3)
         label(ax, x="y (m)", y="x (m)" if name == "x" else "")

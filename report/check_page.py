@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .check_figures import invariants_figure, map_figure, picture_figure
-from .format import significant
-from .html import Html, bullets, join, number, table, tag
+from .format import significant, to_decimals
+from .html import Html, bullets, join, number, symbols, table, tag
 from .page import document, write_document
+from .sections import SYMBOLS_HTML
 
 if TYPE_CHECKING:
     from ..geometry.checks.checked import Checked
@@ -22,6 +23,10 @@ VERDICTS = {
     "fault": "Something is wrong",
     "unknown": "Something does not fit",
 }
+
+IN_PICTURE = {True: "In the picture", False: "Where it shows in the picture"}
+_UNITS = {"k": ("", 1.0), "p": ("", 1.0), "f": (" px", 1.0), "c": (" px", 1.0), "datum": (" %", 100.0)}
+"""Of tolerances, by how they begin (k1, p2, fx, cy, datum width): unit, and how many of it are one; else mm of metres."""
 
 
 def write_check_page(path: Path, found: Checked) -> None:
@@ -41,11 +46,11 @@ def check_page(found: Checked) -> Html:
     title = f"Camera check: {', '.join(file.runs)}"
     parts: list[object] = [
         tag("h1", title),
-        tag("section", tag("h2", VERDICTS[file.verdict]), bullets(file.sentences), id="verdict"),
+        tag("section", tag("h2", VERDICTS[file.verdict]), bullets(map(symbols, file.sentences)), id="verdict"),
     ]
     picture = picture_figure(found)
     if picture is not None:
-        parts.append(tag("section", tag("h2", "Where it shows in the picture"), picture, id="picture"))
+        parts.append(tag("section", tag("h2", IN_PICTURE[file.verdict == "sound"]), picture, id="picture"))
     parts.append(tag("section", tag("h2", "What must stay constant"), invariants_figure(found), _invariants(file)))
     parts.append(tag("section", tag("h2", "The datum"), _datum(file)))
     parts.append(tag("section", tag("h2", "How well places are known"), map_figure(file)))
@@ -68,7 +73,7 @@ def _datum(file: CheckFile) -> Html:
     rows = []
     for p in file.datum:
         size = float(np.hypot(*p.residual_px)) / p.sigma_px
-        cells = [number(f"{v:+.2f}") for v in p.residual_px] + [number(f"{v:+.1f}") for v in p.residual_mm]
+        cells = [number(_signed(v, 2)) for v in p.residual_px] + [number(_signed(v, 1)) for v in p.residual_mm]
         rows.append(
             [p.name, *cells, f"{p.sigma_px:g}", tag("strong", f"{size:.1f}") if size > 3 else number(f"{size:.1f}")]
         )
@@ -95,11 +100,12 @@ def _effects(file: CheckFile) -> Html:
         cells = []
         for key in keys:
             value = file.effects_percent[key].get(parameter, float("nan"))
-            text = number(f"{value:+.2f}")
+            text = number(_signed(value, 2))
             cells.append(tag("strong", text) if abs(value) >= 1 else text)
         rows.append([parameter, *cells])
     words = "Change of each derivative, in per cent, by one standard deviation (or tolerance) of each camera parameter."
-    return table(["parameter", *keys], rows, caption=words)
+    head = [SYMBOLS_HTML.get(key, key) for key in keys]
+    return table(["parameter", *head], rows, caption=words)
 
 
 def _refined(file: CheckFile) -> Html:
@@ -122,16 +128,31 @@ def _tried(file: CheckFile) -> Html:
         return tag("p", "No fault was worth a full fit.")
     rows = [[f.kind + (f" {f.item}" if f.item else ""), number(f"{f.evidence:.1f}"), f.sentence] for f in file.tried]
     words = "Log Bayes factor against nothing being wrong; from 2.5 on a fault is named."
-    return table(["fault", "evidence", "as it would be"], rows, caption=words)
+    if file.verdict == "sound":  # what a fault would have been is no second answer
+        return join(
+            [tag("p", f"{words} None is.", class_="caption"), table(["fault", "evidence"], [row[:2] for row in rows])]
+        )
+    return table(["fault", "evidence", "as it would be"], rows, kind="wraps", caption=words)
 
 
 def _tolerances(file: CheckFile) -> Html:
-    words = join(
-        ["Taken as known to within: ", ", ".join(f"{k} {significant(v, 2)}" for k, v in file.tolerances.items())]
-    )
     return tag(
         "p",
-        words,
-        f" (SI units, px; chi-square of the joint fit {file.chi_square:.0f} of {file.degrees}, "
+        "Taken as known to within: ",
+        ", ".join(_tolerance(name, sd) for name, sd in file.tolerances.items()),
+        f" (chi-square of the joint fit {file.chi_square:.0f} of {file.degrees}, "
         f"the marks' and the line's variances taken {file.inflation:.1f} times for errors that last.)",
     )
+
+
+def _tolerance(name: str, sd: float) -> str:
+    """A tolerance with its unit: "fx 0.92 px", "depth bow 2.0 mm"."""
+    short = len(name) == len("k1")
+    unit, times = _UNITS.get(name[0] if short else name.partition(" ")[0], (" mm", 1e3))
+    return f"{name} {significant(times * sd, 2)}{unit}"
+
+
+def _signed(value: float, decimals: int) -> str:
+    """With its sign, but 0 where nothing of it is shown."""
+    text = to_decimals(value, decimals)
+    return text if text.startswith("-") or not float(text or 0) else f"+{text}"

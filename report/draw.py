@@ -24,6 +24,8 @@ Columns = Mapping[str, ArrayLike]
 # Okabe and Ito's colour-blind-safe palette, without its yellow (too pale for a bright hall)
 BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00"
 BLACK, GREY, SHADE = "#1A1A1A", "#595959", "#DADADA"
+MEASURED = "#A9CCE3"
+"""Of measured curves: pale, wide dots, on which the thin line of a fit that passes through them is still seen."""
 MARKER_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, BLACK, SKY)
 MARKER_SHAPES = ("o", "s", "^", "D", "v", "P", "X")
 

@@ -12,6 +12,7 @@ from .draw import (
     BLACK,
     BLUE,
     GREY,
+    MEASURED,
     ORANGE,
     SKY,
     VECTOR_LIMIT,
@@ -52,9 +53,9 @@ def orbits_figure(motion: pd.DataFrame, fitted: pd.DataFrame | None) -> Html:
         for name, part in data.items():
             if name == "measured":
                 many = len(part[x]) > VECTOR_LIMIT
-                ax.plot(part[x], part[y], ".", color="#8C8C8C", markersize=3.5, label=name, rasterized=many)
+                ax.plot(part[x], part[y], ".", color=MEASURED, markersize=9, label=name, rasterized=many)
             else:
-                ax.plot(part[x], part[y], color=VERMILION, linewidth=1.3, label="simulated fit", zorder=3)
+                ax.plot(part[x], part[y], color=VERMILION, linewidth=1.1, label="simulated fit", zorder=3)
         ax.axhline(0, color=GREY, linewidth=0.6)
         ax.axvline(0, color=GREY, linewidth=0.6)
     label(axes[0], "β, heading (deg)", "α, tow line (deg)")

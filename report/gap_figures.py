@@ -2,33 +2,40 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .draw import BLACK, BLUE, GREEN, GREY, TEXT_PT, VERMILION, Columns, label, legend, new_figure, svg_image
+from .draw import BLACK, BLUE, GREEN, GREY, ORANGE, TEXT_PT, VERMILION, Columns, label, legend, new_figure, svg_image
 from .html import Html, figure, join
 
 if TYPE_CHECKING:
     from ..diagnose.gap import Diagnosis
     from ..record.gap_file import GapFile
 
+WIDE = 34
+"""Letters of a hypothesis on one line of the picture."""
 ROWS = 6
 """Hypotheses in the picture: the most probable ones."""
 
 
 def ladder_figure(file: GapFile) -> Html:
     """Probabilities of the hypotheses."""
-    rows = [(" +\n".join(r.effects), r.named) for r in file.ranking[:ROWS]]
+    rows = [(r.words, r.named) for r in file.ranking[:ROWS]]
     rows += [("nothing missing", file.p_no_gap), ("in no library", file.p_unknown)]
     rows.sort(key=lambda row: row[1])
-    drawing, (ax,) = new_figure(0.36 * len(rows) + 0.8)
-    ax.set_position((0.4, 0.5 / (0.36 * len(rows) + 0.8), 0.57, 0.92 - 0.5 / (0.36 * len(rows) + 0.8)))
-    ax.barh([name.replace("_", " ") for name, _ in rows], [p for _, p in rows], color=BLUE, height=0.6)
+    names, values = zip(*rows, strict=True)
+    # a title is a user's where the effect is: no letter of it may set a formula
+    lines = [textwrap.fill(name.replace("_", " ").replace("$", r"\$"), WIDE) for name in names]
+    height = 0.2 * sum(1 + text.count("\n") for text in lines) + 0.16 * len(rows) + 0.8
+    drawing, (ax,) = new_figure(height)
+    ax.set_position((0.4, 0.5 / height, 0.57, 0.92 - 0.5 / height))
+    ax.barh(range(len(rows)), values, color=BLUE, height=0.6)
+    ax.set_yticks(range(len(rows)), lines)
     ax.set_xlim(0, 1)
     label(ax, x="probability")
-    names, values = zip(*((name.replace("\n", " "), p) for name, p in rows), strict=True)
     data = {"": {"hypothesis": names, "probability": values}}
     shown = svg_image(drawing, "probabilities of the hypotheses", "hypotheses", data)
     return figure(shown, "Half of the prior stands for nothing missing.")
@@ -68,6 +75,9 @@ def drop_figure(found: Diagnosis) -> Html:
         data[f"run {index + 1}"] = {"t_s": t_s, "taken_away_sigma2": np.maximum(values, 0)}
         ax.fill_between(t_s, 0, np.maximum(values, 0), color=VERMILION, linewidth=0, step="mid")
         ax.set_ylim(0, 1.05 * max(top, 1.0))
+        # the top of a picture and the foot of the one above it are one place: each has a number at its foot and in its middle
+        middle = float(f"{0.5 * max(top, 1.0):.1g}")
+        ax.set_yticks([0, middle], ["0", f"{middle:g}"])
         ax.text(0.99, 0.85, f"run {index + 1}", transform=ax.transAxes, fontsize=8, ha="right", va="top", color=GREY)
     label(axes[-1], x="t (s)")
     drawing.supylabel("taken away (σ²)", fontsize=TEXT_PT + 0.5, x=0.02)
@@ -86,13 +96,13 @@ def runs_figure(found: Diagnosis) -> Html:
         drawing, axes = new_figure(2.2, columns=2)
         t_s = run.centre_s
         data: dict[str, ArrayLike] = {"t_s": t_s}
-        for ax, channel, unit, scale in ((axes[0], 0, "y, mm", 1e3), (axes[1], 1, "heading, degrees", np.degrees(1.0))):
+        for ax, channel, unit, scale in ((axes[0], 0, "y (mm)", 1e3), (axes[1], 1, "heading (deg)", np.degrees(1.0))):
             name = ("y{}_mm", "beta{}_deg")[channel]
             before = data[name.format("_as_it_is")] = scale * base.linear.rows[index][0][:, channel]
-            ax.plot(t_s, before, color=VERMILION, linewidth=1.0, label="as it is")
+            ax.plot(t_s, before, color=ORANGE, linewidth=2.6, alpha=0.75, label="as it is")
             if after is not None:
                 left = data[name.format("_with_the_effect")] = scale * after.linear.rows[index][0][:, channel]
-                ax.plot(t_s, left, color=BLUE, linewidth=1.0, label="with the effect")
+                ax.plot(t_s, left, color=BLUE, linewidth=1.0, label="with the effect", zorder=3)
             sd = data[name.format("_sigma")] = float(scale * np.sqrt(np.median(np.diag(run.covariance[channel]))))
             ax.axhspan(-2 * sd, 2 * sd, color="#DDDDDD", zorder=0)
             ax.axhline(0, color=BLACK, linewidth=0.6)

@@ -5,11 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..diagnose.words import is_open
-from .format import significant
+from ..diagnose.sizes import Size, size_of, sizes_of
+from ..diagnose.tow.numbers import COMPLIANCE
+from ..diagnose.words import is_open, is_unseen
+from ..simulate.model import DERIVATIVE_UNITS
+from .format import plus_minus, significant
 from .gap_figures import drop_figure, ladder_figure, runs_figure, stage_figure
-from .html import Html, bullets, number, table, tag
+from .html import Html, bullets, join, number, symbols, table, tag, unit
 from .page import document, write_document
+from .sections import BESIDE, SYMBOLS_HTML
 
 if TYPE_CHECKING:
     from ..diagnose.gap import Diagnosed
@@ -23,6 +27,8 @@ HEADLINES = {
     "unknown": "Something unknown is missing",
     "not_converged": "No answer: the fit did not converge",
 }
+UNSEEN = "An effect fits, but no other run shows it"
+"""Instead of "is missing", where the gap of the runs kept aside does not shrink with it."""
 
 
 def headline(file: GapFile) -> str:
@@ -32,6 +38,8 @@ def headline(file: GapFile) -> str:
     ----------
     file : gap.json
     """
+    if is_unseen(file):
+        return UNSEEN
     return "Open" if is_open(file) else HEADLINES[file.verdict]
 
 
@@ -52,7 +60,7 @@ def gap_page(found: Diagnosed, law: Html | None = None) -> Html:
     file = found.diagnosis.file
     parts: list[object] = [
         tag("h1", f"Simulator against tank: {', '.join(file.runs)}"),
-        tag("section", tag("h2", headline(file)), bullets(file.sentences), id="verdict"),
+        tag("section", tag("h2", headline(file)), bullets(map(symbols, file.sentences)), id="verdict"),
         tag("section", tag("h2", "How sure"), ladder_figure(file), _ranking(file), _not_told(file)),
         tag("section", tag("h2", "Where"), stage_figure(file), drop_figure(found.diagnosis), _place(file)),
         tag("section", tag("h2", "Measured against simulated"), runs_figure(found.diagnosis)),
@@ -66,8 +74,8 @@ def gap_page(found: Diagnosed, law: Html | None = None) -> Html:
         said = tag("p", f"Measure {file.next_measurement.why} State it as [[measured]] in one run.toml, zero or not.")
         parts.append(tag("section", tag("h2", "Without a tow"), said))
     if file.excluded:
-        rows = [[name, why] for name, why in file.excluded.items()]
-        parts.append(tag("section", tag("h2", "Not judged"), table(["effect", "why"], rows)))
+        rows = [[name.replace("_", " "), why] for name, why in file.excluded.items()]
+        parts.append(tag("section", tag("h2", "Not judged"), table(["effect", "why"], rows, kind="wraps")))
     noise = file.noise
     words = (
         f"Slow random forces taken: {significant(noise['side_n'], 2)} N and {significant(noise['moment_n_m'], 2)} N m, lasting "
@@ -81,23 +89,24 @@ def _ranking(file: GapFile) -> Html:
     rows: list[list[object]] = [["nothing missing", number(f"{file.p_no_gap:.3f}"), "", "", "", "", ""]]
     for row in file.ranking:
         low, high = row.shrink_interval
-        size = ", ".join(f"{k.split('.')[1]} {v.value:.3g} +- {v.std:.2g}" for k, v in row.parameters.items())
+        size = join((_size(one) for one in sizes_of(row.parameters, row.units)), ", ")
         rows.append(
             [
-                " + ".join(row.effects),
+                row.words,
                 number(f"{row.probability:.3f}"),
                 number(f"{row.probability_inexact:.3f}" if row.probability_inexact else ""),
                 number(f"{row.gap_before:.2f}"),
                 number(f"{row.gap_after:.2f}"),
-                number(f"{row.shrink:.2f} ({low:.2f} to {high:.2f})"),
-                number(size),
+                number("-" if row.shrinks is None else f"{row.shrink:.2f} ({low:.2f} to {high:.2f})"),
+                size,
             ]
         )
     rows.append(["something in no library", number(f"{file.p_unknown:.3f}"), "", "", "", "", ""])
     where = "runs kept aside" if file.kept_aside else "the fitted run itself"
     words = (
         f"Gap: root mean square of what the simulator misses in y and heading on {where}, over the noise (1 = noise). "
-        "Shrink: share of the excess that goes away, with its 90 % interval. Form not exact: probability that the effect is there "
+        "Shrink: share of the excess that goes away, with its 90 % interval; – where the gap is noise without the "
+        "effect. Form not exact: probability that the effect is there "
         "in another form than the library's."
     )
     return table(
@@ -108,8 +117,17 @@ def _ranking(file: GapFile) -> Html:
     )
 
 
+def _size(one: Size) -> Html:
+    """Word, value and standard deviation, unit; of each hypothesis on one line."""
+    said = join(
+        [symbols(one.word), " ", number(plus_minus(one.value, one.std)), " " if one.unit else "", unit(one.unit)]
+    )
+    return tag("span", said, class_="whole")
+
+
 def _not_told(file: GapFile) -> Html:
-    rows = [" and ".join(names) for names in file.indistinguishable]
+    words = {row.effects[0]: row.titles[0] for row in file.ranking if len(row.effects) == 1 and row.titles}
+    rows = [" and ".join(words.get(name, name.replace("_", " ")) for name in names) for names in file.indistinguishable]
     return tag("div", tag("h3", "What these runs cannot tell apart"), bullets(rows)) if rows else Html("")
 
 
@@ -129,22 +147,30 @@ def _derivatives(file: GapFile) -> Html:
     rows = []
     before, after = file.derivatives["before"], file.derivatives.get("after")
     for name, value in before.items():
-        row: list[object] = [name, number(_measured(value))]
+        symbol, shown, units = _derivative(name, value)
+        row: list[object] = [symbol, shown]
         if after is not None:
             other = after[name]
             # of a number that may be zero a share says nothing
             known = abs(other.value) > other.std
             bias = f"{100 * (value.value / other.value - 1):+.1f}" if known else ""
-            row += [number(_measured(other)), number(bias)]
-        rows.append(row)
-    head = ["derivative", "without the effect", "with it", "bias, %"] if after is not None else ["derivative", "fitted"]
+            row += [_derivative(name, other)[1], number(bias)]
+        rows.append([*row, unit(units)])
+    if after is None:
+        return table(["derivative", "fitted", "unit"], rows, caption="The simulator as it is, fitted to these runs.")
     words = "What leaving the effect out had done to the derivatives."
-    return table(head, rows, caption=words)
+    return table(["derivative", "without the effect", "with it", "bias, %", "unit"], rows, caption=words)
 
 
-def _measured(value: Measured) -> str:
-    digits = ".2f" if value.std >= 0.01 or abs(value.value) >= 1 else ".2g"
-    return f"{value.value:{digits}} +- {value.std:{digits}}"
+def _derivative(name: str, measured: Measured) -> tuple[object, Html, str]:
+    """Symbol, value and unit of a number of the hull or the line; one of somebody else's simulator keeps its name."""
+    if name == COMPLIANCE:
+        one = size_of(name, "m/N", measured)
+        return f"line's {one.word}", number(plus_minus(one.value, one.std)), one.unit
+    shown = number(plus_minus(measured.value, measured.std))
+    if name in BESIDE:
+        return Html(BESIDE[name][0]), shown, BESIDE[name][1]
+    return SYMBOLS_HTML.get(name, name), shown, DERIVATIVE_UNITS.get(name, "")
 
 
 def _next(file: GapFile) -> Html:

@@ -86,7 +86,17 @@ def number(text: str) -> Html:
 
 def unit(text: str) -> Html:
     """A unit with its exponent raised: ``kg m2`` reads kg m², ``1/s2`` 1/s²."""
-    return Html(re.sub(r"\b([ms])2\b", r"\1²", safe(text)))
+    return Html(re.sub(r"\b([ms])([23])\b", lambda m: m[1] + "²³"[int(m[2]) - 2], safe(text)))
+
+
+def symbols(text: object) -> Html:
+    """Text with the symbols in it set as such: ``Y_v`` with v lowered, ``N_rdot`` with the dot above, ``+-`` as one sign."""
+    shown = re.sub(
+        r"\b([A-Z])_([A-Za-z]+?)(dot)?((?:\|[vr]\|)|\b)",
+        lambda m: f"<i>{m[1]}</i><sub>{m[2]}{chr(0x307) if m[3] else ''}{m[4]}</sub>",
+        number(safe(text)),
+    )
+    return Html(shown)
 
 
 def table(head: Sequence[object], rows: Iterable[Sequence[object]], *, kind: str = "", caption: object = "") -> Html:

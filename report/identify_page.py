@@ -14,7 +14,7 @@ from ..record.each import Each, in_turn
 from .budget_section import budget_section
 from .dynamics_figures import Answer, bode_figure, orbits_figure, spectrum_figure
 from .format import NONE, SYMBOLS_TEXT, plus_minus, significant, to_decimals
-from .html import FIGURES, Html, bullets, figure, join, number, table, tag, unit
+from .html import FIGURES, Html, bullets, figure, join, number, symbols, table, tag, unit
 from .identify_figures import consistency_figure, cross_figure, estimators_figure, white_residuals
 from .page import document, write_document
 from .run_figures import motion_figure, residuals_figure, whiteness_figure
@@ -166,9 +166,8 @@ def _reference(found: FitPage, agreed: Consistency, compared: Comparison) -> Htm
         far = abs(row.difference_sd) > FAR
         score = number(f"{row.difference_sd:+.1f}" if np.isfinite(row.difference_sd) else NONE)
         rows.append([
-            SYMBOLS_HTML[row.name],
+            join([SYMBOLS_HTML[row.name], " ", tag("small", unit(row.unit))]),
             number(plus_minus(row.value, row.std)),
-            unit(row.unit),
             number(significant(alone, 4)),
             number(plus_minus(row.reference, row.reference_std) if row.reference_std else significant(row.reference, 4)),
             number(f"{row.difference_percent:+.2f}"),
@@ -179,7 +178,7 @@ def _reference(found: FitPage, agreed: Consistency, compared: Comparison) -> Htm
             *(number(to_decimals(1e3 * x / prime, 3)) for x in (row.value, alone, row.reference)),
         ])  # fmt: skip
     caption = f"{source.name}: {source.source}" if source.source else source.name
-    head = ["derivative", "this fit", "unit", "mean of runs alone", "reference", "differs, %", "in sd"]
+    head = ["derivative", "this fit", "mean of runs alone", "reference", "differs, %", "in sd"]
     verdict = (
         f"All {len(rows)} together: chi-square {significant(compared.chi_square, 4)} on {len(rows)}, "
         f"p {_chance(compared.p_value)}: the chance of so large a difference, were the reference the truth."
@@ -188,7 +187,7 @@ def _reference(found: FitPage, agreed: Consistency, compared: Comparison) -> Htm
     drawn = figure(estimators_figure([r.name for r in compared.rows], *values), "The same in a picture.")
     shown = tag(
         "div",
-        table(head, rows, kind="units", caption=caption),
+        table(head, rows, caption=caption),
         table(["in primes × 10³", "this fit", "mean of runs alone", "reference"], primes),
     )
     return tag(
@@ -196,7 +195,7 @@ def _reference(found: FitPage, agreed: Consistency, compared: Comparison) -> Htm
         tag("h2", "Against a reference"),
         tag("p", verdict),
         tag("div", shown, drawn, class_="grid"),
-        bullets(compared.notes),
+        bullets(map(symbols, compared.notes)),
         id="reference",
     )
 
@@ -250,7 +249,7 @@ def _consistency(found: FitPage, agreed: Consistency, pictures: list[Html]) -> H
             )
         )  # fmt: skip
     problems = [f"{part.name}: {part.problem}" for part in (*agreed.alone, *agreed.without) if part.problem]
-    parts.append(bullets(problems))
+    parts.append(bullets(map(symbols, problems)))
     return tag("section", *parts, id="consistency")
 
 

@@ -6,11 +6,14 @@ import numpy as np
 import pandas as pd
 
 from .draw import (
+    BLACK,
     BLUE,
     GREY,
     MARKER_COLOURS,
     MARKER_SHAPES,
+    MEASURED,
     ORANGE,
+    PURPLE,
     SKY,
     VECTOR_LIMIT,
     VERMILION,
@@ -123,13 +126,22 @@ def motion_figure(motion: pd.DataFrame, fitted: pd.DataFrame | None, truth: pd.D
     for ax, (key, text) in zip(axes, rows, strict=True):
         for name, part in data.items():
             if name in ("measured", "predicted"):
-                colour = "#8C8C8C" if name == "measured" else SKY
+                colour = MEASURED if name == "measured" else PURPLE
                 if name == "measured" or np.isfinite(part[key]).any():
-                    cloud(ax, part["t_s"], part[key], colour=colour, text=name, joined=name == "measured", size=3.4)
+                    cloud(
+                        ax,
+                        part["t_s"],
+                        part[key],
+                        colour=colour,
+                        text=name,
+                        joined=name == "measured",
+                        size=6.5,
+                        alpha=1,
+                    )
             elif name == "fit":
-                curve(ax, part["t_s"], part[key], colour=VERMILION, text="simulated fit", width=1.4)
+                curve(ax, part["t_s"], part[key], colour=VERMILION, text="simulated fit", width=1.1)
             else:
-                curve(ax, part["t_s"], part[key], colour=BLUE, text="truth", dashed=True, width=1.3)
+                curve(ax, part["t_s"], part[key], colour=BLACK, text="truth", dashed=True, width=1.0)
         label(ax, y=text)
     shade(axes, lost_spans(t_s, good))
     headroom(axes[1], 0.3)

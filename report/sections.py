@@ -19,7 +19,7 @@ from .format import (
     significant,
     to_decimals,
 )
-from .html import Html, bullets, join, number, safe, table, tag, unit
+from .html import Html, bullets, join, number, safe, symbols, table, tag, unit
 
 SYMBOLS_HTML = {
     "m_minus_y_vdot": Html("<i>m</i> − <i>Y</i><sub>v̇</sub>"),
@@ -252,10 +252,17 @@ def derivatives_section(
         _trims(result),
     ]
     if result.not_identifiable:
-        parts.append(tag("div", tag("h3", "Not fixed by these runs"), bullets(result.not_identifiable), class_="warn"))
+        parts.append(
+            tag(
+                "div",
+                tag("h3", "Not fixed by these runs"),
+                bullets(map(symbols, result.not_identifiable)),
+                class_="warn",
+            )
+        )
     parts.append(_correlation(result))
     if result.notes:
-        parts += [tag("h3", "Notes on the fit"), bullets(result.notes)]
+        parts += [tag("h3", "Notes on the fit"), bullets(map(symbols, result.notes))]
     return tag("section", *parts, id=of)
 
 
@@ -278,7 +285,7 @@ def _nomoto(result: DerivativesFile) -> Html:
     return table(["number", "value ± std", "unit"], rows, kind="units", caption=caption)
 
 
-_BESIDE = {
+BESIDE = {
     "x_udot_kg": ("<i>X</i><sub>u̇</sub>", "kg", "water that surges along"),
     "x_vr_kg": ("<i>X</i><sub>vr</sub>", "kg", "surge force as the hull drifts and turns"),
     "x_vv_kg_m": ("<i>X</i><sub>vv</sub>", "kg/m", "surge force as it drifts"),
@@ -289,6 +296,7 @@ _BESIDE = {
     "y_bias_n": ("<i>Y</i>*", "N", "side force of an asymmetric hull"),
     "n_bias_n_m": ("<i>N</i>*", "N m", "yaw moment of an asymmetric hull"),
 }
+"""Numbers of the hull beside the six: symbol, unit, meaning."""
 
 
 FEW_RUNS = 4
@@ -301,7 +309,7 @@ def _beside(result: DerivativesFile) -> Html:
         return Html("")
     rows: list[list[object]] = []
     for key, one in result.hull.items():
-        symbol, units, words = _BESIDE[key]
+        symbol, units, words = BESIDE[key]
         rows.append([_named(symbol, Html(words)), number(plus_minus(one.value, one.std)), unit(units)])
     found = result.tension
     if found is not None:

@@ -343,6 +343,31 @@ def test_the_command_names_the_fault_and_draws_its_page(
     assert main(["check", str(folder), "--refine", "nonsense", "--no-effects", "--no-page"]) == 1
 
 
+@pytest.mark.parametrize("wrong", [False, True])
+def test_check_says_one_thing_of_a_camera_without_a_fault(
+    wrong: bool, cameras: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sound, in words and page alike; or, where the motion contradicts the load cell, nowhere sound."""
+    from towline.identify.tension import GaugeCheck
+    from towline.pipeline import checking
+    from towline.report.check_page import check_page
+
+    scene = cameras.random_scene(np.random.default_rng(3), FRAMES)
+    case = cameras.film(scene, np.random.default_rng(4))
+    gauge = GaugeCheck((2.0 if wrong else 1.0, 0.01), (0.0, 0.01), (0.0, 0.01))
+    assert gauge.contradicted == wrong
+    monkeypatch.setattr(checking, "gauges_of", lambda *_: {case.run.name: gauge})
+    found = checking.checked([case.run], [case.tracks], effects=False)
+    page = check_page(found)
+    sound = ("nothing is wrong with the camera" in " ".join(found.file.sentences), "is sound" in page)
+    assert found.file.verdict == ("unknown" if wrong else "sound")
+    assert sound == (not wrong, not wrong)
+    assert ("the motion contradicts it" in page) == ("Something does not fit" in page) == wrong
+    # what a fault that was not named would have been is no second answer
+    for one in found.file.tried:
+        assert (one.sentence in page) == wrong
+
+
 def test_what_the_camera_does_to_the_derivatives(samples: Path) -> None:
     """A deck 2 mm higher changes the derivatives by tenths of a per cent; doubling it doubles the change (it is linear)."""
     from towline.pipeline.checking import effects_of

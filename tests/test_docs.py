@@ -437,13 +437,31 @@ TRACED = re.compile(r"^\| `(.+?)` \| ([\w/]+\.txt) \| `(.+?)` \|$", re.MULTILINE
 TRACED_PAGE = re.compile(r"^\| ([\w/-]+\.md) \| `(.+?)` \| ([\w/]+\.txt) \| `(.+?)` \|$", re.MULTILINE)
 
 
-def test_the_figures_of_the_readme_stand_in_the_benchmarks_tables() -> None:
+def test_the_figures_of_how_well_stand_in_the_benchmarks_tables() -> None:
     rows = TRACED.findall((ROOT / "benchmarks" / "README.md").read_text())
     assert len(rows) > 20
-    readme = (ROOT / "README.md").read_text()
+    page = (ROOT / "docs" / "how-well.md").read_text()
     for said, file, there in rows:
-        assert said.replace("\\|", "|") in readme, f"README.md does not say {said!r}"
+        assert said.replace("\\|", "|") in page, f"docs/how-well.md does not say {said!r}"
         assert there in (ROOT / "benchmarks" / file).read_text(), f"benchmarks/{file} does not hold {there!r}"
+
+
+def test_the_readme_is_short_and_its_figures_are_those_of_how_well() -> None:
+    """150 lines, three tables at most of how well it does, each row of them as the page has it; a sentence with a share, too."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(readme.splitlines()) <= 150
+    said = readme.partition("## How well\n")[2].partition("\n## ")[0]
+    page = (ROOT / "docs" / "how-well.md").read_text(encoding="utf-8")
+    rows = [line for line in said.splitlines() if line.startswith("|")]
+    assert 1 <= sum(row.startswith("|---") for row in rows) <= 3
+    for row in rows:
+        assert row in page, f"docs/how-well.md does not hold {row}"
+    flat = " ".join(page.split())
+    sentences = re.split(r"(?<=[.;:]) ", " ".join(line for line in said.splitlines() if not line.startswith("|")))
+    shares = [one.strip(" .;") for one in sentences if re.search(r"\d of \d|\d %|\d called", one)]
+    assert len(shares) >= 2
+    for one in shares:
+        assert one in flat, f"docs/how-well.md does not say {one!r}"
 
 
 def test_the_figures_of_the_pages_stand_in_the_benchmarks_tables() -> None:

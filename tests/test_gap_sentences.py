@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from towline.diagnose.effects.page import whole_library
 from towline.diagnose.inference.held_out import Shrink
 from towline.diagnose.inference.scan import Leftover
+from towline.diagnose.sizes import size_of
 from towline.diagnose.words import sentences
 from towline.record.gap_file import GapFile, NextMeasurement, NextRun, RankedEffects, Where
 from towline.record.results import Measured
@@ -105,6 +107,60 @@ def test_no_gap(p_no_gap: float, ranking: list[RankedEffects], asked: dict[str, 
 )
 def test_the_pages_headline_says_no_gap_only_where_it_is_shown(verdict: str, p_no_gap: float, said: str) -> None:
     assert headline(file(verdict, [], p_no_gap=p_no_gap)) == said
+
+
+@pytest.mark.parametrize(
+    ("before", "shrink", "shown"),
+    [
+        (2.5, 0.0, False),
+        (2.5, 0.0049, False),  # reads 0.00
+        (2.5, 0.006, True),
+        (0.98, 0.0, True),  # noise without it, too: it shows in what else is measured, and nothing is there to shrink
+    ],
+)  # fmt: skip
+def test_an_effect_is_never_called_missing_beside_a_shrink_of_nothing(
+    before: float, shrink: float, shown: bool
+) -> None:
+    """Headline, first sentence and the gaps' sentence agree on whether it is shown."""
+    first = row("elastic_line").model_copy(update={"gap_before": before, "gap_after": 2.49, "shrink": shrink})
+    for verdict, head in (
+        ("effect", "An effect is missing"),
+        ("form_not_exact", "An effect is missing, its form not exact"),
+    ):
+        found = file(verdict, [first])
+        said = sentences(found, kept_aside(before), QUIET, TITLES)
+        assert headline(found) == (head if shown else "An effect fits, but no other run shows it")
+        assert ("by the fitted runs alone" in said[0]) == (not shown)
+        assert any("falls from" in one for one in said) == (shown and before > 1)
+        assert any("(2.50 sigma without it, 2.49 with it)" in one for one in said) == (not shown)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "value", "text"),
+    [
+        ("compliance_m_n", "m/N", 0.00242, "compliance 2.42 +- 0.24 mm/N"),
+        ("drag_depth_m", "m", 0.15, "drag depth 150 +- 15 mm"),
+        ("roll_rad", "rad", 0.01, "roll 0.573 +- 0.057 deg"),
+        ("y_vvv", "N s3/m3", 2000.0, "Y_vvv 2e+03 +- 2e+02 N s3/m3"),
+        ("y_star_n_s2_m2", "N s2/m2", 0.05, "Y* 0.05 +- 0.005 N s2/m2"),
+        ("n_vdot", "kg m", 15.0, "N_vdot 15 +- 1.5 kg m"),
+        ("y_v_r_m", "m", 0.05, "Y_v|r| 50 +- 5 mm"),
+        ("share", "", 0.02, "share 0.02 +- 0.002"),
+    ],
+)
+def test_sizes_have_words_and_millimetres(name: str, unit: str, value: float, text: str) -> None:
+    assert size_of(name, unit, Measured(value=value, std=0.1 * value)).text == text
+
+
+def test_no_number_of_the_library_is_shown_by_its_key() -> None:
+    """A key ends in its unit; words do not."""
+    one = Measured(value=1.0, std=0.1)
+    for effect in whole_library():
+        for parameter in effect.parameters:
+            size = size_of(parameter.name, parameter.unit, one)
+            assert "_" not in size.word or re.fullmatch(r"[YXNK]_[vru]+(dot|\|[vr]\|)?", size.word), parameter
+            ending = parameter.unit.lower().replace("/", " ").replace(" ", "_")
+            assert not parameter.unit or not f" {size.word}".endswith(f" {ending.replace('_', ' ')}"), parameter
 
 
 @pytest.mark.parametrize(
@@ -229,7 +285,7 @@ def test_what_would_make_an_effect_surer(more: dict[str, Any], said: list[str]) 
 @pytest.mark.parametrize(
     ("before", "after", "said"),
     [
-        ({"y_v": -55.0, "n_r": -57.0}, {"y_v": -50.0, "n_r": -60.0}, ["10 % (y_v)"]),
+        ({"y_v": -55.0, "n_r": -57.0}, {"y_v": -50.0, "n_r": -60.0}, ["10 % (Y_v)"]),
         ({"y_v": -50.2}, {"y_v": -50.0}, []),  # less than a per cent is not worth a sentence
         ({}, {}, []),
     ],

@@ -20,12 +20,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from towline.cli import command_parser, machine, main
 from towline.cli.ask import numbers
 from towline.cli.outcome import Outcome, plain
 from towline.record import RunFile, read_run
-from towline.record.template import ASSUMED, PLACEHOLDER, checked_value, field_of, run_text
+from towline.record.template import ASSUMED, EXAMPLE, PLACEHOLDER, checked_value, field_of, run_text
 
 HELP_S = 0.3
 """``towline --help`` answers within this time."""
@@ -101,6 +102,14 @@ def typed(monkeypatch: pytest.MonkeyPatch, *lines: str) -> Terminal:
     return terminal
 
 
+def picked(folder: Path) -> None:
+    """The template's datum points as somebody leaves them who has picked them: other pixels, names and no spread."""
+    path = folder / "run.toml"
+    text = re.sub(r"^(sigma_px|tank_sd_m) = .*\n", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    text = re.sub(r"^pixel_px = \[(\S+), ", lambda m: f"pixel_px = [{float(m[1]) + 3.5}, ", text, flags=re.MULTILINE)
+    path.write_text(text.replace(PLACEHOLDER, ""), encoding="utf-8")
+
+
 # --json ----------------------------------------------------------------------------------------------------------
 
 
@@ -155,6 +164,7 @@ def test_the_derivatives_are_those_of_the_file_and_a_bad_run_is_named(
 @pytest.mark.parametrize("command", ["track", "motion"])
 def test_a_run_is_found_by_its_name(tracked: Path, command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["init", str(tracked), "--yes", "--name", "still", "--kind", "free", "--size", "400x300"]) == 0
+    picked(tracked)
     capsys.readouterr()
     assert main([command, str(tracked), "--json"]) == 0
     found, _ = said_as_json(capsys)
@@ -329,13 +339,119 @@ def test_a_comment_taken_out_changes_nothing(filmed: Path) -> None:
     for line in lines:
         if re.match(r"(# )?\[", line):
             inside = not line.startswith("#")
-        if inside and (match := re.match(r"# (\w+ = [^<].*)", line)):
+        if inside and EXAMPLE not in line and (match := re.match(r"# (\w+ = .*)", line)):
             line = match[1]
             taken += 1
         out.append(line)
     assert taken > 10
     path.write_text("\n".join(out), encoding="utf-8")
     assert read_run(filmed).file == before
+
+
+ONE_OF = {
+    "source": "exactly one of video, tracks, motion is needed",
+    "tow": "tension_n and tension are both given",
+    "model": "yaw_inertia_kg_m2 and gyration_k2_m2 are both given",
+}
+"""Keys of which one is expected: the only faults of a template whose every key is put in force."""
+
+
+def in_force(text: str) -> str:
+    """The text with one ``#`` taken off every line, as an editor does it to a selection."""
+    return re.sub(r"^# ?", "", text, flags=re.MULTILINE)
+
+
+def tupled(value: Any) -> Any:
+    """Lists as the tuples that the schema's strict tables hold."""
+    if isinstance(value, dict):
+        return {key: tupled(inner) for key, inner in value.items()}
+    return tuple(map(tupled, value)) if isinstance(value, list) else value
+
+
+def faults_of(content: dict[str, Any]) -> dict[str, str]:
+    """What the schema has against the tables, by the place."""
+    try:
+        RunFile.model_validate(tupled(content))
+    except ValidationError as error:
+        return {".".join(map(str, fault["loc"])): fault["msg"] for fault in error.errors(include_url=False)}
+    return {}
+
+
+@pytest.mark.parametrize("kind", ["tow", "free", "forced"])
+@pytest.mark.parametrize("source", ["filmed", "tracked", "moved"])
+def test_the_template_with_every_comment_taken_out_is_a_run_toml(
+    source: str, kind: str, table_in: Callable[[Any], Any], request: pytest.FixtureRequest
+) -> None:
+    """It parses, holds every table and key of the schema, and nothing is wrong with it but keys that exclude one another."""
+    folder: Path = request.getfixturevalue(source)
+    assert main(["init", str(folder), "--yes", "--kind", kind]) == 0
+    text = (folder / "run.toml").read_text(encoding="utf-8")
+    content = tomllib.loads(in_force(text))
+    faults = faults_of(content)
+    assert set(faults) == set(ONE_OF)
+    assert all(ONE_OF[where] in said for where, said in faults.items())
+    for name, field in RunFile.model_fields.items():
+        model, rows = table_in(field.annotation), content[name]
+        if model is not None:
+            first = rows[0] if field.default == () else rows
+            assert set(first) == set(model.model_fields), name
+
+
+def test_each_key_of_the_template_can_be_put_in_force_alone(filmed: Path) -> None:
+    """With its table's header and what that needs: the file as a whole holds, but for a second source."""
+    assert main(["init", str(filmed), "--yes", *MARINER]) == 0
+    lines = (filmed / "run.toml").read_text(encoding="utf-8").splitlines()
+    header, tried = "", 0
+    for number, line in enumerate(lines):
+        if re.match(r"(# )?\[", line):
+            header = line
+        if not re.match(r"# \w+ = ", line):
+            continue
+        new = list(lines)
+        new[number] = line[2:]
+        if header.startswith("# "):  # a table that was left out is put in force whole
+            at = lines.index(header)
+            end = next(i for i in range(at, len(lines) + 1) if i == len(lines) or not lines[i].strip())
+            new[at:end] = [row.removeprefix("# ") for row in lines[at:end]]
+        faults = faults_of(tomllib.loads("\n".join(new)))
+        expected = {"source"} if re.match(r"# (tracks|motion) =", line) else set()
+        expected |= {"tow"} if re.match(r"# tension =", line) else set()  # MARINER gives tension_n
+        assert set(faults) == expected, line
+        tried += 1
+    assert tried > 40
+
+
+@pytest.mark.parametrize("command", ["track", "motion", "check", "identify", "run", "rectify", "diagnose", "steady"])
+def test_an_untouched_datum_is_named_before_anything_is_computed(
+    filmed: Path, command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One line: file, point and key, what was expected; no frame is read for it."""
+
+    def reads(*_: object) -> None:
+        raise AssertionError("a frame was read")
+
+    assert main(["init", str(filmed), "--yes", *MARINER]) == 0
+    capsys.readouterr()
+    monkeypatch.setattr("towline.pipeline.stages.tracks.frames_of", reads)
+    monkeypatch.setattr("towline.report.rectify.rectify", reads)
+    assert main([command, str(filmed)]) == 1
+    assert capsys.readouterr().err.splitlines() == [
+        f'towline: error: {filmed / "run.toml"}: datum[1 "TODO_far_port"].name: is still the example of towline init, which '
+        "nobody picked; expected: the point's own name, pixel_px picked in the picture and tank_m measured in the tank, "
+        "without sigma_px = 100 and tank_sd_m = 1"
+    ]
+    assert not (filmed / "out").exists()
+
+
+def test_a_datum_half_touched_is_named_by_what_was_left(tracked: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["init", str(tracked), "--yes", "--size", "400x300"]) == 0
+    path = tracked / "run.toml"
+    path.write_text(path.read_text(encoding="utf-8").replace(PLACEHOLDER, ""), encoding="utf-8")
+    capsys.readouterr()
+    assert main(["motion", str(tracked)]) == 1
+    assert 'datum[1 "far_port"].sigma_px: 100, and tank_sd_m = 1, are still' in capsys.readouterr().err
+    picked(tracked)
+    assert main(["motion", str(tracked)]) == 0
 
 
 def test_names_with_any_letters(filmed: Path) -> None:

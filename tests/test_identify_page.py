@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -84,6 +86,27 @@ def test_page_is_self_contained_and_escaped(page: str, self_contained: Callable[
     # reference, agreement 2, Bode; per run motion, residuals, orbits, spectrum, whiteness, cross; one more where coloured
     assert 4 + 6 * 3 <= len(pictures) <= 4 + 7 * 3
     assert all(b"alert" not in svg for svg in pictures)
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="chromium is not installed")
+def test_no_column_is_cut_in_a_window_of_1280_px(page: str, tmp_path: Path) -> None:
+    """Chromium's own widths: no table is wider than its place, nor the page than the window."""
+    asked = (
+        "<script>const cut = [...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth + 1)"
+        ".map(e => e.innerText.slice(0, 40)); document.title = 'cut ' + JSON.stringify(cut) + ' of ' + "
+        "document.querySelectorAll('.scroll').length + ' in ' + document.documentElement.scrollWidth;</script></body>"
+    )
+    shown = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", page).replace("</body>", asked)
+    (tmp_path / "page.html").write_text(shown, encoding="utf-8")
+    command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--window-size=1280,2000", "--dump-dom"]
+    done = subprocess.run(
+        [*command, (tmp_path / "page.html").as_uri()], check=False, capture_output=True, text=True, timeout=120
+    )
+    found = re.search(r"<title>cut (\[.*\]) of (\d+) in (\d+)</title>", done.stdout)
+    assert found is not None, done.stderr[-500:]
+    assert found[1] == "[]"
+    assert int(found[2]) > 5
+    assert int(found[3]) <= 1280
 
 
 def test_page_says_the_numbers(page: str, found: Identified) -> None:

@@ -162,7 +162,7 @@ def test_two_mistakes_at_once_are_both_named(tracked: Callable[..., Path]) -> No
 def test_the_template_s_points_are_known_by_name_spread_and_place(tracked: Callable[..., Path]) -> None:
     folder = tracked(lambda text: text.replace('"near_port"', '"TODO_near_port"'))
     (found,) = mistakes_of(read_run(folder), None)
-    assert (found.kind, found.keys) == ("template", ('datum[3 "TODO_near_port"]',))
+    assert (found.kind, found.keys) == ("template", ('datum[3 "TODO_near_port"].name',))
     run = read_run(folder)
     assert run.file.camera is not None
     points = [

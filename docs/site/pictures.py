@@ -39,6 +39,9 @@ TAKEN = (
 )
 """Picture, the page that holds it, how its alternative text begins: the first such picture of the page."""
 GRID_WIDTH_PX = 640
+PAGE_PX = (1280, 1320)
+"""Window in which the README's page is seen: down to the numbers beside the six."""
+PAGE_WIDTH_PX = 900
 
 
 def main() -> None:
@@ -51,6 +54,7 @@ def main() -> None:
         for picture, page, begins in TAKEN:
             write(PICTURES / picture, taken((folder / page).read_text(encoding="utf-8"), begins))
         write(PICTURES / "grid.webp", (folder / X1446 / "grid.png").read_bytes())
+        write(PICTURES / "page.webp", seen(folder / MARINER / "derivatives.html"), PAGE_WIDTH_PX)
 
 
 def gallery() -> None:
@@ -80,7 +84,16 @@ def taken(page: str, begins: str) -> bytes:
     raise LookupError(f"no picture {begins!r}")
 
 
-def write(path: Path, data: bytes) -> None:
+def seen(page: Path) -> bytes:
+    """The top of a page as Chromium shows it."""
+    shot = page.with_suffix(".png")
+    size = ",".join(map(str, PAGE_PX))
+    asked = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", f"--window-size={size}"]
+    subprocess.run(["chromium", *asked, f"--screenshot={shot}", page.as_uri()], check=True, capture_output=True)
+    return shot.read_bytes()
+
+
+def write(path: Path, data: bytes, widest_px: int = GRID_WIDTH_PX) -> None:
     """As it is (SVG), or coded as WebP."""
     if path.suffix == ".svg":
         path.write_bytes(data)
@@ -90,8 +103,8 @@ def write(path: Path, data: bytes) -> None:
 
     picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     assert picture is not None
-    if picture.shape[1] > GRID_WIDTH_PX:
-        size = (GRID_WIDTH_PX, round(picture.shape[0] * GRID_WIDTH_PX / picture.shape[1]))
+    if picture.shape[1] > widest_px:
+        size = (widest_px, round(picture.shape[0] * widest_px / picture.shape[1]))
         picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     cv2.imwrite(str(path), picture, [cv2.IMWRITE_WEBP_QUALITY, 82])
 

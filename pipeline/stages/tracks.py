@@ -20,7 +20,7 @@ from ...record.corrections import (
 from ...record.errors import InputError
 from ...record.run import CORRECTIONS, RUN_FILE, Run
 from ...record.tables import input_hash_of, notes_of, read_tracks, seen_rows, write_table
-from ..mistaken import named
+from ..mistaken import named, refuse_untouched
 from ..progress import Progress, loading, throttled
 from .versions import stamp_of
 from .waiting import Aside, begun
@@ -82,14 +82,15 @@ def track_run(
 
     Raises
     ------
-    InputError : the run comes with its motion, its video is not what run.toml describes, a correction fits neither run nor
-        video, or there is no such device
+    InputError : the run comes with its motion, its datum is still that of ``towline init``, its video is not what run.toml
+        describes, a correction fits neither run nor video, or there is no such device
     TowlineError : the video cannot be read, or no mark was found in it
     """
     if run.file.source.motion is not None:
         raise InputError(
             run.folder / RUN_FILE, "source.motion", "the run comes with its motion; there is nothing to track"
         )
+    refuse_untouched(run)
     from ...geometry.poses import missing_with_one
 
     alone = tuple(filter(None, [missing_with_one(run)]))

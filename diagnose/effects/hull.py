@@ -163,7 +163,7 @@ CROSSFLOW_FORMS = (
     *(
         replace(
             CROSSFLOW,
-            parameters=(Parameter("drag_depth_m", "m", 0.1, one_sided=True), Parameter("ahead", "", 0.15)),
+            parameters=(Parameter("drag_depth_m", "m", 0.06, one_sided=True), Parameter("ahead", "", 0.15)),
             force=_one_part(place),
             variant=f"of the {part} alone",
         )

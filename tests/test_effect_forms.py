@@ -1,0 +1,150 @@
+"""Further forms of the effects: against the same hull in another form, against the simulator's own numbers, and by hand."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from towline.diagnose.effects import LIBRARY, Effect, Seen, Situation
+from towline.diagnose.effects.base import SWINGS_S, along_the_run, swinging
+from towline.simulate import Hull, Start, Tow, simulate_full
+
+HULL, TOW = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28), Tow(1.28, 0.91, 1.6, 3.96)
+STATE = {
+    "t_s": 4.0, "y_m": 0.3, "beta_rad": 0.08, "v_m_s": -0.11, "r_rad_s": 0.07, "alpha_rad": -0.2, "speed_m_s": 1.28,
+    "line_length_m": 0.91, "tow_point_m": 1.6, "tension_n": 3.96, "alpha_rate": 0.13, "length_pp_m": 2.66,
+    "density_kg_m3": 998.0, "half_width_m": 2.0, "v_lag": -0.15, "r_lag": 0.02, "duration_s": 40.0, "y_v": -52.87,
+    "n_v": -48.51, "n_r": -57.60, "history": lambda t_s: 1.0,
+}  # fmt: skip
+DEPTH_M = 0.12
+
+
+def situation(**other: object) -> Situation:
+    return Situation(**(STATE | other))  # pyright: ignore[reportArgumentType]
+
+
+def form(name: str, variant: str) -> Effect:
+    return next(e for e in LIBRARY if e.name == name and e.variant == variant)
+
+
+def pushes(effect: Effect, s: Situation, *numbers: float) -> tuple[float, float]:
+    assert effect.force is not None
+    side, moment = effect.force(s, *numbers)
+    return float(side), float(moment)
+
+
+def test_second_order_moduli_are_strips_where_a_hull_only_sways_or_only_turns() -> None:
+    """A plate of one depth: v|v| by its whole length; r|r| by the integral of |x| x^2, L^4/32."""
+    moduli, strips = form("crossflow_drag", "second-order moduli"), form("crossflow_drag", "")
+    sway = situation(r_rad_s=0.0)
+    assert pushes(moduli, sway, DEPTH_M, 0.0, 0.0, 0.0, 0.0) == pytest.approx(pushes(strips, sway, DEPTH_M, 0.0))
+    turn = situation(v_m_s=0.0, r_rad_s=0.6)
+    _, wanted = pushes(strips, turn, DEPTH_M, 0.0)
+    side, moment = pushes(moduli, turn, DEPTH_M, 0.0, 0.0, 0.0, DEPTH_M / 32)
+    assert side == 0.0
+    # the strips' own integral over eight stations is good to 2 % where its kink lies amidships
+    assert moment == pytest.approx(wanted, rel=0.02)
+    assert moment == pytest.approx(-0.5 * 998.0 * DEPTH_M * 0.36 * 2.66**4 / 32)
+
+
+@pytest.mark.parametrize(("variant", "place"), [("of the after body alone", -0.35), ("of the fore body alone", 0.35)])
+def test_one_part_of_a_hull_drags_by_its_own_speed_at_its_own_place(variant: str, place: float) -> None:
+    side, moment = pushes(form("crossflow_drag", variant), situation(), DEPTH_M, 0.02)
+    arm = (place + 0.02) * 2.66
+    across = -0.11 + arm * 0.07
+    assert side == pytest.approx(-0.5 * 998.0 * 2.66 * DEPTH_M * across * abs(across))
+    assert moment == pytest.approx(arm * side)
+
+
+def test_what_changes_along_the_run_is_even_over_it() -> None:
+    t_s = 40.0 * (np.arange(4000) + 0.5) / 4000
+    s = situation(t_s=t_s)
+    courses = [along_the_run(s, *size) for size in np.eye(3)]
+    assert [float(np.mean(c)) for c in courses] == pytest.approx([0.0] * 3, abs=1e-6)
+    products = np.array([[np.mean(a * b) for a in courses] for b in courses])
+    assert products == pytest.approx(np.diag([1 / 3, 1 / 5, 1 / 7]), abs=1e-6)
+    assert [float(along_the_run(situation(t_s=40.0), *size)) for size in np.eye(3)] == pytest.approx([1.0] * 3)
+
+
+def test_what_swings_comes_back_after_a_period_and_no_fit_goes_far_from_it() -> None:
+    for period in SWINGS_S:
+        one, later = (swinging(situation(t_s=t), period, 0.3, -0.2, 0.0) for t in (3.0, 3.0 + period))
+        assert one == pytest.approx(later)
+    fast, faster = (swinging(situation(t_s=5.0), 20.0, 0.3, 0.0, f) for f in (0.5, 2.0))
+    assert fast == faster
+
+
+def test_a_current_that_changes_is_a_current_at_every_time() -> None:
+    plain = form("cross_current", "")
+    grows = form("cross_current", "that changes along the tank")
+    eddy = form("cross_current", "to and fro, about 15 s")
+    for t_s in (0.0, 11.0, 40.0):
+        s = situation(t_s=t_s)
+        assert pushes(grows, s, 0.01, 0.004, 0.0, 0.0) == pytest.approx(
+            pushes(plain, s, 0.01 + 0.004 * (t_s / 20 - 1), 0.0)
+        )
+        flow = 0.01 + 0.002 * np.sin(2 * np.pi * t_s / 15)
+        assert pushes(eddy, s, 0.01, 0.002, 0.0, 0.0) == pytest.approx(pushes(plain, s, flow, 0.0))
+
+
+@pytest.mark.parametrize("rate", [0.13, -0.13])
+def test_a_post_that_rubs_turns_the_line_back(rate: float) -> None:
+    """The line is turned by M, so that it presses across at the tow point with M / L."""
+    side, moment = pushes(form("swivel_friction", "at the post"), situation(alpha_rate=rate), 0.05, 0.0)
+    assert side == pytest.approx(-np.sign(rate) * 0.05 / 0.91 * np.cos(-0.2 + 0.08))
+    assert moment == pytest.approx(1.6 * side)
+
+
+def test_a_tow_point_that_has_slipped_is_one_that_stands_aside() -> None:
+    """Along the whole motion, the model let go at the same place: by the simulator's own offset, and by the effect's force."""
+    slipped, aside_m, t_s = form("tow_point_offset", "slips at about 10 s"), 0.004, np.arange(0, 30, 0.05)
+
+    def extra(t, y, beta, v, r, alpha):
+        s = situation(t_s=t, y_m=y, beta_rad=beta, v_m_s=v, r_rad_s=r, alpha_rad=alpha)
+        assert slipped.force is not None
+        return slipped.force(s, 0.0, aside_m, -100.0)
+
+    begin = Start(y_cg_m=0.1)
+    plain, forced = (simulate_full(HULL, TOW, begin, t_s, extra=e) for e in (None, extra))
+    wanted = simulate_full(HULL, Tow(1.28, 0.91, 1.6, 3.96, tow_point_offset_m=aside_m), begin, t_s)
+    for column in ("y_cg_m", "beta_rad"):
+        change = wanted[column] - plain[column]
+        assert np.abs(change).max() > 1e-3
+        # second order in the line's angle (0.2 rad) and the offset over the line
+        assert np.abs(forced[column] - wanted[column]).max() < 0.03 * np.abs(change).max(), column
+
+
+def test_a_rail_draws_the_point_to_the_side_it_is_pulled_to_and_is_seen_in_the_lines_length() -> None:
+    rail = form("tow_point_offset", "on a rail")
+    assert rail.force is not None
+    assert rail.stretch is not None
+    angles = np.array([-0.3, 0.0, 0.3])
+    side, _ = rail.force(situation(alpha_rad=angles - 0.08), 0.01)
+    assert side[1] == 0.0
+    assert side[0] == pytest.approx(-side[2], rel=0.1)
+    seen = SimpleNamespace(side=np.sin(angles))
+    longer = rail.stretch(seen, 0.01)
+    assert longer == pytest.approx(-0.01 * np.tanh(np.sin(angles) / 0.1) * np.sin(angles))
+
+
+def test_a_camera_on_its_side_is_late_by_columns() -> None:
+    t_s = np.arange(3.0)
+    none = np.zeros((3, 1, 1))
+    shutter = np.zeros((2, 3, 1, 4, 3))
+    shutter[0, :, :, 1, 1], shutter[1, :, :, 1, 1] = 0.4, -0.1
+    rates = (none, none + 0.05, none)
+    seen = Seen(t_s[:, None, None], (none, none, none), rates, none, none, np.ones((1, 1)), shutter)
+    for variant, share in (("", 0.4), ("column by column", -0.1)):
+        observe = form("rolling_shutter", variant).observe
+        assert observe is not None
+        assert np.ravel(observe(seen, 0.02)[1]) == pytest.approx([0.02 * share * 0.05] * 3)
+
+
+@pytest.mark.parametrize(("at_s", "later"), [(16.0, 0.01), (26.0, -0.005)])
+def test_a_clock_that_goes_over_to_another_rate_has_both(at_s: float, later: float) -> None:
+    clock = form("frame_rate", f"another rate from about {at_s:g} s on").clock
+    assert clock is not None
+    early, late = (np.diff([float(clock(t, 0.002, later, at_s)) for t in (a, a + 1.0)])[0] for a in (2.0, 38.0))
+    assert (early, late) == pytest.approx((0.002, 0.002 + later), abs=1e-6)

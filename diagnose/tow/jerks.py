@@ -25,6 +25,8 @@ HARD = (1.1, 1.3, 1.6, 2.0, 2.6, 3.4)
 """How hard it may be carried, in the straight tow's resistance: the search's grid. Below 1 no line falls slack."""
 LENGTHS_S = tuple(np.geomspace(0.8, 9.0, 18))
 """How long: the search's grid."""
+QUIET_Z, STRETCHES = 4.0, (2, 4, 8, 16)
+"""Where no stretch of so many blocks falls short by more than so many standard deviations nothing is sought: choices, for time."""
 SHIFTS = 3
 """Begins tried to a block."""
 NUMBERS = ("begin_s", "length", "hard", "skew", "spring", "damping", "gain")
@@ -158,7 +160,7 @@ def surged(pushes: Sequence[Push], numbers: Array, tow: Straight) -> tuple[Array
 
 
 def events(t_s: Array, ahead_m: Array, sd_m: float, tow: Straight) -> list[Event]:
-    """The likeliest event of every kind of push, the likeliest first.
+    """The likeliest event of every kind of push, the likeliest first; none where the radius is quiet.
 
     Parameters
     ----------
@@ -167,6 +169,10 @@ def events(t_s: Array, ahead_m: Array, sd_m: float, tow: Straight) -> list[Event
     sd_m : noise of those
     tow : that it befell
     """
+    sums = np.concatenate([[0.0], np.cumsum(ahead_m / sd_m)])
+    shown = [(sums[n:] - sums[:-n]).max() / np.sqrt(n) for n in STRETCHES if n < len(sums)]
+    if max(shown, default=0.0) < QUIET_Z:
+        return []
     step = float(np.median(np.diff(t_s)))
     starts = [
         (p, np.log([1.0, n, h, 1.0, SPRING_RAD_S, DAMPING, 1.0])) for p in PUSHES for n in LENGTHS_S for h in HARD

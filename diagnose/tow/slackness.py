@@ -87,7 +87,8 @@ def jerk_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Eff
         if good.sum() < LEAST_BLOCKS:
             continue
         ahead = np.where(good, np.nanmedian(radius) - radius, 0.0)
-        shown[index] = events(run.centre_s, ahead, run.usual_sd(2), _straight(run))
+        if likely := events(run.centre_s, ahead, run.usual_sd(2), _straight(run)):
+            shown[index] = likely
     sure = {index: max(found[0].gain, 0.0) for index, found in shown.items()}
     clear = max(SLACK_Z**2 / 2, LIKE_THE_MOST**2 * max(sure.values(), default=0.0))
     order = sorted((i for i in sure if sure[i] > clear), key=lambda i: -sure[i])

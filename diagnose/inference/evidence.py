@@ -288,19 +288,21 @@ class Inference:
         variance = np.clip(variance, LEAST_VARIANCE, 1.0)
         pull = (vectors / variance) @ vectors.T @ (mean / sd)
         data = (vectors * (1 / variance - 1)) @ vectors.T
-        logs: list[float] = []
-        for shares in product(*(e.sizes for e in h.effects)):
-            share = np.repeat(shares, [len(e.parameters) for e in h.effects])
+
+        def beside(share: Array) -> tuple[float, Array]:
+            """Log evidence with priors of this share of their size, and how far the sided numbers are on their side."""
             scaled = np.eye(len(sd)) + share[:, None] * data * share
             there = np.linalg.inv(scaled)
             log = 0.5 * (share * pull) @ there @ (share * pull) - 0.5 * np.linalg.slogdet(scaled)[1]
-            z = (there @ (share * pull))[sided] / np.sqrt(np.diag(there)[sided])
-            logs.append(float(log) + sum(on_its_side(one) for one in z))
-        whole = (
-            0.5 * pull @ np.linalg.solve(data + np.eye(len(sd)), pull)
-            - 0.5 * np.linalg.slogdet(data + np.eye(len(sd)))[1]
-        )
-        return float(logsumexp(logs) - np.log(len(logs)) - whole)
+            return float(log), (there @ (share * pull))[sided] / np.sqrt(np.diag(there)[sided])
+
+        # by the same sums as the others: what cancels is large where a number is known well
+        whole, _ = beside(np.ones(len(sd)))
+        logs: list[float] = []
+        for shares in product(*(e.sizes for e in h.effects)):
+            log, z = beside(np.repeat(shares, [len(e.parameters) for e in h.effects]))
+            logs.append(log - whole + sum(on_its_side(one) for one in z))
+        return float(logsumexp(logs) - np.log(len(logs)))
 
     def left(self, linear: Linear, forces: Forces, shared: Array, own: Array, run: int) -> Array:
         """(N,) whitened residual of a run after a step of shared and own numbers."""
@@ -463,6 +465,9 @@ class Inference:
         h = linear.hypothesis
         log_evidence = solved.log_evidence + forces.log_prior(self.simulator.most_force) + self.sized(h, solved)
         log_evidence += self.bounded(h, solved) - sum(e.cost for e in h.effects)
+        if solved.chi_square < 0:
+            # squares that sum to less than nothing: slopes of a motion that has run off cancel beyond all digits
+            log_evidence = -np.inf
         return Fitted(h, forces, log_evidence, solved, linear, grams)
 
     def _bounded(self, linear: Linear) -> bool:

@@ -21,9 +21,9 @@ SLACK_Z = 8.0
 LIKE_THE_MOST = 0.3
 """Windows below this share of the clearest one's significance are left out: a fit that lacks the slack line errs a little in all
 runs."""
-KINDS, AS_GOOD = 4, 10.0
+KINDS, AS_GOOD, IN_FORM = 4, 10.0, 0.03
 """Kinds of what carries the models ahead that are tried as effects: so many, as far as the radius alone does not tell them from the
-best by more than the second. Choices, for time."""
+best by more than the second, or than the third of what it explains (no push has exactly these courses). Choices, for time."""
 FOUND_COST = 10.0
 """Log evidence that finding an event's six numbers in a run's residual costs: a choice."""
 SURGING = 1.05
@@ -96,7 +96,9 @@ def jerk_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Eff
     gains: dict[Push, float] = {}
     for event in (e for i in order for e in shown[i]):
         gains[event.push] = gains.get(event.push, 0.0) + event.gain
-    kinds = [k for k in sorted(gains, key=lambda k: -gains[k]) if gains[k] > max(gains.values()) - AS_GOOD]
+    least = max(gains.values(), default=0.0)
+    least -= max(AS_GOOD, IN_FORM * least)
+    kinds = [k for k in sorted(gains, key=lambda k: -gains[k]) if gains[k] > least]
     for push in kinds[:KINDS]:
         own = {i: next(e for e in shown[i] if e.push == push) for i in order}
         for count in range(1, len(order) + 1):

@@ -101,7 +101,8 @@ def stands_for(base: Fraction, rate: Fraction, start: int):
     video = SimpleNamespace(
         average_rate=rate, guessed_rate=rate, time_base=base, start_time=start, frames=0, index_entries=[]
     )
-    container = SimpleNamespace(streams=SimpleNamespace(video=[video]), format=SimpleNamespace(name="mpegts", flags=0))
+    kind = SimpleNamespace(name="mpegts", flags=0)
+    container = SimpleNamespace(streams=SimpleNamespace(video=[video]), format=kind, metadata={})
     return container, SimpleNamespace(by_place=False, first_stamp=start, last_stamp=None, packets=0)
 
 

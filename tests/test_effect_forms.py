@@ -99,7 +99,7 @@ def test_a_post_that_rubs_turns_the_line_back(rate: float) -> None:
 
 def test_a_tow_point_that_has_slipped_is_one_that_stands_aside() -> None:
     """Along the whole motion, the model let go at the same place: by the simulator's own offset, and by the effect's force."""
-    slipped, aside_m, t_s = form("tow_point_offset", "slips at about 10 s"), 0.004, np.arange(0, 30, 0.05)
+    slipped, aside_m, t_s = form("tow_point_offset", "slips at about 8 s"), 0.004, np.arange(0, 30, 0.05)
 
     def extra(t, y, beta, v, r, alpha):
         s = situation(t_s=t, y_m=y, beta_rad=beta, v_m_s=v, r_rad_s=r, alpha_rad=alpha)

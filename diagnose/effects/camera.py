@@ -391,7 +391,7 @@ DRIFT_SWINGS = tuple(
         parameters=(
             Parameter("sine", "", 0.005),
             Parameter("cosine", "", 0.005),
-            Parameter("faster", "", 0.15),
+            Parameter("faster", "", 0.1),
             Parameter("level", "", 0.005),
         ),
         physics="The carriage's speed swings slowly.",

@@ -266,7 +266,7 @@ CURRENT_SWINGS = tuple(
             CURRENT.parameters[0],
             Parameter("sine_m_s", "m/s", 0.002),
             Parameter("cosine_m_s", "m/s", 0.002),
-            Parameter("faster", "", 0.15),
+            Parameter("faster", "", 0.1),
         ),
         force=_current_swings(period),
         variant=f"to and fro, about {period:g} s",

@@ -19,8 +19,10 @@ JERK_FORM = 0.03
 """What carries a model ahead takes a course of its own, and bounces are told by a camera coarsely."""
 RAIL = 0.1
 """Sine of the line's angle to the hull at which it has gone three quarters of a rail's way."""
-SLIPS_S = 0.5
-"""How long a tow point takes to slip."""
+SLIPS_AT_S = (8.0, 13.0, 18.0, 23.0, 28.0, 33.0)
+"""Times from which one at which a tow point slips is sought ..."""
+SLIPS_S = 1.0
+"""... and how long it takes: a choice; a tow is slower."""
 RUB_RATE = 0.004
 """rad/s at which dry friction has turned over (it is smoothed there)."""
 STRIBECK_RATE = 0.02
@@ -159,14 +161,14 @@ OFFSET_FORMS = (
     *(
         replace(
             OFFSET,
-            parameters=(*OFFSET.parameters, Parameter("slipped_m", "m", 0.005), Parameter("when_s", "s", 4.0, none=at)),
+            parameters=(*OFFSET.parameters, Parameter("slipped_m", "m", 0.005), Parameter("when_s", "s", 2.0, none=at)),
             physics="The tow point slips during a run, and the line pulls beside the centre line.",
             offset=None,
             force=lambda s, *numbers: _turned_by(s, _slipped(s.t_s, *numbers)),
             stretch=lambda seen, *numbers: _moved_aside(seen, _slipped(seen.t_s, *numbers)),
             variant=f"slips at about {at:g} s",
         )
-        for at in (10.0, 20.0, 30.0)
+        for at in SLIPS_AT_S
     ),
 )
 """Beside one that stands off all along."""

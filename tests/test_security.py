@@ -25,7 +25,7 @@ from towline.record.results import Measured
 ROOT = Path(__file__).resolve().parent.parent
 ALLOWED = {
     "record/own_code.py: exec_module": "run_own: a Python file of the user's own, named outright on the command line",
-    "diagnose/own/back.py: eval": "arithmetic of a corrected.json, node by node from a list; the file that is read is towline's own",
+    "diagnose/own/back.py: eval": "arithmetic of a corrected.json, node by node from a list",
     "pipeline/executor/copies.py: pickle": "between this process and its own forked copy, through a pipe; never from a file",
 }
 """Where what runs code stands all the same, and why."""

@@ -122,7 +122,7 @@ def test_delays_are_found_where_record_and_motion_disagree(since: float | None) 
         by = np.full_like(cell_s, late) if since is None else 0.1 + 0.3 * (cell_s >= since)
         said = 0.05 + 1.02 * np.interp(cell_s + by, node_s, pulls[:, k]) + rng.normal(0, 0.01, len(cell_s))
         values = np.column_stack([np.zeros((len(cell_s), PULL)), said])
-        runs.append(SimpleNamespace(name=f"r{k}", values=values, cell_s=cell_s, usual_sd=lambda _: 0.01))
+        runs.append(SimpleNamespace(name=f"r{k}", celled=True, values=values, cell_s=cell_s, usual_sd=lambda _: 0.01))
     jump, each = delay_effects(runs, node_s, pulls)
     assert jump.cell is not None
     assert each.cell is not None

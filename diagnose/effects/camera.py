@@ -133,11 +133,8 @@ def _delayed(s: Situation, delay):
     return s.tension_n * (s.history(s.t_s - delay) / s.history(s.t_s) - 1)
 
 
-def _late(_run, _t_s, delay):
-    return delay
-
-
-def _later_and_later(_run, t_s, delay, per_s):
+def _late(_run, t_s, delay, per_s=0.0):
+    """Steadily, or later and later."""
     return delay + per_s * t_s
 
 
@@ -173,18 +170,20 @@ def _no_pixels(run) -> str:
     return "" if run.file.source.motion is None else "a motion holds no pixels"
 
 
-def _no_history(run) -> str:
-    tow = run.file.tow
-    if tow is None or tow.tension is None:
-        return "no tension history"
-    return "" if tow.line == "constant" else 'line = "surge": a history is compared with what the motion makes'
+def _history_of(line: str, otherwise: str) -> Callable[[Any], str]:
+    """A tension history, of that line; ``otherwise``: what it is on another."""
+
+    def needs(run) -> str:
+        tow = run.file.tow
+        if tow is None or tow.tension is None:
+            return "no tension history"
+        return "" if tow.line == line else otherwise
+
+    return needs
 
 
-def _no_cell(run) -> str:
-    tow = run.file.tow
-    if tow is None or tow.tension is None:
-        return "no tension history"
-    return "" if tow.line == "surge" else 'line = "constant": a history moves the model'
+_no_history = _history_of("constant", 'line = "surge": a history is compared with what the motion makes')
+_no_cell = _history_of("surge", 'line = "constant": a history moves the model')
 
 
 LENS = Effect(
@@ -418,7 +417,7 @@ DELAY_FORMS = (
         DELAY,
         parameters=(*DELAY.parameters, Parameter("per_s", "", 0.005)),
         tension=None,
-        cell=_later_and_later,
+        cell=_late,
         needs=_no_cell,
         variant="beside the line's pull, growing",
     ),

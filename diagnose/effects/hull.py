@@ -80,24 +80,26 @@ def _one_part(place: float) -> Callable[..., tuple[Any, Any]]:
     return force
 
 
-def _current(s: Situation, speed, shear):
-    """The water moves to starboard at ``speed`` + ``shear`` y: the hull's sway through it is smaller by as much."""
-    flow = speed + shear * s.y_m
+def _carried(s: Situation, flow: Any) -> tuple[Any, Any]:
+    """Water that moves to starboard: the hull's sway through it is smaller by as much."""
     return -s.y_v * flow, -s.n_v * flow
+
+
+def _current(s: Situation, speed, shear):
+    """The water moves to starboard at ``speed`` + ``shear`` y."""
+    return _carried(s, speed + shear * s.y_m)
 
 
 def _current_along(s: Situation, speed, along, bent, twice):
     """It changes along the tank, as Legendre's polynomials of the way do: grows, or goes to and fro once or so."""
-    flow = speed + along_the_run(s, along, bent, twice)
-    return -s.y_v * flow, -s.n_v * flow
+    return _carried(s, speed + along_the_run(s, along, bent, twice))
 
 
 def _current_swings(period_s: float) -> Callable[..., tuple[Any, Any]]:
     """Eddies that an earlier tow has left: to and fro along the tank."""
 
     def force(s: Situation, speed, sine, cosine, faster):
-        flow = speed + swinging(s, period_s, sine, cosine, faster)
-        return -s.y_v * flow, -s.n_v * flow
+        return _carried(s, speed + swinging(s, period_s, sine, cosine, faster))
 
     return force
 

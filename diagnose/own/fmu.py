@@ -12,7 +12,6 @@ import tempfile
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from ...record.errors import InputError
 from ...record.files import refusal
 from ...simulate.model import Array
 from .fmu_calls import Calls, Library
-from .model import Input, Missing, Number, Output, State, check_model, kinds
+from .model import Input, Missing, Named, Number, Output, State, check_model
 
 REAL = ("Real", "Float64")
 FMU_BYTES = 1 << 30
@@ -30,7 +29,7 @@ FMU_BYTES = 1 << 30
 
 
 @dataclass(frozen=True)
-class FmuModel:
+class FmuModel(Named):
     """An FMU.
 
     Attributes
@@ -72,15 +71,6 @@ class FmuModel:
     def course(self, t: Array, start: Array, u: Array, p: Array) -> Array:
         """Of ``System``."""
         return self.calls.course(t, start, u, p)
-
-    def arguments(self, x: Array, u: Array, p: Array) -> tuple[Any, Any, Any]:
-        """Of ``System``."""
-        of_x, of_u, of_p = self._kinds
-        return of_x(*x), of_u(*u), of_p(*p)
-
-    @cached_property
-    def _kinds(self) -> tuple[Any, Any, Any]:
-        return kinds(self)
 
     def measured(self, outputs: Sequence[str], numbers: Sequence[str]) -> FmuModel:
         """With those outputs alone that are measured, and those numbers fitted that are named; none: all."""

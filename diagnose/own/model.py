@@ -230,12 +230,25 @@ class System(Protocol):
         ...
 
 
+class Named:
+    """A model's states, inputs and numbers by their names, for what its author writes."""
+
+    def arguments(self, x: Array, u: Array, p: Array) -> tuple[Any, Any, Any]:
+        """Of ``System``."""
+        of_x, of_u, of_p = self._kinds
+        return of_x(*x), of_u(*u), of_p(*p)
+
+    @cached_property
+    def _kinds(self) -> tuple[Any, Any, Any]:
+        return kinds(self)  # pyright: ignore[reportArgumentType]
+
+
 Rates = Callable[[Any, Any, Any, Any], Sequence[Any]]
 """(t, x, u, p) -> the rates of the states, or the outputs; x, u and p are tuples with names."""
 
 
 @dataclass(frozen=True)
-class Model:
+class Model(Named):
     """A model in Python.
 
     Attributes
@@ -282,15 +295,6 @@ class Model:
     def course(self, t: Array, start: Array, u: Array, p: Array) -> Array:
         """Of ``System``: never asked."""
         raise NotImplementedError
-
-    def arguments(self, x: Array, u: Array, p: Array) -> tuple[Any, Any, Any]:
-        """Of ``System``."""
-        of_x, of_u, of_p = self._kinds
-        return of_x(*x), of_u(*u), of_p(*p)
-
-    @cached_property
-    def _kinds(self) -> tuple[Any, Any, Any]:
-        return kinds(self)
 
     def _called(self, function: Rates, what: str, count: int, t: Any, x: Array, u: Array, p: Array) -> Array:
         if not self._pointwise[0]:
@@ -414,6 +418,7 @@ __all__ = [
     "Input",
     "Missing",
     "Model",
+    "Named",
     "Number",
     "Output",
     "State",

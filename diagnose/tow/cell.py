@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...identify.data import RunData
+from ...identify.joint.gauge import white_sd
 from ...simulate.model import Array
 
 SCALE_REL, ZERO_REL = 0.003, 0.003
@@ -15,10 +16,6 @@ SLOW_REL, SLOW_S = 0.002, 4.0
 """What else comes and goes within the second, as a share of its mean (a creeping cell, ripples of the carriage)."""
 SETTLES_S = 1.0
 """A model that is let go bounces on its line for so long: no pull of a line that keeps its length."""
-THIRD = 20.0
-"""Variance of third differences of white noise over its own."""
-MAD_TO_SD = 1.4826
-"""Of a normal distribution."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +62,7 @@ def cell_means(data: RunData, start_s: float, step_s: float, count: int) -> Cell
     centre = np.where(there, np.bincount(block, t_s, minlength=count) * share, usual)
     spread = np.bincount(block, (t_s - centre[block]) ** 2, minlength=count) * share
     mean = np.where(there, np.bincount(block, pull, minlength=count) * share, np.nan)
-    third = np.diff(pull, 3)
-    white = MAD_TO_SD * float(np.median(np.abs(third))) / np.sqrt(THIRD) if len(third) > 3 else 0.0
-    level, reading = abs(float(np.nanmean(mean))), np.nan_to_num(mean)
+    white, level, reading = white_sd(pull), abs(float(np.nanmean(mean))), np.nan_to_num(mean)
     priors = data.priors
     scale = priors.tension_sd_rel or SCALE_REL
     zero = priors.tension_zero_sd_n or ZERO_REL * level

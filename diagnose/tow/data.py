@@ -103,6 +103,24 @@ class TowRun:
     cell_s: Array
     cell_spread_s2: Array
 
+    @property
+    def celled(self) -> bool:
+        """Whether it has the load cell's channel (all runs of a campaign, or none)."""
+        return self.values.shape[1] > PULL
+
+    def off_middle(self, radius: Array, least: int) -> Array | None:
+        """(n,) a residual of the line's radius about its median, over its noise; 0 where it was not measured.
+
+        Parameters
+        ----------
+        radius : (n,) NaN where not measured
+        least : None where fewer were measured
+        """
+        good = np.isfinite(radius)
+        if good.sum() < least:
+            return None
+        return np.where(good, radius - np.nanmedian(radius), 0.0) / self.usual_sd(LINE)
+
     def usual_sd(self, channel: int) -> float:
         """Standard deviation of a block's mean in a channel, the median over the blocks."""
         return float(np.sqrt(np.median(np.diag(self.covariance[channel]))))

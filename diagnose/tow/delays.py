@@ -33,7 +33,7 @@ def delay_effects(runs: Sequence[TowRun], node_s: Array, pull_n: Array) -> list[
     node_s : (nodes,) times
     pull_n : (nodes, runs) what the lines pull with, by the measured motion
     """
-    celled = [i for i, run in enumerate(runs) if run.values.shape[1] > PULL and _good(run).sum() >= LEAST_BLOCKS]
+    celled = [i for i, run in enumerate(runs) if run.celled and _good(run).sum() >= LEAST_BLOCKS]
     if not celled:
         return []
     times = np.unique(np.concatenate([runs[i].cell_s for i in celled]).round(1))

@@ -209,8 +209,6 @@ def _fitted(
     """Gauss-Newton from these starts, all side by side; steps that lose are halved."""
     step, pushes = float(np.median(np.diff(t_s))), [p for p, _ in starts]
     here = np.array([x for _, x in starts])
-    known = np.where(np.isfinite(SPREAD), SPREAD, 1.0)
-    weigh = np.isfinite(SPREAD) / known
 
     def missed(numbers: Array) -> Array:
         """(k, n + 7) rows: blocks, then what is known of the numbers."""
@@ -222,7 +220,7 @@ def _fitted(
             (np.interp(t_s + step / 2 - b, fine, w) - np.interp(t_s - step / 2 - b, fine, w)) / step
             for b, w in zip(numbers[:, 0], whole.T, strict=True)
         ]
-        return np.column_stack([(ahead_m - np.array(rows)) / sd_m, -(numbers - USUAL) * weigh])
+        return np.column_stack([(ahead_m - np.array(rows)) / sd_m, -(numbers - USUAL) / SPREAD])
 
     count, left = len(NUMBERS), missed(here)
     damp = np.full(len(here), 1e-2)

@@ -23,7 +23,7 @@ from ..inference.shooting import (
     integrated,
     stepped,
 )
-from .data import PULL, TowRun, corrected
+from .data import TowRun, corrected
 from .numbers import shared_numbers
 from .rates import OWN, STATES, Fields, Numbers, TowRates, tow_of
 from .seen import TowSeen
@@ -201,7 +201,7 @@ class TowModel:
     @property
     def celled(self) -> bool:
         """Whether a load cell says what lines pull with."""
-        return self.runs[0].values.shape[1] > PULL
+        return self.runs[0].celled
 
     def pulls(self, h: Hypothesis, path: Path) -> Array:
         """(nodes, runs) what the lines pull with along a path that need not be the hypothesis's own, N."""

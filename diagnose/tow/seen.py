@@ -46,7 +46,7 @@ class TowSeen:
 
     def __init__(self, runs: Sequence[TowRun], fields: Fields, node_s: Array) -> None:
         self._runs, self._fields, self._node_s = list(runs), fields, node_s
-        self._step_s, self._celled = runs[0].step_s, runs[0].values.shape[1] > PULL
+        self._step_s, self._celled = runs[0].step_s, runs[0].celled
         tows = [r.data.tow for r in runs]
         self._stated = np.array(
             [[t.line_length_m, t.tow_point_m, t.tow_point_offset_m, t.post_m[0]] for t in tows], dtype=float
@@ -130,10 +130,11 @@ class TowSeen:
 
     def _means(self, run: TowRun, late: Array | float, nodes: int) -> _Means:
         """Of a run whose channels are seen so much later, (n, c) s."""
-        cell, at = run.values.shape[1] > PULL, np.broadcast_to(late, run.values.shape)
-        node_s = self._step_s / 2
+        at, node_s = np.broadcast_to(late, run.values.shape), self._step_s / 2
         camera = _Mean(run.centre_s + at[:, 0], run.spread_s2, node_s, nodes)
-        return _Means(camera, _Mean(run.cell_s + at[:, PULL], run.cell_spread_s2, node_s, nodes) if cell else None)
+        return _Means(
+            camera, _Mean(run.cell_s + at[:, PULL], run.cell_spread_s2, node_s, nodes) if run.celled else None
+        )
 
     def _series(self, numbers: Numbers, path: Array) -> Array:
         """(nodes, c, runs, columns) at every node."""
@@ -199,7 +200,7 @@ def _late(numbers: Numbers, run: TowRun) -> Array:
     for a in numbers.active:
         if a.effect.clock is not None:
             late[:, :PULL, a.columns] += a.effect.clock(run.centre_s[:, None], *a.numbers)[:, None]
-        if a.effect.cell is not None and late.shape[1] > PULL:
+        if a.effect.cell is not None and run.celled:
             late[:, PULL, a.columns] += a.effect.cell(run.name, run.cell_s[:, None], *a.numbers)
     return late
 

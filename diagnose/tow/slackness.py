@@ -12,7 +12,7 @@ from ...geometry.checks.bundle import half_sine
 from ...simulate.model import RESISTANCE_EXPONENT, Array
 from ..effects import Effect, jerked, slack
 from .courses import by_run
-from .data import TowRun
+from .data import LINE, TowRun
 from .jerks import STEP_S, Event, Push, Straight, events
 from .start import straight_pull
 
@@ -54,12 +54,8 @@ def slack_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Ef
         windows: list[tuple[float, float] | None] = []
         sure: list[float] = []
         for index, run in enumerate(runs):
-            radius = residuals[index][:, 2]
-            good = np.isfinite(radius)
-            best = (0.0, 0.0, 0.0)
-            if good.sum() >= LEAST_BLOCKS:
-                rest = np.where(good, radius - np.nanmedian(radius), 0.0) / run.usual_sd(2)
-                best = _slackest(run.centre_s, rest, 2 if wave else 1)
+            rest = run.off_middle(residuals[index][:, LINE], LEAST_BLOCKS)
+            best = (0.0, 0.0, 0.0) if rest is None else _slackest(run.centre_s, rest, 2 if wave else 1)
             sure.append(best[0])
             windows.append((best[1], best[2]))
         clear = max(SLACK_Z, LIKE_THE_MOST * max(sure))
@@ -82,12 +78,9 @@ def jerk_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Eff
     """
     shown: dict[int, list[Event]] = {}
     for index, (run, residual) in enumerate(zip(runs, residuals, strict=True)):
-        radius = residual[:, 2]
-        good = np.isfinite(radius)
-        if good.sum() < LEAST_BLOCKS:
-            continue
-        ahead = np.where(good, np.nanmedian(radius) - radius, 0.0)
-        if likely := events(run.centre_s, ahead, run.usual_sd(2), _straight(run)):
+        rest = run.off_middle(residual[:, LINE], LEAST_BLOCKS)
+        sd_m = run.usual_sd(LINE)
+        if rest is not None and (likely := events(run.centre_s, -sd_m * rest, sd_m, _straight(run))):
             shown[index] = likely
     sure = {index: max(found[0].gain, 0.0) for index, found in shown.items()}
     clear = max(SLACK_Z**2 / 2, LIKE_THE_MOST**2 * max(sure.values(), default=0.0))

@@ -66,7 +66,7 @@ def springing_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> lis
     runs : as the diagnosis sees them
     residuals : per run (n, 4), measured minus simulated by the fit without effects
     """
-    rests = [_rest(run, residuals[i][:, LINE]) for i, run in enumerate(runs)]
+    rests = [run.off_middle(residuals[i][:, LINE], LEAST_BLOCKS) for i, run in enumerate(runs)]
     whole = [rest for rest in rests if rest is not None]
     if len(whole) < len(runs):
         return []
@@ -141,13 +141,6 @@ def _courses(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:
 
 def _within(spline: CubicSpline, t_s: Array) -> Array:
     return spline(np.clip(t_s, spline.x[0], spline.x[-1]))
-
-
-def _rest(run: TowRun, radius: Array) -> Array | None:
-    good = np.isfinite(radius)
-    if good.sum() < LEAST_BLOCKS:
-        return None
-    return np.where(good, radius - np.nanmedian(radius), 0.0) / run.usual_sd(LINE)
 
 
 def ring_fit(t_s: Array, rest: Array, decay_s: float, rate_rad_s: float) -> tuple[float, complex]:

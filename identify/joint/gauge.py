@@ -39,6 +39,17 @@ class GaugeBlocks:
     shapes: dict[str, Array]
 
 
+def white_sd(values: Array) -> float:
+    """Standard deviation of a record's white noise, by third differences, which a swing hardly moves; 0 of fewer than seven values.
+
+    Parameters
+    ----------
+    values : (n,), evenly spaced
+    """
+    third = np.diff(values, 3)
+    return float(np.median(np.abs(third))) / 0.6745 / np.sqrt(20.0) if len(third) > 3 else 0.0
+
+
 def gauge_blocks(data: RunData) -> GaugeBlocks | None:
     """The history within the run's record; None without one.
 
@@ -55,9 +66,7 @@ def gauge_blocks(data: RunData) -> GaugeBlocks | None:
     times = np.bincount(cell, clock[inside])[full] / count[full]
     means = np.bincount(cell, tension[inside])[full] / count[full]
     mean = abs(float(means.mean()))
-    third = np.diff(means, 3)
-    noise = float(np.median(np.abs(third))) / 0.6745 / np.sqrt(20.0) if len(third) > 3 else 0.0
-    noise = max(noise, LEAST_SHARE * mean)
+    noise = max(white_sd(means), LEAST_SHARE * mean)
     priors = data.priors
     slope = np.gradient(means, times) if len(means) > 1 else np.zeros(1)
     shapes = {
@@ -70,4 +79,4 @@ def gauge_blocks(data: RunData) -> GaugeBlocks | None:
     return GaugeBlocks(times, means, white, noise, shapes)
 
 
-__all__ = ["GaugeBlocks", "gauge_blocks"]
+__all__ = ["GaugeBlocks", "gauge_blocks", "white_sd"]

@@ -12,6 +12,9 @@ from .toml import Table, read_toml
 _Sd = Annotated[float, Field(ge=0)]
 """A standard deviation: 0 or more."""
 _Value = float
+LINE_LENGTH_SD_M = 7e-4
+"""Of a line's length where nobody says: half a millimetre by rule and knots, half by its stretch, which the stated length may or
+may not hold and no simulator here knows (4 N on 8 kN/m)."""
 DERIVATIVE_NAMES = ("m_minus_y_vdot", "i_minus_n_rdot", "y_v", "y_r_minus_mu", "n_v", "n_r")
 """The six linear derivatives, in the order of every parameter vector: m-Y_vdot, I-N_rdot, Y_v, Y_r-mU, N_v, N_r."""
 
@@ -68,7 +71,10 @@ class Priors(Table):
         default=0.0,
         description="error of T common to all runs, relative: moves all derivatives together, unseen by the motion",
     )
-    line_length_sd_m: _Sd = Field(default=0.0, description="error of L common to all runs")
+    line_length_sd_m: _Sd = Field(
+        default=LINE_LENGTH_SD_M,
+        description="error of L common to all runs: the rule, the knots, the stretch under the tension",
+    )
     speed_sd_rel: _Sd = Field(default=0.0, description="error of U common to all runs, relative")
     y_bias_sd_m: _Sd | None = Field(default=None, description="datum bias y_b of a run; absent: free", examples=[0.002])
     beta_bias_sd_rad: _Sd | None = Field(

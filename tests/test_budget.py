@@ -175,7 +175,7 @@ def test_what_the_fit_takes_as_exact_has_a_sensitivity_too(
 
 
 def test_settings_without_priors_are_not_included_and_move_what_they_move() -> None:
-    exact = tows(Priors())
+    exact = tows(Priors(line_length_sd_m=0.0))
     fit = fit_runs(exact)
     budget = budget_of(fit, exact)
     out = {c.name: c for c in budget.components if not c.included}

@@ -59,7 +59,8 @@ SIX = np.array([149.19, 62.11, -52.87, -66.33, -48.51, -57.60])
 HULL = Hull(*SIX, speed_m_s=1.28)
 POINTS_M = (1.446, 1.548, 1.649, 1.751)
 SIGMA = np.array([1e-3, np.radians(0.1)])
-EXACT_PLACES = Priors(y_bias_sd_m=0.0, beta_bias_sd_rad=0.0)
+EXACT_PLACES = Priors(line_length_sd_m=0.0, y_bias_sd_m=0.0, beta_bias_sd_rad=0.0)
+FREE_PLACES = Priors(line_length_sd_m=0.0)
 NUISANCES = Priors(tension_sd_rel=0.01, tow_point_sd_m=1e-3, y_bias_sd_m=2e-3, beta_bias_sd_rad=float(np.radians(0.2)))
 FALSE_ALARM = 1e-4
 """A correct plan fails a statistical test once in so many draws; the seeds are fixed."""
@@ -229,7 +230,7 @@ def test_golden_four_tow_points() -> None:
     np.testing.assert_allclose(near, table, rtol=0.10)
     far = 100 * campaign_sd(where, [tow_at(x, 0.15) for x in POINTS_M], [60.0] * 4)[order]
     np.testing.assert_allclose(far, near * 0.12 / 0.15, rtol=1e-6)
-    free = 100 * campaign_sd(setting(), [tow_at(x, 0.15) for x in POINTS_M], [60.0] * 4)[order]
+    free = 100 * campaign_sd(setting(priors=FREE_PLACES), [tow_at(x, 0.15) for x in POINTS_M], [60.0] * 4)[order]
     assert (free > far).all()  # free biases cost something,
     assert (free < 1.07 * far).all()  # with four runs of 60 s at most 7 %
 
@@ -551,6 +552,7 @@ def test_a_prior_on_a_derivative_is_information_of_its_own() -> None:
     priors = Priors(
         derivatives=DerivativePriors(y_v=ValuePrior(value=-50.0, std=2.0)),
         tension_common_sd_rel=0.02,
+        line_length_sd_m=0.0,
         speed_sd_rel=0.005,
     )
     wanted = np.diag([0, 0, (52.87 / 2) ** 2, 0, 0, 0, 1, 1])

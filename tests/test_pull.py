@@ -113,8 +113,11 @@ def test_path_traced_tows_with_a_mirroring_bar(shared: Path, tmp_path: Path) -> 
     for run in sorted(folder.glob("run-*")):
         runs.append(tmp_path / run.name)
         shutil.copytree(run, runs[-1])
-    found = identify_batch(compute_motions(runs)).result.derivatives
+    result = identify_batch(compute_motions(runs)).result
+    found = result.derivatives
     for name in DERIVATIVE_UNITS:
         value = found[name]
         assert abs(value.value - truth[name]) < 3.3 * value.std, name
         assert value.value == pytest.approx(truth[name], rel=0.03), name
+    z = np.array([(found[name].value - truth[name]) / found[name].std for name in DERIVATIVE_UNITS])
+    assert z @ np.linalg.solve(np.array(result.correlation), z) < 16.8  # together: of six, 99 %

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...geometry.normal import inverse_of_normal
+from ...record.priors import LINE_LENGTH_SD_M
 from ...simulate.model import Array
 from ..effects import LAWS, Effect, offset_each
 from ..inference.apart import Apart
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from ..inference.evidence import Fitted, Inference
 
 PRIORS = {
-    "y_b": 1.5e-3, "beta_b": 1.5e-3, "tension": 5e-3, "tow_point": 7e-4, "line": 7e-4, "speed": 1.5e-3,
+    "y_b": 1.5e-3, "beta_b": 1.5e-3, "tension": 5e-3, "tow_point": 7e-4, "line": LINE_LENGTH_SD_M, "speed": 1.5e-3,
     "longer": 0.05, "ahead": 0.05,
 }  # fmt: skip
 """Of each run's own numbers where [priors] is silent: m, rad; tension and speed relative. The last two: of a line with a law of its

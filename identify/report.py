@@ -38,6 +38,8 @@ SURE = 0.975
 """Probability from which a verdict stands without a remark: the 95 % interval does not hold zero."""
 OPTIMISTIC = 1.25
 """The naive standard deviations are named where one of them is smaller by more than this factor: a choice."""
+REMARKABLE = 2.0
+"""An error that every fit carries unasked is told from so many of its standard deviations."""
 TRANSIENT_SD_SHARE = 0.05
 """From this relative standard deviation on the transient's size is said: it is what tells the derivatives apart."""
 
@@ -312,6 +314,8 @@ def _notes(fit: Fit, runs: list[RunData]) -> list[str]:
             f"autocorrelation left after whitening widens the standard deviations up to {rest.max():.1f} times"
         )
     for name, (value, sd) in fit.common.items():
+        if name == "line_length" and runs[0].priors.line_is_usual and abs(value) < REMARKABLE:
+            continue
         what = name.replace("_", " ")
         notes.append(
             f"an error of the {what} common to all runs is carried: {value:+.2f} +- {sd:.2f} of its prior's sd"

@@ -93,6 +93,11 @@ class Priors(Table):
         default_factory=lambda: DerivativePriors(), description="priors on the derivatives themselves"
     )
 
+    @property
+    def line_is_usual(self) -> bool:
+        """Nobody said how well the line's length is known: ``LINE_LENGTH_SD_M`` holds."""
+        return "line_length_sd_m" not in self.model_fields_set
+
 
 def read_priors(path: str | Path) -> Priors:
     """A priors.toml.

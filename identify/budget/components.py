@@ -241,8 +241,8 @@ def _common(lines: _Lines, name: str, sd: float, moved: Array) -> None:
             "tension gauge", "scale common to all runs", "", sd, "1", moved, f"{RUN_TOML}tension_common_sd_rel"
         )
     elif name == "line_length":
-        said = "line_length_sd_m" in lines.gains.runs[0].priors.model_fields_set
-        origin = f"{RUN_TOML}line_length_sd_m" if said else "usual: rule, knots and the line's stretch"
+        usual = lines.gains.runs[0].priors.line_is_usual
+        origin = "usual: rule, knots and the line's stretch" if usual else f"{RUN_TOML}line_length_sd_m"
         lines.single("line length", "line_length_m", "", sd, "m", moved, origin)
     elif name == "speed":
         lines.single("speed", "speed_m_s", "", sd, "m/s", moved, f"{RUN_TOML}speed_sd_rel")

@@ -29,13 +29,17 @@ define cpu_torch
   || echo "$(TORCH_CPU) cannot be reached: the default build of torch follows, several GB (KORNIA=0 leaves it out)" >&2; fi
 endef
 
-.PHONY: demo test lint wheel wheel-test clean docs
+.PHONY: demo test pytest lint wheel wheel-test clean docs
 
 demo: $(VENV)/.demo
 	$(BIN)/towline run sample_videos/leander_steady/hole6 sample_videos/leander_steady/hole5 sample_videos/leander_steady/hole4 sample_videos/leander_steady/hole3
 	$(BIN)/towline run sample_videos/mariner/x1446 sample_videos/mariner/x1548 sample_videos/mariner/x1649 sample_videos/mariner/x1751
 
-test: lint
+# Types are checked by one core while the tests run on the others; either one fails the whole.
+test: $(VENV)/.test-$(STAMP)
+	@$(MAKE) --no-print-directory -j2 lint pytest
+
+pytest: $(VENV)/.test-$(STAMP)
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests -n $(WORKERS) --dist worksteal
 
 lint: $(VENV)/.test-$(STAMP)

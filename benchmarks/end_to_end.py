@@ -79,7 +79,7 @@ def with_truth(folders: list[Path], level: str, to: Path) -> list[Path]:
     return made
 
 
-def one(out: str, seed: int, duration_s: float | None = None, keep: bool = False) -> int:
+def one(out: str, seed: int, duration_s: float | None = None, keep: bool = False, rate_hz: float | None = None) -> int:
     """A campaign; its answer is OUT/NNN.json."""
     target = Path(out) / f"{seed:03d}.json"
     if target.is_file():
@@ -87,7 +87,7 @@ def one(out: str, seed: int, duration_s: float | None = None, keep: bool = False
     folder = Path(out) / f"{seed:03d}"
     folder.mkdir(parents=True, exist_ok=True)
     began = time.perf_counter()
-    runs = campaign(seed, duration_s)
+    runs = campaign(seed, duration_s, rate_hz)
     folders = filmed(folder, runs, seed)
     found: dict[str, Any] = {
         "seed": seed,

@@ -41,12 +41,13 @@ KNOWN_SD = 1e-5
 PICTURES = (((800, 600), 920.0), ((1280, 720), 1150.0), ((960, 720), 1000.0))
 
 
-def campaign(seed: int, duration_s: float | None = None) -> list[dict[str, Any]]:
+def campaign(seed: int, duration_s: float | None = None, rate_hz: float | None = None) -> list[dict[str, Any]]:
     """Scenarios of one campaign, as scenario.toml holds them: one hull, one camera, four tow points.
 
     Parameters
     ----------
     duration_s : of each run; 30 to 45 s where absent
+    rate_hz : of the frames; 25 or 30 where absent
     """
     rng = np.random.default_rng([seed, 0])
     sample = read_scenario(SAMPLE).hull
@@ -59,6 +60,8 @@ def campaign(seed: int, duration_s: float | None = None) -> list[dict[str, Any]]
             "duration_s": duration_s or round(float(rng.uniform(30, 45)), 1),
             "rate_hz": float(rng.choice([25.0, 30.0])),
         }
+        if rate_hz is not None:
+            time["rate_hz"] = rate_hz
         if duration_s is None and rng.random() < 0.3:
             begin = float(rng.uniform(5, 25))
             film["occlusion"] = [[round(begin, 2), round(begin + float(rng.uniform(0.3, 1.0)), 2), "bow"]]

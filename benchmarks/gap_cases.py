@@ -32,7 +32,8 @@ DESIGN = (
     (1.649, 0.60, 1.28, 0.15, 0.0),
     (1.548, 0.91, 0.90, 0.20, 0.03),
 )
-SIZE = (1280, 720)
+SIZE = (1280, 960)
+"""It holds what is seen: a mark outside its picture would be a gross mistake, and looked into for every run."""
 DATUM = [(x, y, 0.0) for x in (-3.5, -2.3, -1.0) for y in (-0.85, 0.85)]
 BODY = ((1.3, 0.0), (-1.1, 0.0))
 EFFECTS = {

@@ -7,6 +7,7 @@ minute of it would seem to hold several times more information than it does.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.special import chdtrc
@@ -67,11 +68,28 @@ class Whitener:
             for lag, a in enumerate(coefficients, start=1):
                 filtered[:, lag:] -= a * here[:, :-lag]
             filtered /= self.innovation[channel]
-            since = np.arange(samples) - self.begins
-            for order, (shorter, spread) in enumerate(_shorter(coefficients, self.innovation[channel])):
-                at = np.flatnonzero(since == order)
-                filtered[:, at] = (here[:, at] - sum(a * here[:, at - j] for j, a in enumerate(shorter, 1))) / spread
+            first = self._firsts[channel]
+            for begin, count in self._stretches:
+                some = slice(begin, begin + min(count, len(first)))
+                filtered[:, some] = here[:, some] @ first[: some.stop - begin, : some.stop - begin].T
         return scaled.reshape(values.shape)
+
+    @cached_property
+    def _stretches(self) -> list[tuple[int, int]]:
+        """Begin and length of each unbroken stretch."""
+        return [(int(b), int(n)) for b, n in zip(*np.unique(self.begins, return_counts=True), strict=True)]
+
+    @cached_property
+    def _firsts(self) -> list[Array]:
+        """Per channel (p, p): what whitens a stretch's first p samples, each by those before it."""
+        found = []
+        for coefficients, innovation in zip(self.regression, self.innovation, strict=True):
+            rows = np.zeros((len(coefficients), len(coefficients)))
+            for order, (shorter, spread) in enumerate(_shorter(coefficients, innovation)):
+                rows[order, :order] = -shorter[::-1] / spread
+                rows[order, order] = 1 / spread
+            found.append(rows)
+        return found
 
     def uncoloured(self, rows: Array) -> Array:
         """Whitened ``rows (2, k, n)`` times the colour's filter: what multiplies noise that is white, of the scatter it has.

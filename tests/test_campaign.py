@@ -27,7 +27,9 @@ from towline.record import InputError
 from towline.record.errors import TowlineError
 from towline.report.campaign_page import campaign_page
 
-RUNS = 3
+RUNS = 2
+SPAN_S = 20.0
+"""Of each run: what is kept, redone and said does not depend on how long a run is."""
 QUICK = Options(form="linear", noise="output")
 LIGHT = ("--form", "linear", "--noise", "output")
 KILLS = 3
@@ -38,9 +40,11 @@ FilesOf = Callable[[Path], dict[str, bytes]]
 def made(
     cases: ModuleType, write_runs: Callable[[list, Path], list[Path]], tmp_path_factory: pytest.TempPathFactory
 ) -> Path:
-    """Three good runs, one whose run.toml is broken, one whose tracks are cut off, and an empty folder."""
+    """Good runs, one whose run.toml is broken, one whose tracks are cut off, and an empty folder."""
     folder = tmp_path_factory.mktemp("made") / "hall, Tuesday"
-    paths = write_runs(cases.campaign("none", np.random.default_rng(8)).runs[: RUNS + 2], folder / "mariner")
+    whole = cases.campaign("none", np.random.default_rng(8)).runs[: RUNS + 2]
+    short = [(run, tracks[tracks["t_s"] < SPAN_S], static) for run, tracks, static in whole]
+    paths = write_runs(short, folder / "mariner")
     broken, cut = paths[-2:]
     (broken / "run.toml").write_text((broken / "run.toml").read_text().replace("speed_m_s", "speed_knots"))
     (cut / "tracks.csv").write_bytes((cut / "tracks.csv").read_bytes()[:2000])
@@ -58,8 +62,30 @@ def undisturbed(
 ) -> tuple[Path, dict[str, bytes]]:
     folder = copied(made, tmp_path_factory.mktemp("undisturbed"))
     with workers(1) as one:
-        campaign(folder, one, QUICK)
+        found = campaign(folder, one, QUICK)
+    assert [a.redone for a in (*found.runs[:RUNS], *found.fits)] == [True] * (RUNS + 1)
     return folder, files_of(folder)
+
+
+@pytest.fixture(scope="module")
+def stopped(made: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    """Ctrl+C while the fit's page is drawn, and what was told until then."""
+    folder = copied(made, tmp_path_factory.mktemp("stopped"))
+    return folder, until_the_page(folder)
+
+
+def until_the_page(folder: Path) -> list[str]:
+    """What is told until Ctrl+C."""
+    said: list[str] = []
+
+    def stopping(text: str, done: int, total: int | None) -> None:
+        said.append(text)
+        if "page" in text:
+            raise KeyboardInterrupt
+
+    with workers(1) as one, pytest.raises(KeyboardInterrupt):
+        campaign(folder, one, QUICK, progress=stopping)
+    return said
 
 
 def test_runs_are_found_and_what_is_none_is_said(made: Path, tmp_path: Path) -> None:
@@ -103,16 +129,14 @@ def test_failed_runs_have_their_reason_and_the_rest_is_done(
     assert len(self_contained(campaign_page(again))) == 1
 
 
-def test_what_changed_is_redone_and_no_more(made: Path, tmp_path: Path) -> None:
-    folder = copied(made, tmp_path)
+def test_what_changed_is_redone_and_no_more(undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path) -> None:
+    folder = copied(undisturbed[0], tmp_path)
+    first = folder / run_folders(folder).runs[0] / "run.toml"
+    first.write_text(f"# checked\n{first.read_text()}")
     with workers(1) as one:
-        first = campaign(folder, one, QUICK)
-        assert [a.redone for a in (*first.runs[:RUNS], *first.fits)] == [True] * (RUNS + 1)
-        text = (folder / first.runs[0].job / "run.toml").read_text()
-        (folder / first.runs[0].job / "run.toml").write_text(f"# checked\n{text}")
-        second = campaign(folder, one, QUICK)
-    assert [a.redone for a in second.runs[:RUNS]] == [True, False, False]
-    assert [a.redone for a in second.fits] == [True]
+        found = campaign(folder, one, QUICK)
+    assert [a.redone for a in found.runs[:RUNS]] == [True] + [False] * (RUNS - 1)
+    assert [a.redone for a in found.fits] == [True]
 
 
 def test_two_workers_write_what_one_writes(
@@ -154,22 +178,13 @@ def test_a_killed_campaign_goes_on_to_the_same_end(
 
 
 def test_what_is_stopped_after_the_fit_does_not_fit_again(
-    made: Path, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path, files_of: FilesOf
+    stopped: tuple[Path, list[str]], undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path, files_of: FilesOf
 ) -> None:
     """The fit tells of its steps; Ctrl+C while its page is drawn, and what is told then tells of none."""
-    folder = copied(made, tmp_path)
+    assert sum("step" in text for text in stopped[1]) > 3
+    folder = copied(stopped[0], tmp_path)
     said: list[str] = []
-
-    def stopping(text: str, done: int, total: int | None) -> None:
-        said.append(text)
-        if "page" in text:
-            raise KeyboardInterrupt
-
     with workers(1) as one:
-        with pytest.raises(KeyboardInterrupt):
-            campaign(folder, one, QUICK, progress=stopping)
-        assert sum("step" in text for text in said) > 3
-        said.clear()
         campaign(folder, one, QUICK, progress=lambda text, done, total: said.append(text))
     assert any("page" in text for text in said)
     assert not any("step" in text for text in said)
@@ -179,22 +194,14 @@ def test_what_is_stopped_after_the_fit_does_not_fit_again(
 @pytest.mark.parametrize(
     "damage", [b"", b"x", b'{"is": "Fit", "holds": {}}', b'{"is": "array", "holds": 3}', b"[" * 10_000]
 )
-def test_a_damaged_fit_is_fitted_again(
-    made: Path, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path, files_of: FilesOf, damage: bytes
-) -> None:
-    folder = copied(made, tmp_path)
-
-    def stopping(text: str, done: int, total: int | None) -> None:
-        if "page" in text:
-            raise KeyboardInterrupt
-
-    with workers(1) as one:
-        with pytest.raises(KeyboardInterrupt):
-            campaign(folder, one, QUICK, progress=stopping)
-        kept = folder / "out" / "derivatives" / FIT
-        kept.write_bytes(kept.read_bytes().partition(b"\n")[0] + b"\n" + damage)
-        campaign(folder, one, QUICK)
-    assert files_of(folder) == undisturbed[1]
+def test_a_damaged_fit_is_fitted_again(stopped: tuple[Path, list[str]], tmp_path: Path, damage: bytes) -> None:
+    """And is what it was before; what comes of that is the test above."""
+    folder = copied(stopped[0], tmp_path)
+    kept = folder / "out" / "derivatives" / FIT
+    before = kept.read_bytes()
+    kept.write_bytes(before.partition(b"\n")[0] + b"\n" + damage)
+    assert any("step" in text for text in until_the_page(folder))
+    assert kept.read_bytes() == before
 
 
 def test_only_one_campaign_at_a_time(undisturbed: tuple[Path, dict[str, bytes]]) -> None:

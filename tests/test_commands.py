@@ -173,7 +173,7 @@ def test_one_bad_run_keeps_the_batch_alive(
     good = mariner[1:3]
     bad = tmp_path / "bad"
     bad.mkdir()
-    assert main(["identify", *map(str, good), str(bad), "-o", str(tmp_path / "out")]) == 3
+    assert main(["identify", *map(str, good), str(bad), "--no-page", "-o", str(tmp_path / "out")]) == 3
     result = read_result(tmp_path / "out" / "derivatives.json", DerivativesFile)
     assert set(result.runs) == {"mariner-x1548", "mariner-x1649"}
     assert "no such file" in next(iter(result.failed.values()))

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from towline.blind.draw import case_of
 from towline.blind.truth.folders import write_case
-from towline.diagnose.tow.jerks import PUSHES, STEP_S, Push, Straight, events, surged
+from towline.diagnose.tow.jerks import PUSHES, STEP_S, Push, Radius, Straight, events, surged
 from towline.diagnose.tow.slackness import SLACK_Z, jerk_effects
 from towline.pipeline.diagnosing import diagnose_folders
 
@@ -78,7 +78,7 @@ def test_an_event_is_found_in_the_radius_with_its_time_length_and_strength(
     waves: int, length: float, hard: float
 ) -> None:
     rng, t_s = np.random.default_rng(4), BLOCK_S * (np.arange(125) + 0.5)
-    found = events(t_s, seen(Push(waves), 14.0, length, hard, t_s, rng), SD_M, TOW)
+    (found,) = events([Radius(t_s, seen(Push(waves), 14.0, length, hard, t_s, rng), SD_M, TOW)])
     best = next(e for e in found if e.push == Push(waves))
     assert found[0].gain > SLACK_Z**2 / 2
     assert best.gain > found[0].gain - 5
@@ -97,7 +97,7 @@ def test_an_event_is_found_in_the_radius_with_its_time_length_and_strength(
 def test_noise_holds_no_event() -> None:
     t_s = BLOCK_S * (np.arange(125) + 0.5)
     rests = [np.random.default_rng(k).normal(0, SD_M, 125) for k in range(40)]
-    gains = [e.gain for rest in rests for e in events(t_s, rest, SD_M, TOW)[:1]]
+    gains = [e.gain for own in events([Radius(t_s, rest, SD_M, TOW) for rest in rests]) for e in own[:1]]
     assert max(gains, default=0.0) < SLACK_Z**2 / 2 / 2
 
 

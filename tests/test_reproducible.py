@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -11,16 +12,22 @@ from types import ModuleType
 
 import numpy as np
 
-FRAMES_S = 2.0
+FRAMES_S, RUN_S = 2.0, 25.0
+"""Of a film, of a tow: the same bytes or not, however long."""
 FilesOf = Callable[[Path], dict[str, bytes]]
 HASH_SEEDS = ("1", "2")
 """Of Python's sets and dictionaries: an order that hangs on them shows."""
 
 
-def towline(place: Path, hash_seed: str, *arguments: str) -> None:
+COMMANDS = "import json, sys; from towline.cli import main; sys.exit(max(map(main, json.loads(sys.argv[1]))))"
+"""Several commands in one process."""
+
+
+def towline(place: Path, hash_seed: str, *commands: list[str]) -> None:
     environment = {**os.environ, "PYTHONHASHSEED": hash_seed}
     done = subprocess.run(
-        [sys.executable, "-m", "towline", *arguments], cwd=place, env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-c", COMMANDS, json.dumps(commands)],
+        cwd=place, env=environment, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
 
@@ -38,9 +45,8 @@ def test_a_film_and_what_is_seen_in_it(samples: Path, files_of: FilesOf, tmp_pat
         text = (samples / "mariner" / "x1446" / "scenario.toml").read_text()
         assert "duration_s = 40.0" in text
         (place / "scenario.toml").write_text(text.replace("duration_s = 40.0", f"duration_s = {FRAMES_S}"))
-        towline(place, seed, "render", "scenario.toml", "-o", "run")
-        for command in ("track", "motion", "check"):
-            towline(place, seed, command, "run")
+        read = [[command, "run"] for command in ("track", "motion", "check")]
+        towline(place, seed, ["render", "scenario.toml", "-o", "run"], *read)
     assert_same(*map(files_of, places), least=8)
 
 
@@ -48,10 +54,10 @@ def test_derivatives_and_diagnosis(
     cases: ModuleType, write_runs: Callable[[list, Path], list[Path]], files_of: FilesOf, tmp_path: Path
 ) -> None:
     places = [tmp_path / "here", tmp_path / "and there"]
+    whole = cases.campaign("none", np.random.default_rng(5)).runs[:2]
+    runs = [(run, tracks[tracks["t_s"] < RUN_S], static) for run, tracks, static in whole]
     for place, seed in zip(places, HASH_SEEDS, strict=True):
         place.mkdir()
-        runs = cases.campaign("none", np.random.default_rng(5)).runs[:2]
         names = [str(p.relative_to(place)) for p in write_runs(runs, place / "hall")]
-        towline(place, seed, "identify", *names, "-o", "derivatives")
-        towline(place, seed, "diagnose", *names, "-o", "gap")
+        towline(place, seed, ["identify", *names, "-o", "derivatives"], ["diagnose", *names, "-o", "gap"])
     assert_same(*map(files_of, places), least=12)

@@ -194,14 +194,15 @@ def test_the_command_reads_the_static_record(cases: ModuleType, tmp_path: Path) 
         write_table(path / "tracks.csv", tracks)
         write_table(path / "static.csv", static[static["t_s"] < 1.0] if k == 1 else static)
         folders.append(str(path))
-    assert main(["identify", *folders, "--form", "linear", "--noise", "output", "-o", str(tmp_path / "out")]) == 0
+    command = ["identify", *folders, "--form", "linear", "--noise", "output", "--no-page", "-o", str(tmp_path / "out")]
+    assert main(command) == 0
     result = read_result(tmp_path / "out" / "derivatives.json", DerivativesFile)
     names = [run.name for run, _, _ in campaign.runs[:3]]
     assert f"{names[0]}/static.csv" in result.inputs
     assert any(names[1] in note and "static record" in note and "25 measured samples" in note for note in result.notes)
     assert not any(names[0] in note and "static record" in note for note in result.notes)
     (tmp_path / names[0] / "static.csv").write_text("frame,t_s\n1,2\n")
-    assert main(["identify", *folders, "--form", "linear", "--noise", "output", "-o", str(tmp_path / "out")]) == 3
+    assert main(command) == 3
     result = read_result(tmp_path / "out" / "derivatives.json", DerivativesFile)
     assert "static.csv" in result.failed[names[0]]
 

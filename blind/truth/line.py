@@ -31,8 +31,8 @@ def pull_of(q: Lanes, servo_n: Array, crept_m: Array, length: Array, length_rate
     pull = _spring(q, crept_m, length, length_rate)
     if q.has("elastic_line.sag"):
         pull = np.where(q["elastic_line.sag"] > 0, _hanging(q, length, length_rate), pull)
-    if servo_on(q).any():
-        pull = np.where(servo_on(q), servo_n, pull)
+    if q.once(servo_anywhere):
+        pull = np.where(q.once(servo_on), servo_n, pull)
     if q.has("constant_tension.weight"):
         pull = np.where(q["constant_tension.weight"] > 0, _weighed(q, length, length_rate), pull)
     return np.maximum(pull, 0.0)
@@ -41,6 +41,11 @@ def pull_of(q: Lanes, servo_n: Array, crept_m: Array, length: Array, length_rate
 def servo_on(q: Lanes) -> Array:
     """Lanes whose line a winch holds by a law ``(n,)``."""
     return (q["tension_variation.power"] != 0) | (q["tension_variation.wrap"] != 0)
+
+
+def servo_anywhere(q: Lanes) -> bool:
+    """Some lane has one."""
+    return bool(servo_on(q).any())
 
 
 def servo_command(q: Lanes, cosine: Array) -> Array:
@@ -108,21 +113,28 @@ def creep_rate(q: Lanes, crept_m: Array, tension: Array) -> Array:
 
 def _spring(q: Lanes, crept_m: Array, length: Array, length_rate: Array) -> Array:
     """A straight spring, or one that stiffens: the pull goes with the stretch to a power (1 + stiffens)."""
-    rest = q["tension"]
-    soft = q["elastic_line.compliance_m_n"]
-    stiff = np.where(soft > 0, 1 / np.where(soft > 0, soft, 1.0), q["stiffness_n_m"])
+    rest, line = q["tension"], q["line"]
+    stiff, loose, more, damper = q.once(_spring_numbers)
     # a taut line's length is taken under the pull of a tow; a soft one's with none
-    stretch = length - q["line"] + np.where(soft > 0, 0.0, rest / stiff) - crept_m
-    held, steepest = stiff * stretch, stiff
-    if q.has("elastic_line.stiffens"):
-        more = np.where(soft > 0, q["elastic_line.stiffens"], 0.0)
+    stretch = length - line + loose - crept_m
+    held = stiff * stretch
+    if more is not None:
         held = np.where(more > 0, rest * np.maximum(held / rest, 0.0) ** (1 + more), held)
-        steepest = stiff * (1 + more)
-    ratio = np.where(soft > 0, q["elastic_line.damping"], q["line_damping"])
-    damper = 2 * ratio * np.sqrt(steepest * q["surge_mass"])
     # strands grip as they tighten: no jump of the pull where a slack line comes straight
     grip = np.clip(held / rest, 0.0, 1.0)
     return np.where(stretch > 0, held + grip * damper * length_rate, 0.0)
+
+
+def _spring_numbers(q: Lanes) -> tuple[Array, Array, Array | None, Array]:
+    """Stiffness N/m, stretch m under the pull of a tow that the line's length holds, by how much it stiffens, damper."""
+    soft = q["elastic_line.compliance_m_n"] > 0
+    stiff = np.where(soft, 1 / np.where(soft, q["elastic_line.compliance_m_n"], 1.0), q["stiffness_n_m"])
+    more, steepest = None, stiff
+    if q.has("elastic_line.stiffens"):
+        more = np.where(soft, q["elastic_line.stiffens"], 0.0)
+        steepest = stiff * (1 + more)
+    ratio = np.where(soft, q["elastic_line.damping"], q["line_damping"])
+    return stiff, np.where(soft, 0.0, q["tension"] / stiff), more, 2 * ratio * np.sqrt(steepest * q["surge_mass"])
 
 
 def _hanging(q: Lanes, length: Array, length_rate: Array) -> Array:

@@ -20,7 +20,7 @@ from .carriage import push, speed_at
 from .forces import forces_of
 from .lanes import Array, Lane, Lanes
 from .lift import memory_rates
-from .line import creep_rate, pull_of, servo_command, servo_on, servo_rates, stretch_at_rest
+from .line import creep_rate, pull_of, servo_anywhere, servo_command, servo_rates, stretch_at_rest
 from .now import Now
 
 STEP_S = 0.02
@@ -38,6 +38,8 @@ PULL, PULL_RATE, ROLL, ROLL_RATE, SLOSH, SLOSH_RATE, CREEP = range(10, 17)
 """Tension of a winch, roll and sloshing water, each with its rate; by how much a line has crept."""
 STATES = 17
 """All of them."""
+_MEMORY = tuple(f"fluid_memory.{name}" for name in ("sway", "yaw", "ring_sway", "ring_yaw"))
+_ROLLS = tuple(f"marker_roll.{name}_rad" for name in ("lean", "sway", "turn"))
 
 
 @dataclass(frozen=True)
@@ -190,7 +192,7 @@ def _rates(q: Lanes, terms, t: float, s: Array, random: Array) -> tuple[Array, A
     vy = out[Y] + r * (xt * cb - yt * sb) - post_v
     turn = (nx * vy - ny * vx) / length
     tension = pull_of(q, s[PULL], s[CREEP], length, nx * vx + ny * vy)
-    if servo_on(q).any():
+    if q.once(servo_anywhere):
         out[PULL], out[PULL_RATE] = servo_rates(q, -nx, s[PULL], s[PULL_RATE])
     c, side = nx * cb + ny * sb, ny * cb - nx * sb
     # the hull: what grows with its own speed through the water, not with the carriage's
@@ -222,11 +224,11 @@ def _rates(q: Lanes, terms, t: float, s: Array, random: Array) -> tuple[Array, A
 
 
 def _slow_states(q: Lanes, s: Array, out: Array, tension: Array, side: Array) -> None:
-    if any(q.has(f"fluid_memory.{name}") for name in ("sway", "yaw", "ring_sway", "ring_yaw")):
+    if any(map(q.has, _MEMORY)):
         out[LAG] = memory_rates(q, s[LAG], s[V], s[R])
     if q.has("elastic_line.creep"):
         out[CREEP] = creep_rate(q, s[CREEP], tension)
-    if any(q.has(f"marker_roll.{name}_rad") for name in ("lean", "sway", "turn")):
+    if any(map(q.has, _ROLLS)):
         w = 2 * np.pi / np.maximum(q["marker_roll.period_s"], 0.3)
         drive = q["marker_roll.lean_rad"] * (-tension * side / q["tension"])
         inertia = q["marker_roll.sway_rad"] * q["m"] * out[V] + q["marker_roll.turn_rad"] * q["mass"] * s[U] * s[R]

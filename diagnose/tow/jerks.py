@@ -121,23 +121,53 @@ class Event:
         return self.begin_s + STEP_S * np.arange(len(ahead)), ahead[:, 0], pull[:, 0]
 
 
-def surged(pushes: Sequence[Push], numbers: Array, tow: Straight) -> tuple[Array, Array]:
+@dataclass(frozen=True)
+class Radius:
+    """What a run shows of events.
+
+    Attributes
+    ----------
+    t_s : (n,) mean times of the blocks, evenly spaced
+    ahead_m : (n,) by how much the line's radius falls short
+    sd_m : noise of those
+    tow : that events befall
+    """
+
+    t_s: Array
+    ahead_m: Array
+    sd_m: float
+    tow: Straight
+
+    @property
+    def step_s(self) -> float:
+        """Of the blocks."""
+        return float(np.median(np.diff(self.t_s)))
+
+    @property
+    def quiet(self) -> bool:
+        """Nothing is sought here."""
+        sums = np.concatenate([[0.0], np.cumsum(self.ahead_m / self.sd_m)])
+        shown = [(sums[n:] - sums[:-n]).max() / np.sqrt(n) for n in STRETCHES if n < len(sums)]
+        return max(shown, default=0.0) < QUIET_Z
+
+
+def surged(pushes: Sequence[Push], numbers: Array, tow: Straight | Sequence[Straight]) -> tuple[Array, Array]:
     """How far ahead a model comes and what its line pulls with, every STEP_S from the event's begin.
 
     Parameters
     ----------
     pushes : k of them
     numbers : (k, 7) NUMBERS
-    tow : of all
+    tow : of all, or k of them
 
     Returns
     -------
     ahead (n, k), m, and pull (n, k) over the resistance
     """
     length, hard, skew, spring, damping, gain = np.exp(numbers[:, 1:]).T
-    rate = tow.pull_m_s2 * gain
-    after = np.maximum(TAIL * length, LEAST_TAIL_S)
-    count = int(min((length + after).max(), LONGEST_S) / STEP_S) + 1
+    usual, carriage, exponent = _straight(tow, len(numbers))
+    rate = usual * gain
+    count = _steps(length)
     share = (STEP_S * (np.arange(count) + 0.5))[:, None] / length
     warped = np.clip(share, 0.0, 1.0) ** skew
     carried = np.empty_like(warped)
@@ -148,100 +178,154 @@ def surged(pushes: Sequence[Push], numbers: Array, tow: Straight) -> tuple[Array
     stiff, grip = spring**2, 2 * damping * spring
     ahead, speed = np.zeros(len(numbers)), np.zeros(len(numbers))
     far, pulled = np.empty_like(warped), np.empty_like(warped)
+    # in place: the arrays are short, and there are thousands of steps
+    held, drag, more = np.empty_like(ahead), np.empty_like(ahead), np.empty_like(ahead)
     for k in range(count):
-        held = np.maximum(rate - stiff * ahead, 0.0)
+        np.subtract(rate, np.multiply(stiff, ahead, out=held), out=held)
+        np.maximum(held, 0.0, out=held)
         # strands grip as they tighten, and a line never pushes
-        held = np.maximum(held - np.minimum(held / rate, 1.0) * grip * speed, 0.0)
-        drag = np.maximum(1 + speed / tow.speed_m_s, 0.0) ** tow.exponent
-        speed = speed + STEP_S * (carried[k] + held - rate * drag)
-        ahead = ahead + STEP_S * speed
+        np.minimum(np.divide(held, rate, out=more), 1.0, out=more)
+        more *= grip
+        more *= speed
+        np.maximum(np.subtract(held, more, out=held), 0.0, out=held)
+        np.add(np.divide(speed, carriage, out=drag), 1.0, out=drag)
+        np.power(np.maximum(drag, 0.0, out=drag), exponent, out=drag)
+        np.subtract(np.add(carried[k], held, out=more), np.multiply(rate, drag, out=drag), out=more)
+        more *= STEP_S
+        speed += more
+        ahead += np.multiply(STEP_S, speed, out=more)
         far[k], pulled[k] = ahead, held
     return far, pulled / rate
 
 
-def events(t_s: Array, ahead_m: Array, sd_m: float, tow: Straight) -> list[Event]:
-    """The likeliest event of every kind of push, the likeliest first; none where the radius is quiet.
+def _straight(tow: Straight | Sequence[Straight], count: int) -> tuple[Array, Array, Array]:
+    """Resistance over mass, speed and exponent of so many tows, (k,) each."""
+    tows = [tow] * count if isinstance(tow, Straight) else tow
+    return (
+        np.array([t.pull_m_s2 for t in tows]),
+        np.array([t.speed_m_s for t in tows]),
+        np.array([t.exponent for t in tows]),
+    )
+
+
+def _steps(length_s: Array) -> int:
+    """How many steps events of such lengths are followed."""
+    after = np.maximum(TAIL * length_s, LEAST_TAIL_S)
+    return int(min((length_s + after).max(), LONGEST_S) / STEP_S) + 1
+
+
+def events(radii: Sequence[Radius]) -> list[list[Event]]:
+    """Of each run the likeliest event of every kind of push, the likeliest first; none where its radius is quiet.
 
     Parameters
     ----------
-    t_s : (n,) mean times of the blocks, evenly spaced
-    ahead_m : (n,) by how much the line's radius falls short
-    sd_m : noise of those
-    tow : that it befell
+    radii : of the runs
     """
-    sums = np.concatenate([[0.0], np.cumsum(ahead_m / sd_m)])
-    shown = [(sums[n:] - sums[:-n]).max() / np.sqrt(n) for n in STRETCHES if n < len(sums)]
-    if max(shown, default=0.0) < QUIET_Z:
-        return []
-    step = float(np.median(np.diff(t_s)))
+    loud = [k for k, radius in enumerate(radii) if not radius.quiet]
+    fitted = _fitted([radii[k] for k in loud], [_begun(radii[k]) for k in loud])
+    found = dict(zip(loud, fitted, strict=True))
+    return [sorted(found.get(k, []), key=lambda event: -event.gain) for k in range(len(radii))]
+
+
+def _begun(radius: Radius) -> list[tuple[Push, Array]]:
+    """Of every kind of push the best of the grid's numbers."""
+    t_s, ahead_m, sd_m, step = radius.t_s, radius.ahead_m, radius.sd_m, radius.step_s
     starts = [
         (p, np.log([1.0, n, h, 1.0, SPRING_RAD_S, DAMPING, 1.0])) for p in PUSHES for n in LENGTHS_S for h in HARD
     ]
     pushes, numbers = [p for p, _ in starts], np.array([x for _, x in starts])
-    far, _ = surged(pushes, numbers, tow)
+    far, _ = surged(pushes, numbers, radius.tow)
+    whole = np.concatenate([np.zeros_like(far[:1]), np.cumsum(far, axis=0)])
     best: dict[Push, tuple[float, Array]] = {}
     for shift in range(SHIFTS):
         # an event that begins shortly before a block's begin
         early = step * shift / SHIFTS
-        means = _block_means(far, early, step) / sd_m
+        means = _block_means(whole, early, step) / sd_m
+        padded = np.pad(ahead_m / sd_m, (0, len(means)))
         for k, push in enumerate(pushes):
             shape = means[:, k]
-            over = np.correlate(np.pad(ahead_m / sd_m, (0, len(shape))), shape)[: len(t_s)]
+            over = np.correlate(padded, shape)[: len(t_s)]
             gain = over - 0.5 * float(shape @ shape)
             at = int(np.argmax(gain))
             if push not in best or gain[at] > best[push][0]:
                 best[push] = float(gain[at]), np.concatenate([[t_s[at] - step / 2 - early], numbers[k, 1:]])
-    found = _fitted(t_s, ahead_m, sd_m, tow, [(push, start) for push, (_, start) in best.items()])
-    return sorted(found, key=lambda event: -event.gain)
+    return [(push, start) for push, (_, start) in best.items()]
 
 
-def _block_means(far: Array, early_s: float, step_s: float) -> Array:
-    """Means over blocks (q, k) of what begins ``early_s`` before the first of them."""
+def _block_means(whole: Array, early_s: float, step_s: float) -> Array:
+    """Means over blocks (q, k), of sums (n + 1, k), of what begins ``early_s`` before the first of them."""
     first = round(early_s / STEP_S)
-    edges = first + np.round(np.arange(0, (len(far) - first) * STEP_S / step_s) * step_s / STEP_S).astype(int)
-    whole = np.concatenate([np.zeros_like(far[:1]), np.cumsum(far, axis=0)])
+    count = len(whole) - 1 - first
+    edges = first + np.round(np.arange(0, count * STEP_S / step_s) * step_s / STEP_S).astype(int)
     return np.diff(whole[edges], axis=0) / np.diff(edges)[:, None]
 
 
-def _fitted(
-    t_s: Array, ahead_m: Array, sd_m: float, tow: Straight, starts: Sequence[tuple[Push, Array]]
-) -> list[Event]:
-    """Gauss-Newton from these starts, all side by side; steps that lose are halved."""
-    step, pushes = float(np.median(np.diff(t_s))), [p for p, _ in starts]
-    here = np.array([x for _, x in starts])
+def _missed(radii: Sequence[Radius], pushes: Sequence[Sequence[Push]], numbers: Sequence[Array]) -> list[Array]:
+    """Of each run (k, m, n + 7) rows: blocks, then what is known of the numbers.
 
-    def missed(numbers: Array) -> Array:
-        """(k, n + 7) rows: blocks, then what is known of the numbers."""
-        kinds = [p for p in pushes for _ in range(len(numbers) // len(pushes))]
-        far, _ = surged(kinds, numbers, tow)
+    Parameters
+    ----------
+    radii : of the runs
+    pushes : of each run k
+    numbers : of each run (k, m, 7), m sets for each push
+    """
+    kinds = [p for own, x in zip(pushes, numbers, strict=True) for p in own for _ in range(x.shape[1])]
+    tows = [r.tow for r, x in zip(radii, numbers, strict=True) for _ in range(x.shape[0] * x.shape[1])]
+    # one integration of all: what a step costs hardly grows with how many go side by side
+    every, _ = surged(kinds, np.concatenate([x.reshape(-1, len(NUMBERS)) for x in numbers]), tows)
+    found, first = [], 0
+    for radius, own in zip(radii, numbers, strict=True):
+        flat, step = own.reshape(-1, len(NUMBERS)), radius.step_s
+        far = every[: _steps(np.exp(flat[:, 1])), first : first + len(flat)]
+        first += len(flat)
         whole = np.concatenate([np.zeros_like(far[:1]), np.cumsum(far, axis=0)]) * STEP_S
-        fine = STEP_S * np.arange(len(whole))
+        fine, late, early = STEP_S * np.arange(len(whole)), radius.t_s + step / 2, radius.t_s - step / 2
         rows = [
-            (np.interp(t_s + step / 2 - b, fine, w) - np.interp(t_s - step / 2 - b, fine, w)) / step
-            for b, w in zip(numbers[:, 0], whole.T, strict=True)
+            (np.interp(late - b, fine, w) - np.interp(early - b, fine, w)) / step
+            for b, w in zip(flat[:, 0], whole.T, strict=True)
         ]
-        return np.column_stack([(ahead_m - np.array(rows)) / sd_m, -(numbers - USUAL) / SPREAD])
+        gaps = np.column_stack([(radius.ahead_m - np.array(rows)) / radius.sd_m, -(flat - USUAL) / SPREAD])
+        found.append(gaps.reshape(*own.shape[:2], -1))
+    return found
 
-    count, left = len(NUMBERS), missed(here)
-    damp = np.full(len(here), 1e-2)
+
+def _fitted(radii: Sequence[Radius], starts: Sequence[Sequence[tuple[Push, Array]]]) -> list[list[Event]]:
+    """Gauss-Newton from these starts, all of all runs side by side; steps that lose are halved."""
+    if not radii:
+        return []
+    pushes = [[p for p, _ in own] for own in starts]
+    here = [np.array([x for _, x in own]) for own in starts]
+    count = len(NUMBERS)
+    left = [rows[:, 0] for rows in _missed(radii, pushes, [x[:, None] for x in here])]
+    damp = [np.full(len(x), 1e-2) for x in here]
+    steps = np.concatenate([np.zeros((1, count)), np.diag(SMALL)])
     for _ in range(TURNS):
-        moved = here[:, None] + np.concatenate([np.zeros((1, count)), np.diag(SMALL)])
-        rows = missed(moved.reshape(-1, count)).reshape(len(here), count + 1, -1)
-        slope = (rows[:, 1:] - rows[:, :1]) / SMALL[:, None]
-        normal = slope @ slope.transpose(0, 2, 1)
-        diagonal = np.einsum("kii->ki", normal)
-        normal = normal + np.einsum("ki,ij->kij", damp[:, None] * diagonal + 1e-6, np.eye(count))
-        change = -np.linalg.solve(normal, (slope @ left[..., None]))[..., 0]
-        trial = here + np.clip(change, -AT_MOST, AT_MOST)
-        after = missed(trial)
-        better = (after**2).sum(axis=1) < (left**2).sum(axis=1)
-        here, left = np.where(better[:, None], trial, here), np.where(better[:, None], after, left)
-        damp = np.where(better, damp / 5, damp * 8)
-    before = float(((ahead_m / sd_m) ** 2).sum())
+        moved = _missed(radii, pushes, [x[:, None] + steps for x in here])
+        trial = [x + _change(rows, rest, own) for x, rows, rest, own in zip(here, moved, left, damp, strict=True)]
+        after = [rows[:, 0] for rows in _missed(radii, pushes, [x[:, None] for x in trial])]
+        for k, rest in enumerate(after):
+            better = (rest**2).sum(axis=1) < (left[k] ** 2).sum(axis=1)
+            here[k] = np.where(better[:, None], trial[k], here[k])
+            left[k] = np.where(better[:, None], rest, left[k])
+            damp[k] = np.where(better, damp[k] / 5, damp[k] * 8)
+    before = [float(((r.ahead_m / r.sd_m) ** 2).sum()) for r in radii]
     return [
-        Event(push, x, tow, 0.5 * (before - float((rest**2).sum())))
-        for push, x, rest in zip(pushes, here, left, strict=True)
+        [
+            Event(push, x, radius.tow, 0.5 * (total - float((rest**2).sum())))
+            for push, x, rest in zip(own, at, rests, strict=True)
+        ]
+        for radius, own, at, rests, total in zip(radii, pushes, here, left, before, strict=True)
     ]
 
 
-__all__ = ["PUSHES", "STEP_S", "Event", "Push", "Straight", "events", "surged"]
+def _change(rows: Array, left: Array, damp: Array) -> Array:
+    """The damped step (k, 7) from rows (k, 8, n) at the numbers and beside them."""
+    slope = (rows[:, 1:] - rows[:, :1]) / SMALL[:, None]
+    normal = slope @ slope.transpose(0, 2, 1)
+    diagonal = np.einsum("kii->ki", normal)
+    normal = normal + np.einsum("ki,ij->kij", damp[:, None] * diagonal + 1e-6, np.eye(len(NUMBERS)))
+    change = -np.linalg.solve(normal, (slope @ left[..., None]))[..., 0]
+    return np.clip(change, -AT_MOST, AT_MOST)
+
+
+__all__ = ["PUSHES", "STEP_S", "Event", "Push", "Radius", "Straight", "events", "surged"]

@@ -13,7 +13,7 @@ from ...simulate.model import RESISTANCE_EXPONENT, Array
 from ..effects import Effect, jerked, slack
 from .courses import by_run
 from .data import LINE, TowRun
-from .jerks import STEP_S, Event, Push, Straight, events
+from .jerks import STEP_S, Event, Push, Radius, Straight, events
 from .start import straight_pull
 
 SLACK_Z = 8.0
@@ -76,12 +76,14 @@ def jerk_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Eff
     ----------
     runs, residuals : as ``slack_effects`` has them
     """
-    shown: dict[int, list[Event]] = {}
+    radii: dict[int, Radius] = {}
     for index, (run, residual) in enumerate(zip(runs, residuals, strict=True)):
         rest = run.off_middle(residual[:, LINE], LEAST_BLOCKS)
         sd_m = run.usual_sd(LINE)
-        if rest is not None and (likely := events(run.centre_s, -sd_m * rest, sd_m, _straight(run))):
-            shown[index] = likely
+        if rest is not None:
+            radii[index] = Radius(run.centre_s, -sd_m * rest, sd_m, _straight(run))
+    likely = zip(radii, events(list(radii.values())), strict=True)
+    shown: dict[int, list[Event]] = {index: own for index, own in likely if own}
     sure = {index: max(found[0].gain, 0.0) for index, found in shown.items()}
     clear = max(SLACK_Z**2 / 2, LIKE_THE_MOST**2 * max(sure.values(), default=0.0))
     order = sorted((i for i in sure if sure[i] > clear), key=lambda i: -sure[i])

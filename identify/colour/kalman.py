@@ -138,64 +138,84 @@ def innovations(
     count = len(data.t_s)
     which, steps = _steps(data.t_s)
     transition, added = step_model(data, six, noise, speed_m_s, steps, slow)
-    states = transition.shape[-1]
-    seen = np.zeros((2, states))  # y and beta, and what the measurement adds to them
-    for i in range(2):
-        seen[i, i::STATES] = 1.0
+    # each value once, and its change by each of what moves it: real products of small matrices, not complex ones of twelve copies
+    step, d_step = transition[:, 0].real.copy(), transition[:, 1:].imag / EPS
+    drive, d_drive = added[:, 0].real.copy(), added[:, 1:].imag / EPS
+    states = step.shape[-1]
     white = data.covariance if slow is None else data.covariance * np.sqrt(np.outer(slow.share, slow.share))
     scale = np.exp(noise[3:5])
-    factor = np.ones((MOVING + 1, 2), dtype=complex) * scale
-    factor[10, 0] *= 1 + 1j * EPS
-    factor[11, 1] *= 1 + 1j * EPS
-    factor = factor[:, :, None] * factor[:, None, :]
-    covariance = np.zeros((MOVING + 1, states, states), dtype=complex)
+    factor, d_factor = np.outer(scale, scale), np.zeros((MOVING, 2, 2))
+    covariance, d_covariance = np.zeros((states, states)), np.zeros((MOVING, states, states))
     for i in range(2):
-        covariance[:, 4 + i, 4 + i] = np.exp(2 * noise[i])
-        covariance[7 + i, 4 + i, 4 + i] *= 1 + 2j * EPS
+        d_factor[9 + i, i] += factor[i]
+        d_factor[9 + i, :, i] += factor[:, i]
+        covariance[4 + i, 4 + i] = np.exp(2 * noise[i])
+        d_covariance[6 + i, 4 + i, 4 + i] = 2 * covariance[4 + i, 4 + i]
         if slow is not None:
-            covariance[:, STATES + i, STATES + i] = _slow_variance(data, noise, slow)[i]
-            covariance[10 + i, STATES + i, STATES + i] *= 1 + 2j * EPS
+            covariance[STATES + i, STATES + i] = _slow_variance(data, noise, slow)[i]
+            d_covariance[9 + i, STATES + i, STATES + i] = 2 * covariance[STATES + i, STATES + i]
     measured = np.concatenate([residual[:, None], slope], axis=1).transpose(2, 0, 1).copy()  # (n, 2, 1 + k)
-    mean = np.zeros((states, measured.shape[2]))
-    moved = np.zeros((MOVING + 1, states), dtype=complex)
-    spread = np.empty((count, MOVING + 1, 2, 2), dtype=complex)
-    error = np.empty(measured.shape)
-    shifted = np.empty((count, MOVING + 1, 2), dtype=complex)
+    mean, d_mean = np.zeros((states, measured.shape[2])), np.zeros((MOVING, states))
+    spread, d_spread = np.empty((count, 2, 2)), np.empty((count, MOVING, 2, 2))
+    error, shifted = np.empty(measured.shape), np.empty((count, MOVING, 2))
     steady = False
-    gained = np.zeros((MOVING + 1, states, 2), dtype=complex)
-    closed = np.zeros((MOVING + 1, states, states), dtype=complex)
+    gained, d_gained = np.zeros((states, 2)), np.zeros((MOVING, states, 2))
+    d_closed = np.zeros((MOVING, states, states))
+    closed = np.zeros((states, states))
     for k in range(count):
         kind = which[k]
         # a steady gain is used while neither step nor weight changes
         steady = steady and kind == which[k - 1] and np.array_equal(data.covariance[k], data.covariance[k - 1])
         if steady:
-            spread[k] = spread[k - 1]
+            spread[k], d_spread[k] = spread[k - 1], d_spread[k - 1]
         else:
-            across = covariance @ seen.T
-            total = seen @ across + factor * white[k]
-            spread[k] = total
-            determinant = total[:, 0, 0] * total[:, 1, 1] - total[:, 0, 1] * total[:, 1, 0]
-            inverse = np.empty_like(total)
-            inverse[:, 0, 0], inverse[:, 1, 1] = total[:, 1, 1], total[:, 0, 0]
-            inverse[:, 0, 1], inverse[:, 1, 0] = -total[:, 0, 1], -total[:, 1, 0]
-            gain = across @ (inverse / determinant[:, None, None])
-            before = covariance
-            left = transition[kind] @ (covariance - gain @ across.transpose(0, 2, 1))
-            covariance = left @ transition[kind].transpose(0, 2, 1) + added[kind]
-            covariance = (covariance + covariance.transpose(0, 2, 1)) / 2  # an asymmetry of rounding would grow
-            size = np.diagonal(covariance[0].real)
-            change = np.diagonal(covariance - before, axis1=1, axis2=2)
-            real, moved_by = np.abs(change[0].real), np.abs(change[1:].imag)
-            steady = bool((real < STEADY_SHARE * size).all() and (moved_by < 1e3 * STEADY_SHARE * EPS * size).all())
-            gained = transition[kind] @ gain
-            closed = transition[kind] - gained @ seen
-        e = measured[k] - seen @ mean
+            on, d_on = step[kind], d_step[kind]
+            across, d_across = _seen(covariance), _seen(d_covariance)
+            total = _seen(across.T) + factor * white[k]
+            d_total = _seen(d_across.transpose(0, 2, 1)) + d_factor * white[k]
+            spread[k], d_spread[k] = total, d_total
+            (a, b), (c, d) = total.tolist()
+            inverse = np.array([[d, -b], [-c, a]]) / (a * d - b * c)
+            gain = across @ inverse
+            d_gain = (d_across - gain @ d_total) @ inverse
+            left = covariance - gain @ across.T
+            lost = gain @ d_across.transpose(0, 2, 1)
+            d_left = d_covariance - d_gain @ across.T - lost
+            turned = on @ left
+            after = turned @ on.T + drive[kind]
+            bent = d_on @ turned.T
+            d_after = on @ d_left @ on.T + d_drive[kind] + bent + bent.transpose(0, 2, 1)
+            # an asymmetry of rounding would grow
+            after, d_after = (after + after.T) / 2, (d_after + d_after.transpose(0, 2, 1)) / 2
+            size = after.diagonal()
+            steady = bool(
+                (np.abs(size - covariance.diagonal()) < STEADY_SHARE * size).all()
+                and (np.abs((d_after - d_covariance).diagonal(axis1=1, axis2=2)) < 1e3 * STEADY_SHARE * size).all()
+            )
+            covariance, d_covariance = after, d_after
+            gained, d_gained = on @ gain, d_on @ gain + on @ d_gain
+            closed, d_closed = _without(on, gained), _without(d_on, d_gained)
+        e = measured[k] - _seen(mean.T).T
         error[k] = e
-        mean = np.real(transition[kind][0]) @ mean + np.real(gained[0]) @ e
-        shifted[k] = measured[k, :, 0] - moved @ seen.T
-        moved = (closed @ moved[:, :, None])[:, :, 0] + gained @ measured[k, :, 0]
-    d_error = np.concatenate([-error[:, :, 1:].transpose(0, 2, 1), np.imag(shifted[:, 1:]) / EPS], axis=1)
-    return Innovations(error[:, :, 0], np.real(spread[:, 0]), d_error, np.imag(spread[:, 1:]) / EPS)
+        shifted[k] = _seen(d_mean)
+        d_mean = d_mean @ closed.T + d_closed @ mean[:, 0] + d_gained @ measured[k, :, 0]
+        mean = step[kind] @ mean + gained @ e
+    d_error = np.concatenate([-error[:, :, 1:].transpose(0, 2, 1), -shifted], axis=1)
+    return Innovations(error[:, :, 0], spread, d_error, d_spread)
+
+
+def _seen(rows: Array) -> Array:
+    """What is measured of y and beta (..., 2), of states (..., s): with what the measurement's own colour adds to them."""
+    return rows[..., :2] if rows.shape[-1] == STATES else rows[..., :2] + rows[..., STATES:]
+
+
+def _without(step: Array, gained: Array) -> Array:
+    """The transition (..., s, s) of an error whose measured part is taken out by ``gained`` (..., s, 2)."""
+    left = step.copy()
+    left[..., :2] -= gained
+    if step.shape[-1] > STATES:
+        left[..., STATES:] -= gained
+    return left
 
 
 def _steps(t_s: Array) -> tuple[Array, Array]:

@@ -359,8 +359,8 @@ def test_records_joined_to_one_are_named() -> None:
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_tow_that_hardly_comes_back_to_the_middle_is_no_side_valley(seed: int) -> None:
-    """The foremost post of this hull is so near X_v that a mode hardly dies away: over a minute it is as good as a bias. Seed 1 ended
-    8 sd off, at 2.3 times the chi-square, and said that it had converged.
+    """The foremost post of this hull is so near X_v that a mode hardly dies away: over a minute it is as good as a bias. Seed 1
+    ended 8 sd off, at 2.3 times the chi-square, and said that it had converged.
     """
     six = np.array([121.2, 64.5, -44.5, -64.2, -57.9, -59.4])
     hull = Hull(*six, speed_m_s=1.28, mass_kg=78.0, x_udot_kg=-5.9, x_vr_kg=61.6, x_vv_kg_m=-2.6, x_rr_kg_m=-1.2)

@@ -5,6 +5,7 @@ The front door, a flat list; each name is loaded when it is first asked for:
 - ``read_run``: a run folder
 - ``track``, ``compute_motion``, ``check_camera``: video to marks, marks to motion, is the camera right?
 - ``identify``, ``steady``, ``diagnose``: motion to derivatives, to the neutral point; why the simulator still differs
+- ``budget``: the uncertainty budget of the derivatives and of the neutral point
 - ``gap``: what a model of your own, a Python file or an FMU, misses
 - ``simulate``, ``render``: a scenario to its motion, to a film with its truth
 
@@ -22,11 +23,23 @@ from typing import TYPE_CHECKING, Any
 from .__version__ import __version__
 
 if TYPE_CHECKING:
-    from .pipeline.front import check_camera, compute_motion, diagnose, gap, identify, render, simulate, steady, track
+    from .pipeline.front import (
+        budget,
+        check_camera,
+        compute_motion,
+        diagnose,
+        gap,
+        identify,
+        render,
+        simulate,
+        steady,
+        track,
+    )
     from .record.run import read_run
 
 __all__ = [
     "__version__",
+    "budget",
     "check_camera",
     "compute_motion",
     "diagnose",

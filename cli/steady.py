@@ -42,11 +42,14 @@ def steady_and_write(options: argparse.Namespace, batch: Any, out: Path) -> Any:
     """X_v: write steady.json and print its table; returns it."""
     from ..pipeline.analysis import fit_steady_batch
     from ..record.results import write_result
-    from ..report import steady_table
+    from ..report import steady_sources_table, steady_table
 
     result = fit_steady_batch(batch)
     write_result(out / "steady.json", result)
     console().print(steady_table(result))
+    sources = steady_sources_table(result)
+    if sources is not None:
+        console().print(sources)
     print_notes(result.notes)
     options.outcome.result["steady"] = result
     options.outcome.wrote(out / "steady.json")

@@ -17,6 +17,7 @@ from .effects import Effect
 from .inference.apart import Apart
 from .inference.evidence import Fitted, Inference
 from .inference.hypothesis import EFFECT_STEP, FREE, Hypothesis, Slopes
+from .inference.inexact import HALF_SURE, WIDTH
 from .inference.noise import FORCE_SD_N, TIMES_S, Measured, Noise, forced
 from .starts import BEGINNINGS, ends
 
@@ -111,6 +112,7 @@ class UsersSimulator:
         self.gone = 100 * max(float(np.nanmax(np.abs(run.values))) for run in runs)
         self.least: float | Array = np.array([n.size for n in shared])
         self.most_force = most_force / self.force_scale
+        self.half_sure, self.sure_width = HALF_SURE, WIDTH
         self.apart: Mapping[str, Apart] = apart or {}
 
     @property
@@ -225,6 +227,10 @@ class UsersSimulator:
 
     def free_forms(self, shaken_hz: Sequence[float]) -> Sequence[Effect]:
         """None: what random forces must explain stands for the unknown."""
+        return ()
+
+    def free_beside(self) -> Sequence[Effect]:
+        """None."""
         return ()
 
     def symmetries(self, inference: Inference, base: Fitted) -> Sequence[tuple[str, Sequence[str]]]:

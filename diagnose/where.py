@@ -50,12 +50,13 @@ def where(inference: Inference, ranking: Ranking, best: Candidate | None) -> Pla
         for effect in candidate.effects:
             for stage, part in _stages(candidate, effect).items():
                 share[stage] = share.get(stage, 0.0) + float(probability) * part / len(candidate.effects)
-    if ranking.free is not None and ranking.p_unknown > 0:
-        for stage, part in _stages(ranking.free, ranking.free.effects[0]).items():
+    unknown = ranking.for_unknown
+    if unknown is not None and ranking.p_unknown > 0:
+        for stage, part in _stages(unknown, unknown.effects[-1]).items():
             share[stage] = share.get(stage, 0.0) + ranking.p_unknown * part
     total = sum(share.values())
     stage = max(share, key=lambda k: share[k]) if total > 0.5 else ""
-    after = best or ranking.free
+    after = best or unknown
     if after is None:
         return Place(stage, share, {}, (0.0, 0.0), (0.0, 0.0), {})
     drop = _drops(inference, ranking.base, after.fitted)

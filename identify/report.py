@@ -12,6 +12,8 @@ from ..record.results import (
     Measured,
     RunFit,
     SteadyFile,
+    SteadySource,
+    SteadySources,
     TensionResult,
     TowStability,
 )
@@ -20,6 +22,7 @@ from ..record.schema import ModelTable, WaterTable
 from ..simulate.model import DERIVATIVE_UNITS, Hull
 from .added_mass import added_masses
 from .bracket import bracket_words, neutral_bracket
+from .budget.steady_lines import SteadyBudget, steady_budget
 from .data import RunData
 from .estimators import Estimator
 from .fit import OWN, Fit, fit_runs
@@ -331,6 +334,33 @@ def _notes(fit: Fit, runs: list[RunData]) -> list[str]:
     return notes
 
 
+def _sources(budget: SteadyBudget) -> SteadySources:
+    def finite(degrees: float) -> float | None:
+        return degrees if np.isfinite(degrees) else None
+
+    return SteadySources(
+        combined_m=budget.combined_m,
+        degrees=finite(budget.degrees),
+        coverage_factor=budget.factor,
+        expanded_m=budget.expanded_m,
+        closure=budget.closure,
+        lines=[
+            SteadySource(
+                source=line.source,
+                name=line.name,
+                run=line.run,
+                evaluation="A" if line.evaluation == "A" else "B",
+                contribution_m=line.contribution_m,
+                share=line.contribution_m**2 / max(budget.combined_m**2, 1e-300),
+                degrees=finite(line.degrees),
+                origin=line.origin,
+            )
+            for line in budget.lines
+        ],
+        outside=budget.outside,
+    )
+
+
 def steady_file(
     fit: SteadyFit,
     tows: list[SteadyState],
@@ -373,6 +403,7 @@ def steady_file(
         tows={t.name: steady_tow_result(t) for t in tows},
         stability=seen,
         x_v_bracket=bracket,
+        x_v_budget=_sources(steady_budget(tows, fit)),
         failed=failed,
         notes=[*fit.notes, *([said] if said else [])],
     )

@@ -133,6 +133,8 @@ class SteadyFit:
     pairs : X_v of every two tows (4.9)
     y_v, n_v, y_delta_delta, n_delta_delta : with X_delta and T known, else None
     notes : for the user
+    by_inputs : (4n,), change of X_v with (alpha, beta, ln F by T or R, X_T) of each tow
+    widened : the variances are so many times those of the tows' own errors: they do not lie on one line
     """
 
     x_v_m: Measured
@@ -145,6 +147,8 @@ class SteadyFit:
     y_delta_delta: Measured | None
     n_delta_delta: Measured | None
     notes: tuple[str, ...]
+    by_inputs: Array = field(default_factory=lambda: np.zeros(0))
+    widened: float = 1.0
 
 
 def two_tow_x_v(force_a: float, x_t_a: float, force_b: float, x_t_b: float) -> float:
@@ -378,7 +382,8 @@ def fit_steady(tows: list[SteadyState], x_delta_m: float | None = None) -> Stead
     half = float(ndtri(0.975) * sd[0])
     by_gap = by_force.copy()  # of F - k/(X_T - X_v)
     by_gap[:, 3::4] += np.diag(k / (x_t - x_v) ** 2)
-    y_v, n_v, y_delta, n_delta = _hull_from_steady(tows, (x_v, k), by_force, gain @ by_gap, widened * inputs, x_delta_m)
+    by_line = gain @ by_gap
+    y_v, n_v, y_delta, n_delta = _hull_from_steady(tows, (x_v, k), by_force, by_line, widened * inputs, x_delta_m)
     return SteadyFit(
         x_v_m=Measured(value=float(x_v), std=float(sd[0])),
         slope=Measured(value=float(k), std=float(np.hypot(sd[1], k * common_errors(tows)[0]))),
@@ -390,6 +395,8 @@ def fit_steady(tows: list[SteadyState], x_delta_m: float | None = None) -> Stead
         y_delta_delta=y_delta,
         n_delta_delta=n_delta,
         notes=tuple(notes),
+        by_inputs=by_line[0],
+        widened=float(widened),
     )
 
 

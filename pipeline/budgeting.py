@@ -21,10 +21,12 @@ from ..identify.budget import (
 )
 from ..identify.budget.carried import carried_on
 from ..identify.budget.components import INFINITE
+from ..identify.budget.water import FORMULA, density_slope_kg_m3_deg, fresh_water_density_kg_m3
 from ..identify.data import RunData, measured_rows
 from ..record.budget_file import (
     BudgetFile,
     BudgetInputs,
+    BudgetWater,
 )
 from ..record.errors import EstimationError, InputError
 from ..record.gap_file import GapFile
@@ -91,7 +93,11 @@ def budget_lines(
     say("budget: sensitivities")
     budget = budget_of(answer.fit, answer.data, modes, shapes)
     budget = budget.with_components(*_outside(answer, budget), *_model_form(answer, budget, gap))
-    return budget if said is None or inputs is None else _told(budget, said, inputs)
+    if said is None or inputs is None:
+        return budget
+    if said.water is not None:
+        budget = _by_temperature(budget, said.water, answer.result.density_kg_m3)
+    return _told(budget, said, inputs)
 
 
 # the camera's side ----------------------------------------------------------------------------------------------------
@@ -251,6 +257,18 @@ def _model_form(answer: Identified, budget: Budget, gap: Path | None) -> list[Co
             origin, "added",
         )
     ]  # fmt: skip
+
+
+def _by_temperature(budget: Budget, water: BudgetWater, stated_kg_m3: float | None) -> Budget:
+    """The density's line by the water's temperature; where run.toml states another density, its origin says so."""
+    at, sd = water.temperature_deg_c, water.temperature_sd_deg_c
+    density = fresh_water_density_kg_m3(at)
+    origin = f"fresh water of {at:g} +- {sd:g} degrees ({FORMULA}): {density:.2f} kg/m3"
+    std = abs(density_slope_kg_m3_deg(at)) * sd
+    if stated_kg_m3 is not None and abs(stated_kg_m3 - density) > std:
+        origin += f"; run.toml states {stated_kg_m3:g}, which is not corrected for: state this one"
+    lines = tuple(c.known(std, "B", INFINITE, origin) if c.name == DENSITY else c for c in budget.components)
+    return replace(budget, components=lines)
 
 
 def _told(budget: Budget, said: BudgetInputs, path: Path) -> Budget:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from ..diagnose.own import Model
+    from ..record.budget_file import BudgetFile
     from ..record.check_file import CheckFile
     from ..record.gap_file import GapFile
     from ..record.priors import Priors
@@ -214,6 +215,50 @@ def steady(*runs: Folder, line: Line | None = None) -> SteadyFile:
     return fit_steady_batch(compute_motions(runs, line=line))
 
 
+@one_thread()
+def budget(
+    *runs: Folder,
+    inputs: Folder | None = None,
+    gap: Folder | None = None,
+    form: Form = "full",
+    speed_m_s: float | None = None,
+    priors: Priors | None = None,
+    noise: Noise = "auto",
+    line: Line | None = None,
+) -> BudgetFile:
+    """The uncertainty budget of the derivatives and of X_v by the GUM: every source with its share.
+
+    Parameters
+    ----------
+    runs : run folders of towed runs of one hull
+    inputs : TOML that says more of the lines than run.toml does (docs/budget.md)
+    gap : gap.json of the same runs, whose verdict is the model form's line
+    form, speed_m_s, priors, noise, line : as ``identify`` takes
+
+    Returns
+    -------
+    BudgetFile
+        ``quantities`` with combined and expanded uncertainty, the ``lines`` of all sources, correlations, what is carried on
+
+    Raises
+    ------
+    EstimationError : as of ``identify``; or the runs do not determine all six derivatives
+    InputError : ``inputs`` names no line, or a file cannot be read
+
+    Examples
+    --------
+    >>> import towline
+    >>> found = towline.budget("sample_videos/mariner/x1446", "sample_videos/mariner/x1649")
+    >>> found.closure < 0.01
+    True
+    """
+    from .analysis import compute_motions, identify_batch
+    from .budgeting import budget_batch
+
+    answer = identify_batch(compute_motions(runs, line=line), form, speed_m_s, priors, noise=noise)
+    return budget_batch(answer, None if inputs is None else Path(inputs), None if gap is None else Path(gap))
+
+
 def diagnose(
     *runs: Folder,
     held_out: Sequence[Folder] = (),
@@ -367,6 +412,7 @@ def _silent(*_: Any) -> None:
 
 
 __all__ = [
+    "budget",
     "check_camera",
     "compute_motion",
     "diagnose",

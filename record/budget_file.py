@@ -31,9 +31,17 @@ class BudgetInput(Table):
     origin: str = Field(default="", description="where std comes from, in words")
 
 
+class BudgetWater(Table):
+    """[water]: fresh water by its temperature; the density's line is then known."""
+
+    temperature_deg_c: Annotated[float, Field(ge=0, le=40)] = Field(description="of the water, degrees Celsius")
+    temperature_sd_deg_c: Positive = Field(description="its standard uncertainty, thermometer and tank together")
+
+
 class BudgetInputs(Table):
     """The file of `towline budget --inputs`."""
 
+    water: BudgetWater | None = Field(default=None, description="temperature of the tank's fresh water")
     input: tuple[BudgetInput, ...] = Field(default=(), description="lines of the budget")
 
 

@@ -181,6 +181,31 @@ class NeutralBracket(_Part):
     agrees: bool | None = Field(description="x_v_interval_m and the bracket overlap; null: nothing to compare")
 
 
+class SteadySource(_Part):
+    """What one source does to X_v of steady tows."""
+
+    source: str = Field(description="what the line is grouped by")
+    name: str = Field(description="the input")
+    run: str = Field(description="whose it is; empty: common to all tows")
+    evaluation: Literal["A", "B"] = Field(description="type of evaluation (JCGM 100, 2.3.2, 2.3.3)")
+    contribution_m: float = Field(description="standard uncertainty of X_v by it")
+    share: float = Field(description="of the variance of X_v")
+    degrees: float | None = Field(description="degrees of freedom; null: infinite")
+    origin: str = Field(description="where it comes from")
+
+
+class SteadySources(_Part):
+    """The uncertainty budget of X_v of steady tows."""
+
+    combined_m: float = Field(description="combined standard uncertainty of all lines")
+    degrees: float | None = Field(description="effective degrees of freedom (Welch-Satterthwaite); null: infinite")
+    coverage_factor: float = Field(description="k of the 95 % interval")
+    expanded_m: float = Field(description="U = k times combined_m")
+    closure: float = Field(description="relative difference between the lines, combined, and the std of x_v_m")
+    lines: list[SteadySource] = Field(description="every source")
+    outside: dict[str, str] = Field(description="source that is in no number -> why")
+
+
 class SteadyFile(ResultFile):
     """out/steady.json."""
 
@@ -203,6 +228,9 @@ class SteadyFile(ResultFile):
     )
     x_v_bracket: NeutralBracket | None = Field(
         default=None, description="X_v from which tow points tow stably and which shear off"
+    )
+    x_v_budget: SteadySources | None = Field(
+        default=None, description="what every source does to x_v_m; null: of a file of before"
     )
     failed: dict[str, str] = Field(description="runs that could not be used, and why")
     notes: list[str] = Field(description="what the reader must know")

@@ -33,6 +33,31 @@ def steady_table(result: SteadyFile) -> Table:
     return _table(title, "quantity", steady_rows(result), primes=False)
 
 
+def steady_sources_table(result: SteadyFile) -> Table | None:
+    """What every source does to X_v, the largest first; None where the file has no budget.
+
+    Parameters
+    ----------
+    result : of the steady analysis
+    """
+    from rich.table import Table
+    from rich.text import Text
+
+    budget = result.x_v_budget
+    if budget is None or not budget.lines:
+        return None
+    title = f"Budget of X_v: u {1e3 * budget.combined_m:.2g} mm, k {budget.coverage_factor:.2f}, U {1e3 * budget.expanded_m:.2g} mm"
+    table = Table(title=Text(title), title_justify="left")
+    for name in ("source", "input", "tow", "type"):
+        table.add_column(name)
+    for name in ("u(X_v), mm", "share, %"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for line in sorted(budget.lines, key=lambda line: -line.share):
+        cells = [line.source, line.name, line.run, line.evaluation]
+        table.add_row(*(Text(c) for c in cells), f"{1e3 * line.contribution_m:.2g}", f"{100 * line.share:.0f}")
+    return table
+
+
 def _table(title: str, first: str, rows: list[Row], *, primes: bool) -> Table:
     from rich.table import Table
     from rich.text import Text

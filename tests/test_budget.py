@@ -13,12 +13,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+import towline
 from towline.cli import main
 from towline.geometry import fit_datum
 from towline.identify import Fit, RunData, fit_runs
 from towline.identify.budget import Budget, Component, budget_of, judged, repeats_of
 from towline.identify.budget.carried import carried_on
 from towline.identify.budget.combine import coverage_factor, effective_degrees
+from towline.identify.budget.water import density_slope_kg_m3_deg, fresh_water_density_kg_m3
 from towline.identify.budget.zigzag import zigzag
 from towline.identify.fit import Near
 from towline.identify.noise import Whitener
@@ -425,6 +427,12 @@ def test_the_command_writes_what_it_says(out: Path) -> None:
         assert q.combined_std == pytest.approx(q.fit_std)
 
 
+def test_the_front_door_gives_the_same(folders: list[str], out: Path) -> None:
+    found, file = towline.budget(*folders, noise="output"), read_result(out / "budget.json", BudgetFile)
+    for name, q in file.quantities.items():
+        assert found.quantities[name].expanded == pytest.approx(q.expanded, rel=1e-6)
+
+
 def test_the_tables_say_the_same(out: Path) -> None:
     file = read_result(out / "budget.json", BudgetFile)
     rows = list(csv.DictReader((out / "budget.csv").open(encoding="utf-8")))
@@ -475,9 +483,27 @@ def test_inputs_say_more_of_the_lines(answer: Identified, out: Path, tmp_path: P
     assert y_v.prime_std == pytest.approx(abs(y_v.prime) * np.hypot(y_v.combined_std / y_v.value, 2e-3))
 
 
+def test_a_temperature_gives_the_density_its_line(answer: Identified, out: Path, tmp_path: Path) -> None:
+    """Against Kell's formula (J. Chem. Eng. Data 20 (1975) 97), another fit to other measurements; the two differ by 3e-3 kg/m3."""
+    over, under = (-280.54253e-12, 105.56302e-9, -46.170461e-6, -7.9870401e-3, 16.945176, 999.83952), (16.87985e-3, 1.0)
+    for t in np.linspace(0.5, 39.5, 14):
+        assert fresh_water_density_kg_m3(t) == pytest.approx(np.polyval(over, t) / np.polyval(under, t), abs=5e-3)
+        slope = (fresh_water_density_kg_m3(t + 0.1) - fresh_water_density_kg_m3(t - 0.1)) / 0.2
+        assert density_slope_kg_m3_deg(t) == pytest.approx(slope, abs=1e-5)
+    inputs = tmp_path / "inputs.toml"
+    inputs.write_text("[water]\ntemperature_deg_c = 20.0\ntemperature_sd_deg_c = 0.5\n")
+    before, after = read_result(out / "budget.json", BudgetFile), budget_batch(answer, inputs)
+    (line,) = [line for line in after.lines if line.name == "density_kg_m3"]
+    assert line.std == pytest.approx(0.2065 / 2, rel=1e-3)
+    assert "998.21 kg/m3; run.toml states 1000" in line.origin
+    for name, q in after.quantities.items():
+        assert q.combined_std == pytest.approx(before.quantities[name].combined_std)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
+        ("[water]\ntemperature_deg_c = 60.0\ntemperature_sd_deg_c = 0.5\n", "temperature_deg_c"),
         ('[[input]]\nsource = "clocks"\nstd = 1e-3\n', "input[0].source"),
         ('[[input]]\nsource = "datum picks"\nstd = 1.0\n', "in the fit already"),
         ('[[input]]\nsource = "density and temperature"\nname = "viscosity"\nstd = 1.0\n', "no sensitivity"),

@@ -314,3 +314,36 @@ def test_an_effect_of_ones_own_is_named_and_one_that_is_left_out_is_unknown() ->
     fixed = corrected(found)
     assert run_model(fixed, 0.05, 70, {"h": 1.0})["h"][20] == pytest.approx(np.exp(-0.5) + 0.05 * np.sin(8.0), abs=3e-3)
     assert found_of(plain, records).file.verdict == "unknown"
+
+
+def glides(power: float) -> list[Record]:
+    """A cart that coasts to either side and drags with a power of its speed: v' = -0.5 v - 0.4 v |v|^(power - 1)."""
+    t, rng, found = 0.075 * np.arange(80), RNG(4), []
+
+    def rates(t: float, v: np.ndarray) -> np.ndarray:
+        return -0.5 * v - 0.4 * v * np.abs(v) ** (power - 1)
+
+    for k, start in enumerate((1.5, -1.0)):
+        clean = solve_ivp(rates, (0, t[-1]), (start,), t_eval=t, rtol=1e-9, atol=1e-11).y[0]
+        values = (clean + 1e-3 * rng.normal(size=len(t)))[:, None]
+        found.append(Record(f"glide-{k + 1}", 0.075, np.zeros((80, 0)), values, (SampleNoise(1e-3),), ()))
+    return found
+
+
+def test_a_near_relative_of_what_is_left_out_is_not_taken_for_it() -> None:
+    """Drag by the cube takes nearly all that drag by the square does; what it leaves goes with the speed, and tells."""
+    cart = Model(
+        [State("v", "m/s", equation="cart")],
+        [],
+        [Number("a", "1/s", 0.4, least=0.0)],
+        [Output("v", "m/s", stage="encoder")],
+        lambda t, x, u, p: [-p.a * x.v],
+    )
+    known = found_of(cart, glides(2.0))
+    assert known.file.verdict == "effect"
+    assert known.file.ranking[0].effects == ["v_quadratic_damping"]
+    assert known.diagnosis.ranking.beside is None
+    left_out = found_of(cart, glides(2.0), without=("v_quadratic_damping",))
+    assert left_out.file.verdict == "unknown"
+    assert left_out.file.where.stage == "cart"
+    assert left_out.diagnosis.ranking.beside is not None

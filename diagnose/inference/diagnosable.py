@@ -26,6 +26,12 @@ class Diagnosable(Simulator, Protocol):
         """What stands for an effect in no library; ``shaken_hz`` stand out of what the base leaves."""
         ...
 
+    def free_beside(self) -> Sequence[Effect]:
+        """What stands, beside the best effects, for something in no library that they leave; none: it is told by random forces
+        and by what stands out alone.
+        """
+        ...
+
     def symmetries(self, inference: Inference, base: Fitted) -> Sequence[tuple[str, Sequence[str]]]:
         """What no motion like these can tell apart, each with the effect that raises the question ("": always said)."""
         ...

@@ -42,6 +42,10 @@ SMALL_FORCES = 0.05
 """A refinement also starts from random forces of this share of those estimated."""
 SCANNED, SCANNED_BELOW = 4, 12.0
 """So many effects have their residuals searched for something left over, if log evidence and prior are within this of the best."""
+GROSS = 200.0
+"""Scores above this are very large: a choice."""
+LEFT_OVER_BY, TRIED_FREE = 2, 2
+"""So many of the best candidates have what they leave searched by free forms, so many of these fitted. Choices, for time."""
 WORTH_PAIRS = 3.0
 """A second effect is fitted only if its score promises more log evidence than this."""
 WORTH_PAIRS_BELOW = 30.0
@@ -93,7 +97,7 @@ def ranked(
     singles = _best_variants(scores, usable, TRIED_SINGLE)
     best_free = _best_variants(scores, free, 2)
     say("fitting " + ", ".join(e.name for e in singles))
-    gross = max(scores.values(), default=0.0) > 200.0
+    gross = max(scores.values(), default=0.0) > GROSS
     starts = [] if base.forces.follow(simulator.most_force) else simulator.starts()
     fitted = _fit_all(inference, base, [(e,) for e in (*singles, *best_free)], gross, starts)
     single_prior, forms = np.log(P_SINGLE / max(len(names), 1)), _of_forms(scores, usable)
@@ -117,7 +121,8 @@ def ranked(
     best = candidates[0].log_evidence if candidates else 0.0
     if free_form is not None and free_form.log_evidence > max(CLEAR, WORTH_REFINING * best):
         free_form = _converged(inference, [free_form], base)[0]
-    return inference, shared_out(inference, _ranking(inference, base, candidates, free_form, excluded))
+    beside = _beside(inference, candidates, base, simulator.free_beside(), say)
+    return inference, shared_out(inference, _ranking(inference, base, candidates, free_form, beside, excluded))
 
 
 def _unlike(simulator: Diagnosable, base: Fitted, spread: Spread) -> list[tuple[float, Hypothesis, Forces]]:
@@ -393,16 +398,38 @@ def _pairs(
     return found
 
 
+def _beside(
+    inference: Inference, candidates: Sequence[Candidate], base: Fitted, free: Sequence[Effect], say: Progress
+) -> Candidate | None:
+    """The best free form for what one of the best candidates leaves, with the prior of that candidate."""
+    found: list[Candidate] = []
+    order = sorted(candidates, key=lambda c: -(c.log_evidence + c.log_prior))
+    for c in order[:LEFT_OVER_BY] if free else ():
+        if c.log_evidence < max(CLEAR, order[0].log_evidence - SCANNED_BELOW):
+            continue
+        scores = screened(inference, c.fitted, free)
+        best = [e for e in _best_variants(scores, free, TRIED_FREE) if scores[e.label] > WORTH_PAIRS]
+        if best:
+            say(f"what {' and '.join(c.names)} leaves")
+        gross = max((scores[e.label] for e in best), default=0.0) > GROSS
+        for effects, fitted in _fit_all(inference, c.fitted, [(e,) for e in best], gross) if best else ():
+            found.append(Candidate((*c.effects, *effects), fitted, _worth(fitted) - base.log_evidence, c.log_prior))
+    if not found:
+        return None
+    return _converged(inference, [max(found, key=lambda c: c.log_evidence + c.log_prior)], base)[0]
+
+
 def _ranking(
     inference: Inference,
     base: Fitted,
     candidates: Sequence[Candidate],
     free: Candidate | None,
+    beside: Candidate | None,
     excluded: dict[str, str],
 ) -> Ranking:
     """Probabilities; what leaves large random forces explains nothing: its share is the unknown's.
 
-    The unknown is a free form, or something left over by no gap or by one of the best effects.
+    The unknown is a free form, alone or ``beside`` one of the best effects, or something left over by no gap or by one of those.
     """
     best: dict[frozenset[str], Candidate] = {}
     forms: dict[tuple[str, ...], dict[str, float]] = {}
@@ -416,8 +443,9 @@ def _ranking(
     known = [np.log(P_NO_GAP), *(c.log_evidence + c.log_prior for c in kept)]
     scanned = [(base, known[0]), *((c.fitted, k) for c, k in zip(kept[:SCANNED], known[1:], strict=False))]
     rests = [(leftover(inference, fitted), log) for fitted, log in scanned if log > max(known) - SCANNED_BELOW]
-    rest, beside = max(rests, key=lambda found: found[0].log_evidence + found[1])
-    unknown = [rest.log_evidence + beside, *([free.log_evidence] if free is not None else [])]
+    rest, left_by = max(rests, key=lambda found: found[0].log_evidence + found[1])
+    unknown = [rest.log_evidence + left_by, *([free.log_evidence] if free is not None else [])]
+    unknown += [beside.log_evidence + beside.log_prior] if beside is not None else []
     form = max(kept, key=lambda c: c.log_evidence).form if kept else 0.0
     logs = [known[0], np.log(P_UNKNOWN) + max(unknown) - form, *known[1:]]
     logs = np.array(logs)
@@ -438,6 +466,7 @@ def _ranking(
         rest,
         excluded,
         forms,
+        beside=beside,
     )
 
 

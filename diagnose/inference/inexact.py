@@ -56,14 +56,15 @@ def size_of(inference: Inference, fitted: Fitted, forces: Forces) -> float:
     return total / max(count, 1)
 
 
-def sureness(share: float) -> float:
+def sureness(share: float, half_sure: float = HALF_SURE, width: float = WIDTH) -> float:
     """Probability that an effect which takes this share of a gap, and leaves something over, is the one that is there.
 
     Parameters
     ----------
     share : of ``share_of``
+    half_sure, width : ``Simulator.half_sure``, ``Simulator.sure_width``
     """
-    return float(1 / (1 + np.exp(-(share - HALF_SURE) / WIDTH)))
+    return float(1 / (1 + np.exp(-(share - half_sure) / width)))
 
 
 def shared_out(inference: Inference, ranking: Ranking) -> Ranking:
@@ -78,7 +79,8 @@ def shared_out(inference: Inference, ranking: Ranking) -> Ranking:
         return ranking
     inexact, left = np.zeros(len(ranking.candidates)), ranking.p_unknown
     for k in _looked_at(ranking.candidates):
-        part = left * sureness(share_of(inference, ranking, ranking.candidates[k]))
+        share = share_of(inference, ranking, ranking.candidates[k])
+        part = left * sureness(share, inference.simulator.half_sure, inference.simulator.sure_width)
         inexact[k] += part
         left -= part
     order = np.argsort(-(ranking.probabilities + inexact), kind="stable")
@@ -103,7 +105,7 @@ def share_of(inference: Inference, ranking: Ranking, candidate: Candidate) -> fl
     """
     if candidate.log_evidence <= 0:
         return 0.0
-    free: list[Candidate] = [ranking.free] if ranking.free is not None else []
+    free = [c for c in (ranking.free, ranking.beside) if c is not None]
     best = max([*ranking.candidates, *free], key=lambda c: c.log_evidence)
     own, most = candidate.fitted.forces, QUIET * inference.simulator.most_force
     forces = Forces(min(own.side_n, most), min(own.moment_n_m, most), own.time)

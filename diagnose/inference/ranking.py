@@ -54,6 +54,7 @@ class Ranking:
     probabilities : of the candidates as they are
     p_no_gap, p_unknown : of the rest
     free : the best free form, or None
+    beside : one of the best candidates with a free form for what it leaves, or None
     rest : what the best hypothesis leaves over
     excluded : effect -> why it could not be judged
     forms : names of a candidate -> log evidence of each form of its effects that was fitted, the best first
@@ -70,11 +71,18 @@ class Ranking:
     excluded: dict[str, str]
     forms: dict[tuple[str, ...], dict[str, float]] = field(default_factory=dict)
     inexact: Array | None = None
+    beside: Candidate | None = None
 
     @property
     def named(self) -> Array:
         """Probabilities that the candidates' effects are there, whatever their form."""
         return self.probabilities if self.inexact is None else self.probabilities + self.inexact
+
+    @property
+    def for_unknown(self) -> Candidate | None:
+        """What stands for something unknown: a free form alone, or beside a candidate (then its last effect)."""
+        found = [c for c in (self.free, self.beside) if c is not None]
+        return max(found, key=lambda c: c.log_evidence, default=None)
 
     @property
     def set95(self) -> list[tuple[str, ...]]:

@@ -51,6 +51,8 @@ class Simulator(Protocol):
     gone : a simulation this far from the measurement has grown beyond bounds
     least : size below which a shared number counts as small; one for all or (s,)
     most_force : random forces above this are a gap, not noise
+    half_sure, sure_width : ``inexact``: an effect that takes this share of a gap is as likely itself, in another form, as something
+        else, and how fast that goes over
     force_scale : unit of the random forces' sizes
     apart : effect.number -> what was measured of it apart from the runs
     """
@@ -66,6 +68,8 @@ class Simulator(Protocol):
     gone: float
     least: float | Array
     most_force: float
+    half_sure: float
+    sure_width: float
     force_scale: float
     apart: Mapping[str, Apart]
 

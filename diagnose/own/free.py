@@ -1,4 +1,6 @@
-"""What stands for something that is in no list: any function, by bumps, of a state in an equation, of an input, of an output."""
+"""What stands for something that is in no list: any function, by bumps, of a state in an equation, of an input, of an output; any
+memory of an input or output.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +11,15 @@ import numpy as np
 
 from ...simulate.model import Array
 from ..effects import Parameter
-from .library import SHARE, Scales
+from .library import SHARE, Scales, delayed
 from .model import Missing, System
 
 CENTRES = np.linspace(-1.0, 1.0, 5)
 """Of the bumps, in the variable's usual sizes."""
 WIDTH = 0.5
 """Of a bump."""
+AGO_STEPS = (1.0, 4.0, 16.0)
+"""How long ago an input or output may work on, in samples: a choice."""
 WORDS = "Something that is in no list."
 
 
@@ -30,8 +34,23 @@ def bumps(z: Any, numbers: Any) -> Any:
     return sum(n * np.exp(-0.5 * ((z - c) / WIDTH) ** 2) for n, c in zip(numbers, CENTRES, strict=True))
 
 
+def odd_bumps(z: Any, numbers: Any) -> Any:
+    """The same of a function that changes its sign with its variable, as what drags and what pulls back mostly do.
+
+    Parameters
+    ----------
+    z : any shape (..., k)
+    numbers : height of each bump right of zero, (k,) each
+    """
+    right = CENTRES[CENTRES > 0]
+    return sum(
+        n * (np.exp(-0.5 * ((z - c) / WIDTH) ** 2) - np.exp(-0.5 * ((z + c) / WIDTH) ** 2))
+        for n, c in zip(numbers, right, strict=True)
+    )
+
+
 def free_forms(system: System, kinematic: Mapping[str, str], scales: Scales) -> list[Missing]:
-    """One for each equation and state (and input) in it, each input, each output.
+    """For each equation one of each state (two where it is above and below zero) and input; two for each input and output.
 
     Parameters
     ----------
@@ -46,19 +65,23 @@ def free_forms(system: System, kinematic: Mapping[str, str], scales: Scales) -> 
                 continue
             for other in system.states:
                 found.append(_added(state.name, other.name, scales))
+                if other.name in scales.turns:
+                    found.append(_odd(state.name, other.name, scales))
             for one in system.inputs:
                 if scales.input[one.name]:
                     found.append(_driven(state.name, one.name, scales))
     for name, size in scales.input.items():
         if size:
             found.append(_changed(name, size, SHARE * scales.moves[name], name, ""))
+            found.append(_remembered(name, scales.step_s, name, ""))
     for name, size in scales.output.items():
         found.append(_changed(name, size, SHARE * scales.moves[name], "", name))
+        found.append(_remembered(name, scales.step_s, "", name))
     return found
 
 
-def _parameters(size: float) -> tuple[Parameter, ...]:
-    return tuple(Parameter(f"bump_{k + 1}", "", size) for k in range(len(CENTRES)))
+def _parameters(size: float, count: int = len(CENTRES)) -> tuple[Parameter, ...]:
+    return tuple(Parameter(f"bump_{k + 1}", "", size) for k in range(count))
 
 
 def _added(equation: str, state: str, scales: Scales) -> Missing:
@@ -69,6 +92,16 @@ def _added(equation: str, state: str, scales: Scales) -> Missing:
 
     name = f"free_{equation}_by_{state}"
     return Missing(name, _parameters(SHARE * scales.rate[equation]), WORDS, WORDS, changes, equation=equation)
+
+
+def _odd(equation: str, state: str, scales: Scales) -> Missing:
+    size = scales.state[state]
+
+    def changes(t: Any, x: Any, u: Any, p: Any, *numbers: Array) -> Array:
+        return odd_bumps(getattr(x, state) / size, numbers)
+
+    numbers = _parameters(SHARE * scales.rate[equation], int((CENTRES > 0).sum()))
+    return Missing(f"free_{equation}_odd_in_{state}", numbers, WORDS, WORDS, changes, equation=equation)
 
 
 def _driven(equation: str, name: str, scales: Scales) -> Missing:
@@ -89,4 +122,15 @@ def _changed(name: str, size: float, height: float, given: str, seen: str) -> Mi
     return Missing(f"free_{name}", _parameters(height), WORDS, WORDS, changes, "", given, seen)
 
 
-__all__ = ["bumps", "free_forms"]
+def _remembered(name: str, step_s: float, given: str, seen: str) -> Missing:
+    """What was a while ago, by any weights: whatever follows late."""
+
+    def changes(t: Any, values: Array, *numbers: Array) -> Array:
+        late = [n * (delayed(t, values, steps * step_s) - values) for n, steps in zip(numbers, AGO_STEPS, strict=True)]
+        return values + sum(late)
+
+    numbers = tuple(Parameter(f"ago_{k + 1}", "", 1.0) for k in range(len(AGO_STEPS)))
+    return Missing(f"free_{name}_memory", numbers, WORDS, WORDS, changes, "", given, seen)
+
+
+__all__ = ["bumps", "free_forms", "odd_bumps"]

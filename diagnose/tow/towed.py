@@ -15,6 +15,7 @@ from ..effects import LAWS, Effect, offset_each
 from ..inference.apart import Apart
 from ..inference.grams import reduced
 from ..inference.hypothesis import FREE, Hypothesis
+from ..inference.inexact import HALF_SURE, WIDTH
 from ..inference.noise import Noise, RunNoise
 from .data import CHANNELS, TowRun
 from .delays import delay_effects
@@ -94,6 +95,7 @@ class TowSimulator(TowModel):
         self._starts: list[Hypothesis] | None = None
         self._measured: list[RunNoise] | None = None
         self._last: tuple[Array, Noise] | None = None
+        self.half_sure, self.sure_width = HALF_SURE, WIDTH
         self.most_force = LARGEST_FORCE_SHARE * float(np.mean([straight_pull(run)[0] for run in runs]))
 
     def starts(self) -> Sequence[Hypothesis]:
@@ -185,6 +187,10 @@ class TowSimulator(TowModel):
     def free_forms(self, shaken_hz: Sequence[float]) -> Sequence[Effect]:
         """Forces of many shapes, faults of what is seen, and what shakes at these frequencies."""
         return free_forms(len(self.runs), shaken_hz)
+
+    def free_beside(self) -> Sequence[Effect]:
+        """None: real walls, swivels and rolls have not the library's formulas, and what a free form finds beside them is that."""
+        return ()
 
     def reached(self, fitted: Fitted) -> str:
         """At which size of the motion a hull effect's force was at work."""

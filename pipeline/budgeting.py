@@ -101,7 +101,7 @@ def _modes(runs: Sequence[RunMotion], data: Sequence[RunData]) -> dict[str, tupl
     """Key of common modes -> where they come from; a key of motion from outside is not there."""
     found: dict[str, tuple[ModeOrigin, ...]] = {}
     for m, d in zip(runs, data, strict=True):
-        if m.tracks is None or not d.shared:
+        if m.tracks is None or not d.shared or m.run.file.cameras:  # of two cameras the modes are both's, mixed
             continue
         fit = fit_run_datum(m.run)
         origins = origins_of(m.run, fit, len(d.common), len(d.lag))

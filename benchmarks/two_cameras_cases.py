@@ -137,6 +137,7 @@ def random_case(
     noise: tuple[float, float] = (MARK_PX, PICK_PX),
     unsure: bool = True,
     still: bool = False,
+    pull_px_rad: float = 0.0,
 ) -> Case:
     """A tow, two cameras, their tracks.
 
@@ -149,6 +150,7 @@ def random_case(
     noise : of marks and picks, px
     unsure : lens, depths and places are wrong by what is stated of them
     still : the model does not move
+    pull_px_rad : each mark is drawn aside as model and line turn, by so much (standard deviation) a radian of either
     """
     rng = np.random.default_rng(seed)
     tow = random_tow(rng, rolls)
@@ -168,6 +170,10 @@ def random_case(
         first_s = own_s if index == 0 else offset_s + (1 + rate) * own_s
         seen = eye.sees(mark_places(truth(first_s), body).reshape(-1, 3)).reshape(len(own_s), -1, 2)
         seen += noise[0] * rng.standard_normal(seen.shape)
+        _, y, beta, *_ = truth(first_s).T
+        turned = np.column_stack([beta, np.arcsin((y + TOW_POINT_M * np.sin(beta)) / LINE_M) + beta])
+        if pull_px_rad:
+            seen += np.einsum("nk,kmj->nmj", turned, pull_px_rad * rng.standard_normal((2, len(marks), 2)))
         # the first loses the model in the last quarter, the second sees it from the first quarter on
         cut = duration_s * rng.uniform(0.15, 0.3)
         lost = first_s > duration_s - cut if index == 0 else first_s < cut

@@ -177,11 +177,12 @@ def show(name: str, found: dict[str, list]) -> None:
     varies, whole, z, frame = (np.array(part) for part in zip(*found["afloat"], strict=True))
     print(f"{'':22}rolling not noticed: {sum(found['silent'])} of {len(found['silent'])}")
     for k, (word, scale, unit) in enumerate((("heave", 1e3, "mm"), ("roll", DEGREE, "deg"), ("pitch", DEGREE, "deg"))):
+        total, alone = (
+            f"{scale * rms(part[:, k]):.3f} {unit} rms, at most {scale * part[:, k].max():.3f}"
+            for part in (whole, varies)
+        )
         print(
-            f"{'':22}{word:6}{scale * rms(whole[:, k]):.3f} {unit} rms, at most {scale * whole[:, k].max():.3f}, z "
-            f"{rms(z[:, k]):.2f}; as it varies {scale * rms(varies[:, k]):.3f} rms, at most {scale * varies[:, k].max():.3f}, a frame's stated "
-            f"{scale * rms(frame[:, k]):.3f}",
-            flush=True,
+            f"{'':22}{word:6}{total}, z {rms(z[:, k]):.2f}; as it varies {alone}, a frame's stated {scale * rms(frame[:, k]):.3f}"
         )
 
 

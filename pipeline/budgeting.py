@@ -29,6 +29,7 @@ from ..record.budget_file import (
 from ..record.errors import EstimationError, InputError
 from ..record.gap_file import GapFile
 from ..record.results import read_result
+from ..record.run import refuse_two_cameras
 from ..record.toml import read_toml
 from ..simulate.model import DERIVATIVE_UNITS
 from .analysis import Identified
@@ -84,6 +85,8 @@ def budget_lines(
         raise EstimationError(
             f"{', '.join(open_ones)}: not determined by these runs; there is no budget of what has no value"
         )
+    for m in answer.runs:
+        refuse_two_cameras(m.run, "towline budget")
     said = None if inputs is None else read_toml(inputs, BudgetInputs)
     say("budget: the camera's lines")
     modes = _modes(answer.runs, answer.data)
@@ -101,7 +104,7 @@ def _modes(runs: Sequence[RunMotion], data: Sequence[RunData]) -> dict[str, tupl
     """Key of common modes -> where they come from; a key of motion from outside is not there."""
     found: dict[str, tuple[ModeOrigin, ...]] = {}
     for m, d in zip(runs, data, strict=True):
-        if m.tracks is None or not d.shared or m.run.file.cameras:  # of two cameras the modes are both's, mixed
+        if m.tracks is None or not d.shared:
             continue
         fit = fit_run_datum(m.run)
         origins = origins_of(m.run, fit, len(d.common), len(d.lag))

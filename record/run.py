@@ -182,6 +182,20 @@ def cameras_of(run: Run) -> tuple[Run, ...]:
     return tuple(_as_seen_by(run, camera) for camera in run.file.cameras)
 
 
+def refuse_two_cameras(run: Run, what: str) -> None:
+    """Raise InputError where two cameras filmed a run.
+
+    Parameters
+    ----------
+    run : the run folder as read
+    what : cannot be done with it, in words: "towline datum"
+    """
+    if run.file.cameras:
+        raise InputError(
+            run.folder / RUN_FILE, "camera", f"{what} takes a run of one camera; this one has two [[camera]]"
+        )
+
+
 def _as_seen_by(run: Run, camera: FilmingTable) -> Run:
     markers = tuple(
         m.model_copy(update={"seen_at_px": camera.seen_at_px.get(m.name, m.seen_at_px)}) for m in run.file.marker

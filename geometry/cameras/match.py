@@ -132,7 +132,13 @@ class _Rows:
     white_slope: Array
 
 
-def match_views(first: View, second: View, known: Known | None = None, near_s: float | None = None) -> Match:
+def match_views(
+    first: View,
+    second: View,
+    known: Known | None = None,
+    near_s: float | None = None,
+    rough: tuple[View, View] | None = None,
+) -> Match:
     """Find the second camera's clock and what both cameras have in common.
 
     Parameters
@@ -140,13 +146,14 @@ def match_views(first: View, second: View, known: Known | None = None, near_s: f
     first, second : two views of one motion
     known : of the offset beforehand
     near_s : an offset found already, by the same views in other numbers: no other is tried
+    rough : the same views in which offsets to begin from are looked for, where those of one camera are too unsure
 
     Raises
     ------
     GeometryError : both never see the model long enough, or the motion does not tell the clock; says what would
     """
     within = None if known is None else (known.offset_s - 5 * known.sd_s, known.offset_s + 5 * known.sd_s)
-    tried = starts(first, second, within) if near_s is None else [Start(near_s, 0.0)]
+    tried = starts(*(rough or (first, second)), within) if near_s is None else [Start(near_s, 0.0)]
     if not tried:
         raise GeometryError(
             f"the two cameras never see the model together for {LEAST_TOGETHER_S:g} s"

@@ -69,25 +69,26 @@ def joint_motion(run: Run, poses: Sequence[Poses], mappings: Sequence[Mapping]) 
     views = cameras_of(run)
     camera = run.file.cameras[1]
     known = None if camera.offset_s is None else Known(camera.offset_s, camera.offset_sd_s)
-    flat = [view_of(view, found) for view, found in zip(views, poses, strict=True)]
-    try:
-        match = match_views(flat[0], flat[1], known)
-    except GeometryError as error:
-        raise InputError(run.folder / RUN_FILE, f'camera[2 "{camera.name}"]', str(error)) from None
-    untold, afloat, rolls = tells_roll(run), None, False
+    one, two = (view_of(view, found) for view, found in zip(views, poses, strict=True))
+    untold, risen, afloat, rolls, near_s = tells_roll(run), None, None, False, None
     if untold is None:
-        whole = [afloat_view(*one) for one in zip(views, poses, mappings, strict=True)]
+        whole = [afloat_view(*each) for each in zip(views, poses, mappings, strict=True)]
         try:
-            risen = match_views(whole[0], whole[1], known, near_s=match.clock.offset_s)
+            risen = match_views(whole[0], whole[1], known, rough=(one, two))
         except GeometryError as error:
             untold = f"roll and heave are not told: {error}"
         else:
-            afloat = join_views(risen)
+            afloat, near_s = join_views(risen), risen.clock.offset_s
             rolls = _rolls(afloat)
-            if rolls:
-                match = risen
-            else:
-                afloat = join_views(replace(risen, clock=match.clock))
+    if risen is not None and rolls:
+        match = risen
+    else:
+        try:
+            match = match_views(one, two, known, near_s)
+        except GeometryError as error:
+            raise InputError(run.folder / RUN_FILE, f'camera[2 "{camera.name}"]', str(error)) from None
+        if risen is not None:
+            afloat = join_views(replace(risen, clock=match.clock))
     joined = afloat if rolls and afloat is not None else join_views(match)
     table, modal = motion_table(
         run, joined.t_s, joined.pose[:, :3], joined.covariance[:, :3, :3], joined.modes[..., :3], joined.slow

@@ -67,6 +67,8 @@ class Document:
             raise InputError(path, "", TOO_DEEP) from None
         except ValueError as error:  # TOMLDecodeError, and what a whole number of thousands of digits gives
             raise InputError(path, "", f"is not valid TOML: {' '.join(str(error).split())[:300]}") from None
+        if isinstance(document._content.get("camera"), list):
+            raise InputError(path, "camera", "the page takes a run of one camera; this one has two [[camera]]")
         with suppress(InputError):  # told when it is saved
             sweep(linked(path, document.outside))
         return document

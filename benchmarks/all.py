@@ -58,6 +58,7 @@ TABLES = {
     "footage_edits": Table("benchmarks/footage_edits.py", "footage_edits.txt", 8, "60 edits and re-encodings, marks known"),
     "geometry": Table("benchmarks/geometry.py", "geometry.txt", 15, "random cameras, planted faults"),
     "mistakes": Table("benchmarks/mistakes.py", "mistakes.txt", 6, "gross mistakes of a run.toml, planted in random set-ups"),
+    "two_cameras": Table("benchmarks/two_cameras.py {out}/two-cameras", "two_cameras.txt", 20, "two cameras over one tow"),
     "trapezoid": Table("benchmarks/trapezoid.py", "trapezoid.txt", 1, "the thesis's trapezoid against the exact form"),
     "identify": Table("benchmarks/identify.py", "identify.txt", 90, "the joint fit, its bound, scipy, CasADi, jax-sysid, pysindy"),
     "surge_peers": Table("benchmarks/surge_peers.py", "surge_peers.txt", 2, "four tows with surge beside scipy"),

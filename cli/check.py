@@ -37,7 +37,7 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
     from ..pipeline.analysis import output_folder
-    from ..pipeline.checking import checked, filmed_runs, set_ups
+    from ..pipeline.checking import agreements, checked, filmed_runs, set_ups
     from ..record.results import write_result
     from .common import EXIT_OK, EXIT_SOME_FAILED, show_progress
 
@@ -58,6 +58,14 @@ def call(options: argparse.Namespace) -> int:
             paths.append(out / f"{stem}.html")
         options.outcome.result.setdefault("checks", []).append(found.file)
         options.outcome.wrote(*paths)
+    with show_progress() as show:
+        together, unmatched = agreements([folder for folder in options.runs if str(folder) not in failed], show)
+    for name, said in together.items():
+        print(f"{name}: {said.cameras[0]} and {said.cameras[1]} {'agree' if said.agree else 'do not agree'}")
+        for sentence in said.sentences:
+            print(f"  {sentence}")
+        options.outcome.result.setdefault("cameras", {})[name] = said
+    failed |= unmatched
     options.outcome.fail(failed)
     return EXIT_SOME_FAILED if failed else EXIT_OK
 

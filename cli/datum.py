@@ -28,13 +28,14 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
 def call(options: argparse.Namespace) -> int:
     """Find, print, write."""
     from ..pipeline.progress import loading
-    from ..record.run import RUN_FILE, read_run
+    from ..record.run import RUN_FILE, read_run, refuse_two_cameras
 
     with loading("pipeline.stages"):
         from ..vision.datum_write import find_run_datum, write_datum
         from ..vision.recording.codecs import LOSSLESS
 
     run = read_run(options.run)
+    refuse_two_cameras(run, "towline datum")
     found = find_run_datum(run, options.frames, LOSSLESS)
     print(f"{'point':20} {'look':22} {'run.toml, px':>20} {'found, px':>20} {'apart':>7} {'sigma':>7} frames")
     for point, stated in zip(found.points, run.file.datum, strict=True):

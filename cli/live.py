@@ -52,9 +52,10 @@ def call(options: argparse.Namespace) -> int:
     from ..live.watch import WALL_M
     from ..pipeline.mistaken import named
     from ..record.errors import InputError
-    from ..record.run import RUN_FILE, Run, read_run
+    from ..record.run import RUN_FILE, Run, read_run, refuse_two_cameras
 
     setup = read_run(options.like)
+    refuse_two_cameras(setup, "towline live")
     if setup.file.source.motion is not None or not setup.file.marker or not setup.file.datum:
         raise InputError(
             setup.folder / RUN_FILE, "source", "a run with marks and a datum is expected, one that was filmed"

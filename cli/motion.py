@@ -31,7 +31,8 @@ def call(options: argparse.Namespace) -> int:
         print(f"{m.run.name}: {motion_line(m)}")
         if m.camera is not None:
             print_notes(m.camera.notes)
-            options.outcome.wrote(*(m.run.out / name for name in ("marks.csv", "motion.csv", "camera.json")))
+            both = ("cameras.json",) if m.run.file.cameras else ()
+            options.outcome.wrote(*(m.run.out / name for name in ("marks.csv", "motion.csv", "camera.json", *both)))
     options.outcome.fail(batch.failed)
     return exit_code(batch.failed)
 

@@ -34,11 +34,12 @@ def call(options: argparse.Namespace) -> int:
     """Make the pictures and say where they are."""
     from ..pipeline.mistaken import refuse_untouched
     from ..pipeline.progress import progress
-    from ..record.run import read_run
+    from ..record.run import read_run, refuse_two_cameras
     from ..report.rectify import Wanted, rectify
 
     run = read_run(options.run)
     refuse_untouched(run)
+    refuse_two_cameras(run, "towline rectify")
     area = None if options.area is None else tuple(options.area)
     wanted = Wanted(
         options.depth, area, options.mm_per_px, options.frame, options.time, film=options.video, grid=options.grid

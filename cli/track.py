@@ -58,7 +58,7 @@ def call(options: argparse.Namespace) -> int:
 
         from ..pipeline import stages
         from ..record.corrections import in_words, read_corrections
-        from ..record.run import CORRECTIONS, read_run
+        from ..record.run import CORRECTIONS, cameras_of, read_run
     seeds = seeds_of(options.from_frame, options.seed)
     if seeds and len(options.runs) > 1:
         raise TowlineError(f"--seed is of one run; {len(options.runs)} are given")
@@ -66,28 +66,31 @@ def call(options: argparse.Namespace) -> int:
     overlay, sheet = not options.no_overlay, options.sheet or not options.no_overlay
     for folder in options.runs:
         try:
-            run = read_run(folder)
-            filmed = run.file.source.video is not None
-            corrections = read_corrections(run)
-            new = corrections.seeded(seeds) if seeds else None
-            with show_progress(options.follow) as show:
-                found = stages.track_run(run, show, options.fresh, options.device, new)
-                drawn = stages.draw_tracks(found, overlay, sheet, show) if filmed else []
+            whole = read_run(folder)
+            stages.refuse_corrections(whole)
+            if seeds and whole.file.cameras:
+                raise TowlineError(f"{folder}: --seed cannot be used with two [[camera]] yet")
+            for run in cameras_of(whole):
+                filmed = run.file.source.video is not None
+                corrections = read_corrections(run)
+                new = corrections.seeded(seeds) if seeds else None
+                with show_progress(options.follow) as show:
+                    found = stages.track_run(run, show, options.fresh, options.device, new)
+                    drawn = stages.draw_tracks(found, overlay, sheet, show) if filmed else []
+                options.outcome.result[run.name] = {"markers": _markers_seen(found.table), "notes": found.notes}
+                print(f"{run.name}: {markers_in_words(found.table)}")
+                print_notes(found.notes)
+                if corrected := in_words(new or corrections):
+                    print(f"corrected by hand ({run.folder / CORRECTIONS}): {corrected}")
+                if new:
+                    options.outcome.wrote(run.folder / CORRECTIONS)
+                if filmed:
+                    wanted = {"tracks.csv": True, "overlay.mp4": overlay, "worst.png": sheet}
+                    _say_written(options.outcome, run.out, wanted, found.anew, drawn)
         except TowlineError as error:
             if len(options.runs) == 1:
                 raise
             failed[str(folder)] = str(error)
-            continue
-        options.outcome.result[run.name] = {"markers": _markers_seen(found.table), "notes": found.notes}
-        print(f"{run.name}: {markers_in_words(found.table)}")
-        print_notes(found.notes)
-        if corrected := in_words(new or corrections):
-            print(f"corrected by hand ({run.folder / CORRECTIONS}): {corrected}")
-        if new:
-            options.outcome.wrote(run.folder / CORRECTIONS)
-        if filmed:
-            wanted = {"tracks.csv": True, "overlay.mp4": overlay, "worst.png": sheet}
-            _say_written(options.outcome, run.out, wanted, found.anew, drawn)
     options.outcome.fail(failed)
     return exit_code(failed)
 

@@ -129,33 +129,8 @@ def motion_from_tracks(
     markers, rigid = found.markers, found.rigid
     frames, times, place, covariance = found.frames, found.t_s, found.place_m, found.covariance_m2
     modes, pose_modes = found.modes_m, found.pose_modes
-    alpha, alpha_slope = alpha_of(run, rigid.pose)
-    slope = np.zeros((len(frames), 3, 3))  # (y_cg, beta, alpha) by (x, y, beta)
-    slope[:, 0, 1] = slope[:, 1, 2] = 1.0
-    slope[:, 2] = alpha_slope
-    frame_part = slope @ rigid.covariance @ slope.transpose(0, 2, 1)
-    modal = np.einsum("nca,kna->knc", slope, pose_modes)
-    common_sd = np.sqrt((modal[found.lags :] ** 2).sum(axis=0))
-    sd = np.sqrt(np.maximum(np.einsum("ncc->nc", frame_part), 0.0))
-    measured = np.asarray(np.isfinite(rigid.pose).all(axis=1))
-    table = pd.DataFrame(
-        {
-            "t_s": times,
-            "y_cg_m": rigid.pose[:, 1],
-            "beta_rad": rigid.pose[:, 2],
-            "alpha_rad": alpha,
-            "x_cg_m": rigid.pose[:, 0],
-            "sigma_y_cg_m": sd[:, 0],
-            "sigma_beta_rad": sd[:, 1],
-            "sigma_alpha_rad": sd[:, 2],
-            "status": np.where(measured, "measured", "lost"),
-            "cov_y_cg_beta_m_rad": frame_part[:, 0, 1],
-            "common_y_cg_m": np.where(measured, common_sd[:, 0], np.nan),
-            "common_beta_rad": np.where(measured, common_sd[:, 1], np.nan),
-            "common_alpha_rad": np.where(measured & np.isfinite(alpha), common_sd[:, 2], np.nan),
-            "rigid_chi2": rigid.chi_square,
-        }
-    )
+    table, modal = motion_table(run, times, rigid.pose, rigid.covariance, pose_modes, found.lags)
+    table["rigid_chi2"] = rigid.chi_square
     camera = CameraFile(
         schema="towline/camera",
         tool=tool,
@@ -175,10 +150,51 @@ def motion_from_tracks(
         invariants=invariants(run, found),
         notes=notes,
     )
-    modal = np.where(measured[None, :, None], modal, 0.0)
     return Motion(
         _marks(tracks, frames, place, covariance, markers), table, modal[found.lags :], modal[: found.lags], camera
     )
+
+
+def motion_table(
+    run: Run, t_s: Array, pose: Array, covariance: Array, pose_modes: Array, slow: int
+) -> tuple[pd.DataFrame, Array]:
+    """The motion table of poses, and the change of (y_cg, beta, alpha) with each common mode, (k, n, 3), 0 where lost.
+
+    Parameters
+    ----------
+    run : its tow
+    t_s : (n,)
+    pose, covariance : (n, 3), (n, 3, 3) of x m, y m, heading rad; NaN where lost
+    pose_modes : (k, n, 3)
+    slow : so many of these, the first ones, count as no common error of the place
+    """
+    alpha, alpha_slope = alpha_of(run, pose)
+    slope = np.zeros((len(t_s), 3, 3))  # (y_cg, beta, alpha) by (x, y, beta)
+    slope[:, 0, 1] = slope[:, 1, 2] = 1.0
+    slope[:, 2] = alpha_slope
+    frame_part = slope @ covariance @ slope.transpose(0, 2, 1)
+    modal = np.einsum("nca,kna->knc", slope, pose_modes)
+    common_sd = np.sqrt((modal[slow:] ** 2).sum(axis=0))
+    sd = np.sqrt(np.maximum(np.einsum("ncc->nc", frame_part), 0.0))
+    measured = np.asarray(np.isfinite(pose).all(axis=1))
+    table = pd.DataFrame(
+        {
+            "t_s": t_s,
+            "y_cg_m": pose[:, 1],
+            "beta_rad": pose[:, 2],
+            "alpha_rad": alpha,
+            "x_cg_m": pose[:, 0],
+            "sigma_y_cg_m": sd[:, 0],
+            "sigma_beta_rad": sd[:, 1],
+            "sigma_alpha_rad": sd[:, 2],
+            "status": np.where(measured, "measured", "lost"),
+            "cov_y_cg_beta_m_rad": frame_part[:, 0, 1],
+            "common_y_cg_m": np.where(measured, common_sd[:, 0], np.nan),
+            "common_beta_rad": np.where(measured, common_sd[:, 1], np.nan),
+            "common_alpha_rad": np.where(measured & np.isfinite(alpha), common_sd[:, 2], np.nan),
+        }
+    )
+    return table, np.where(measured[None, :, None], modal, 0.0)
 
 
 def invariants(run: Run, poses: Poses) -> dict[str, Measured]:

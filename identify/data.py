@@ -168,7 +168,7 @@ def run_data(
         assumed_sigma=assumed,
         still=None if still is None else _still(still),
         lag=lags,
-        lag_key=sha256_of_texts("lag", repr(run.file.camera), *(m.name for m in run.file.marker)),
+        lag_key=lag_key(run),
         mass_kg=run.model.mass_kg,
         length_pp_m=run.model.length_pp_m,
         rudder=None
@@ -302,4 +302,16 @@ def stated_covariance(rows: pd.DataFrame) -> tuple[Array, bool]:
 def common_key(run: Run) -> str:
     """The same for runs that share camera, datum and markers, and with them the camera's common errors."""
     file = run.file
-    return sha256_of_texts(repr(file.camera), repr(file.datum), repr(file.marker))
+    return sha256_of_texts(repr(file.camera), repr(file.datum), repr(file.marker), *_second_camera(run))
+
+
+def lag_key(run: Run) -> str:
+    """The same for runs whose lags and pulls are the same numbers: of one camera, wherever it stood."""
+    return sha256_of_texts(
+        "lag", repr(run.file.camera), *(m.name for m in run.file.marker), *(c for c in _second_camera(run)[:1])
+    )
+
+
+def _second_camera(run: Run) -> tuple[str, ...]:
+    """Lens and datum of the second of two cameras; nothing of one alone."""
+    return tuple(text for camera in run.file.cameras[1:] for text in (repr(camera.lens), repr(camera.datum)))

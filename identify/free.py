@@ -15,12 +15,11 @@ import pandas as pd
 from scipy.special import ndtr
 
 from ..record.errors import EstimationError, InputError
-from ..record.files import sha256_of_texts
 from ..record.priors import Priors
 from ..record.results import Derivative, DerivativesFile, FreeResult, Measured, RunFit
 from ..record.run import RUN_FILE, Run
 from ..simulate.model import DERIVATIVE_UNITS, Array, Hull
-from .data import check_times, common_key, history_of, measured_rows, stated_covariance
+from .data import check_times, common_key, history_of, lag_key, measured_rows, stated_covariance
 from .methods.common import propagate
 from .methods.free_run import FreeRecord, FreeRunFit, fit_free_ratios, fit_free_run
 from .noise import autocorrelation, ljung_box_p, measured, stated
@@ -148,8 +147,7 @@ def free_data(
     if table.rudder is not None:
         rudder = history_of(run, table.rudder, "rudder_rad", table.rudder_delay_s, times)
     covariance, assumed = stated_covariance(rows)
-    lens = sha256_of_texts("lag", repr(run.file.camera), *(m.name for m in run.file.marker))
-    keyed = ((common_key(run), common), (lens, lag))
+    keyed = ((common_key(run), common), (lag_key(run), lag))
     shared = tuple((key, modes[:, good, :2]) for key, modes in keyed if modes is not None and len(modes))
     priors = run.file.priors if priors is None else priors
     record = FreeRecord(

@@ -31,6 +31,7 @@ from ..record.budget_file import (
 from ..record.errors import EstimationError, InputError
 from ..record.gap_file import GapFile
 from ..record.results import read_result
+from ..record.run import refuse_two_cameras
 from ..record.toml import read_toml
 from ..simulate.model import DERIVATIVE_UNITS
 from .analysis import Identified
@@ -86,6 +87,8 @@ def budget_lines(
         raise EstimationError(
             f"{', '.join(open_ones)}: not determined by these runs; there is no budget of what has no value"
         )
+    for m in answer.runs:
+        refuse_two_cameras(m.run, "towline budget")
     said = None if inputs is None else read_toml(inputs, BudgetInputs)
     say("budget: the camera's lines")
     modes = _modes(answer.runs, answer.data)

@@ -24,13 +24,14 @@ from ..geometry.poses import Poses, poses_from_tracks, without_lags
 from ..identify import RunData, fit_runs, run_data
 from ..identify.joint.begin import knows_full_only
 from ..identify.tension import GaugeCheck, tension_from_motion
+from ..record.cameras_file import CamerasFile
 from ..record.check_file import CheckFile, FoundFault, FoundMistake, MapOfUncertainty, PointCheck
 from ..record.errors import EstimationError, GeometryError, InputError, TowlineError
-from ..record.run import RUN_FILE, Run, all_inputs, read_run
+from ..record.run import RUN_FILE, Run, all_inputs, cameras_of, read_run
 from ..simulate.model import DERIVATIVE_UNITS, Line
 from .mistaken import mistakes_of, named
 from .progress import Progress as StageProgress
-from .stages import fit_run_datum, track_run
+from .stages import fit_run_datum, join_cameras, refuse_corrections, track_run
 
 UNLIKELY = 1e-4
 """A joint fit less probable than this, after its noise is scaled, holds something that is not right."""
@@ -48,7 +49,8 @@ Progress = Callable[[str], None]
 def filmed_runs(
     folders: Sequence[str | Path], progress: StageProgress, line: Line | None = None
 ) -> tuple[list[Run], list[pd.DataFrame], dict[str, str]]:
-    """Runs that can be checked, their tracks, and why the others cannot; a single run's reason is raised.
+    """Runs that can be checked, their tracks, and why the others cannot; a single run's reason is raised. A run of two cameras is
+    two here, as each camera sees it.
 
     Parameters
     ----------
@@ -66,13 +68,35 @@ def filmed_runs(
                 raise InputError(
                     run.folder / RUN_FILE, "source.motion", "a motion holds no pixels; there is no camera to check"
                 )
-            tables.append(track_run(run, progress).table)
-            runs.append(run)
+            refuse_corrections(run)
+            seen = [(view, track_run(view, progress).table) for view in cameras_of(run)]
+            runs += [view for view, _ in seen]
+            tables += [table for _, table in seen]
         except TowlineError as error:
             if len(folders) == 1:
                 raise
             failed[str(folder)] = str(error)
     return runs, tables, failed
+
+
+def agreements(folders: Sequence[str | Path], progress: StageProgress) -> tuple[dict[str, CamerasFile], dict[str, str]]:
+    """What the two cameras of each run that has two say of each other, by its name, and why they say nothing.
+
+    Parameters
+    ----------
+    folders : run folders
+    progress : is told what is done
+    """
+    found: dict[str, CamerasFile] = {}
+    failed: dict[str, str] = {}
+    for folder in folders:
+        try:
+            run = read_run(folder)
+            if run.file.cameras:
+                found[run.name] = join_cameras(run, progress=progress)[1]
+        except TowlineError as error:
+            failed[str(folder)] = str(error)
+    return found, failed
 
 
 def set_ups(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[tuple[str, list[Run], list[pd.DataFrame]]]:
@@ -430,4 +454,4 @@ def _moved_runs(runs: Sequence[Run]) -> Iterator[tuple[str, list[Run]]]:
         yield f"mark {file.marker[0].name} {word} {1e3 * off:g} mm", changed(place)
 
 
-__all__ = ["Checked", "checked", "effects_of", "filmed_runs", "set_ups"]
+__all__ = ["Checked", "agreements", "checked", "effects_of", "filmed_runs", "set_ups"]

@@ -20,7 +20,7 @@ from ..record.errors import EstimationError, InputError, TowlineError
 from ..record.files import write_text
 from ..record.names import shown
 from ..record.results import DerivativesFile, read_result
-from ..record.run import RUN_FILE, Run, all_inputs, read_run
+from ..record.run import RUN_FILE, Run, all_inputs, read_run, refuse_two_cameras
 from ..simulate.model import DERIVATIVE_UNITS, Line
 from .draws import rng_of
 from .executor.copies import side_by_side
@@ -70,6 +70,7 @@ def diagnose_folders(
             run = read_run(folder, line)
             if run.file.kind == "free":
                 raise InputError(run.folder / RUN_FILE, "kind", f"{run.file.kind!r}: only towed runs can be diagnosed")
+            refuse_two_cameras(run, "towline diagnose")
             motions.append(compute_run_motion(run, progress=progress))
             if folder in held_out:
                 held.append(len(runs))

@@ -10,6 +10,7 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from .budget_file import BudgetFile, BudgetInputs
+from .cameras_file import CamerasFile
 from .check_file import CheckFile
 from .corrected_file import CorrectedFile
 from .corrections import Corrections
@@ -31,6 +32,7 @@ _PAGES: tuple[tuple[str, type[BaseModel], str], ...] = (
     ("priors.toml", Priors, "The same keys as run.toml's [priors], as a file of their own (`--priors`)."),
     ("scenario.toml", ScenarioFile, "What `towline simulate` and `towline render` make."),
     ("out/camera.json", CameraFile, "Written by `towline motion`."),
+    ("out/cameras.json", CamerasFile, "Written by `towline motion` of a run with two `[[camera]]`."),
     ("out/derivatives.json", DerivativesFile, "Written by `towline identify`."),
     ("out/budget.json", BudgetFile, "Written by `towline budget`."),
     ("inputs.toml", BudgetInputs, "What `towline budget --inputs` is told of its lines."),
@@ -76,7 +78,12 @@ def _tables(model: type[BaseModel], prefix: str, seen: list[type[BaseModel]]) ->
     ]
     inner: list[tuple[str, type[BaseModel]]] = []
     for name, field in model.model_fields.items():
-        key = field.alias or name
+        # the one key that is a table or an array of others
+        key = (
+            f"[[{field.validation_alias}]]"
+            if isinstance(field.validation_alias, str) and not field.alias
+            else field.alias or name
+        )
         found = _model_in(field.annotation)
         if found is not None:
             inner.append((f"{prefix}.{key}" if prefix else key, found))

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from .errors import InputError
 from .files import ABSENT, refusal, sha256_of_texts
 from .looks import look_of
-from .schema import Line, ModelTable, RunFile, TowTable, WaterTable
+from .schema import FilmingTable, Line, ModelTable, RunFile, TowTable, WaterTable
 from .sources import file_hash, recording_hash, recording_refusal
 from .toml import read_toml
 from .toml_words import lost_backslash
 
 RUN_FILE = "run.toml"
 CORRECTIONS = "corrections.toml"
-RECORDINGS = ("source.video", "noise.static")
-"""Keys that may name a recording of any kind; the others name plain files."""
+RECORDINGS = ("video", "static")
+"""Last parts of the keys that may name a recording of any kind; the others name plain files."""
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,12 @@ class Run:
     ----------
     folder : where run.toml lies; all of its paths start there
     file : the checked content of run.toml
+    camera : of a run as one of its two cameras sees it (``cameras_of``): that camera's name; else empty
     """
 
     folder: Path
     file: RunFile
+    camera: str = ""
 
     @property
     def name(self) -> str:
@@ -42,7 +44,7 @@ class Run:
     @property
     def out(self) -> Path:
         """Where the commands write; deleting it loses nothing that was measured."""
-        return self.folder / "out"
+        return self.folder / "out" / self.camera
 
     @property
     def source_path(self) -> Path:
@@ -84,7 +86,7 @@ class Run:
         named = [("", RUN_FILE), *named_files(self.file)]
         if self.file.source.video is not None and (self.folder / CORRECTIONS).is_file():
             named.append(("", CORRECTIONS))
-        found = {name: (recording_hash if key in RECORDINGS else file_hash)(self.path(name)) for key, name in named}
+        found = {name: (recording_hash if is_recording(key) else file_hash)(self.path(name)) for key, name in named}
         return {name: digest for name, digest in found.items() if digest is not None}
 
     def input_hash(self, *stage: str, without: Collection[str] = ()) -> str:
@@ -139,7 +141,7 @@ def read_run(folder: str | Path, line: Line | None = None) -> Run:
     run = with_line(Run(folder, read_toml(path, RunFile)), line)
     for key, name in named_files(run.file):
         stay_inside(path, key, name, run.file.outside)
-        wrong = (recording_refusal if key in RECORDINGS else refusal)(folder / name)
+        wrong = (recording_refusal if is_recording(key) else refusal)(folder / name)
         if wrong is not None:
             written = name if name.isprintable() else repr(name)
             lost = lost_backslash(name) or ""
@@ -158,7 +160,55 @@ def with_line(run: Run, line: Line | None) -> Run:
     if line is None or run.file.tow is None:
         return run
     tow = run.file.tow.model_copy(update={"line": line})
-    return Run(run.folder, run.file.model_copy(update={"tow": tow}))
+    return replace(run, file=run.file.model_copy(update={"tow": tow}))
+
+
+def cameras_of(run: Run) -> tuple[Run, ...]:
+    """The run as each of its cameras sees it: a run of one camera each, with an out/ of its own; of one camera the run itself.
+
+    Parameters
+    ----------
+    run : the run folder as read
+
+    Examples
+    --------
+    >>> import towline
+    >>> run = towline.read_run("sample_videos/mariner/x1446")
+    >>> cameras_of(run) == (run,)
+    True
+    """
+    if not run.file.cameras:
+        return (run,)
+    return tuple(_as_seen_by(run, camera) for camera in run.file.cameras)
+
+
+def refuse_two_cameras(run: Run, what: str) -> None:
+    """Raise InputError where two cameras filmed a run.
+
+    Parameters
+    ----------
+    run : the run folder as read
+    what : cannot be done with it, in words: "towline datum"
+    """
+    if run.file.cameras:
+        raise InputError(
+            run.folder / RUN_FILE, "camera", f"{what} takes a run of one camera; this one has two [[camera]]"
+        )
+
+
+def _as_seen_by(run: Run, camera: FilmingTable) -> Run:
+    markers = tuple(
+        m.model_copy(update={"seen_at_px": camera.seen_at_px.get(m.name, m.seen_at_px)}) for m in run.file.marker
+    )
+    update = {
+        "name": f"{run.name} ({camera.name})",
+        "source": camera.source,
+        "camera": camera.lens,
+        "datum": camera.datum,
+        "marker": markers,
+        "cameras": (),
+    }
+    return replace(run, file=run.file.model_copy(update=update), camera=camera.name)
 
 
 def stay_inside(path: Path, key: str, name: str, outside: bool) -> None:
@@ -186,6 +236,11 @@ def leads_out(name: str) -> bool:
     return bool(Path(name).anchor) or Path(os.path.normpath(name)).parts[:1] == ("..",)
 
 
+def is_recording(key: str) -> bool:
+    """Whether a key of run.toml may name a recording of any kind; the others name plain files."""
+    return key.rpartition(".")[2] in RECORDINGS
+
+
 def named_files(file: RunFile) -> list[tuple[str, str]]:
     """Keys of run.toml that name a file or a recording, and the names, as written.
 
@@ -203,4 +258,10 @@ def named_files(file: RunFile) -> list[tuple[str, str]]:
         ("tow.rudder", file.tow.rudder if file.tow else None),
         ("tow.speed", file.tow.speed if file.tow else None),
     ]
+    if file.cameras:
+        pairs = [pair for pair in pairs if not pair[0].startswith(("source.", "camera."))]
+    for index, camera in enumerate(file.cameras, 1):
+        where = f'camera[{index} "{camera.name}"]'
+        pairs += [(f"{where}.video", camera.video), (f"{where}.tracks", camera.tracks)]
+        pairs.append((f"{where}.lens.calibration", camera.lens.calibration if camera.lens else None))
     return [(key, name) for key, name in pairs if name]

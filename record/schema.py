@@ -7,10 +7,10 @@ Ranges are wide; they are there to catch a value in the wrong unit (mm for m, de
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from .looks import DATUM_LOOKS, in_words, listed, look_of, named, needing
 from .priors import Priors
@@ -20,6 +20,8 @@ Line = Literal["surge", "constant"]
 Kind = Literal["tow", "forced", "free"]
 Colour = Literal["red", "green", "blue", "white", "yellow", "bright", "dark"]
 
+BY_CAMERAS = "[[camera]]"
+"""Stands in source.video until the first camera's recording is put there."""
 SAME_PLACE_M = 1e-3
 """Two markers (or datum points) nearer than this cannot be told apart in any picture."""
 COLLINEAR_RATIO = 1e-3
@@ -58,6 +60,8 @@ Pixel = tuple[Number, Number]
 Span = tuple[Number, Number]
 # A name: one that fits a table's cell and a page.
 Name = Annotated[str, Field(min_length=1, max_length=200)]
+# A camera's name is a folder's as well.
+CameraName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
 
 
 class SourceTable(Table):
@@ -199,6 +203,59 @@ class Marker(Table):
         return self
 
 
+class FilmingTable(Table):
+    """[[camera]]: one of two cameras that film the same tow: its recording, on its own clock, its lens and its datum picks."""
+
+    name: CameraName = Field(
+        description="what it is called in tables and reports, and its folder in out/", examples=["port"]
+    )
+    video: str | None = Field(default=None, description="its recording, as source.video", examples=["port.mp4"])
+    tracks: str | None = Field(
+        default=None, description="its pixel tracks, as source.tracks", examples=["port/tracks.csv"]
+    )
+    span_s: Span | None = Field(
+        default=None, description="the part of it to analyse, in its own time", examples=[[2.0, 40.0]]
+    )
+    frame_rate_hz: Positive | None = Field(default=None, description="as source.frame_rate_hz", examples=[50.0])
+    exposure_s: NotNegative = Field(default=0.0, description="as source.exposure_s")
+    offset_s: Delay | None = Field(
+        default=None,
+        description="of the second camera: what the first one's clock shows when its own shows 0, where that is known (a flash, a "
+        "common trigger); absent: found from the motion",
+        examples=[1.2],
+    )
+    offset_sd_s: Positive = Field(default=0.5, description="standard deviation of offset_s")
+    seen_at_px: dict[str, Pixel] = Field(
+        default_factory=dict,
+        description="[camera.seen_at_px] NAME = [u, v]: marker.seen_at_px in this camera's picture",
+    )
+    lens: CameraTable | None = Field(default=None, description="[camera.lens]: the keys of [camera] of a single camera")
+    datum: tuple[DatumPoint, ...] = Field(
+        default=(), description="[[camera.datum]]: as [[datum]], picked in this camera's picture"
+    )
+
+    @model_validator(mode="after")
+    def _whole(self) -> FilmingTable:
+        given = [name for name in ("video", "tracks") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(f"exactly one of video, tracks is needed, found {', '.join(given) or 'none'}")
+        if self.span_s is not None and not self.span_s[0] < self.span_s[1]:
+            raise ValueError(f"span_s = {list(self.span_s)} must rise")
+        check_datum(self.datum)
+        return self
+
+    @property
+    def source(self) -> SourceTable:
+        """Its recording, as [source] of a single camera says it."""
+        return SourceTable(
+            video=self.video,
+            tracks=self.tracks,
+            span_s=self.span_s,
+            frame_rate_hz=self.frame_rate_hz,
+            exposure_s=self.exposure_s,
+        )
+
+
 class TowTable(Table):
     """How the model was towed."""
 
@@ -323,6 +380,15 @@ class ApartTable(Table):
     sd: Positive = Field(description="its standard deviation", examples=[1e-4])
 
 
+def _of_one(camera: Any) -> Any:
+    """[camera] is the lens of the only camera; [[camera]] are several cameras, which ``cameras`` holds."""
+    return None if isinstance(camera, tuple) else camera
+
+
+def _of_several(camera: Any) -> Any:
+    return camera if isinstance(camera, tuple) else ()
+
+
 class RunFile(Table):
     """run.toml."""
 
@@ -335,7 +401,7 @@ class RunFile(Table):
     )
     source: SourceTable = Field(description="what was recorded")
     noise: NoiseTable | None = Field(default=None, description="records of the measurement's own noise")
-    camera: CameraTable | None = Field(default=None, description="the lens")
+    camera: Annotated[CameraTable | None, BeforeValidator(_of_one)] = Field(default=None, description="the lens")
     datum: tuple[DatumPoint, ...] = Field(
         default=(), description="at least 4 points, not collinear (none if source.motion)"
     )
@@ -353,9 +419,30 @@ class RunFile(Table):
     measured: tuple[ApartTable, ...] = Field(
         default=(), description="numbers of unmodelled effects measured apart (a filmed clock, a tape along the datum)"
     )
+    cameras: Annotated[tuple[FilmingTable, ...], BeforeValidator(_of_several)] = Field(
+        default=(),
+        validation_alias="camera",
+        description="two cameras that film the same tow, instead of [source], [camera] and [[datum]]; the first one's clock is the "
+        "run's",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _recorded_by_cameras(cls, content: Any) -> Any:
+        """Of several cameras each names its own recording and datum: [source] is the first one's, put in by ``_whole``."""
+        if not (isinstance(content, dict) and isinstance(content.get("camera"), tuple)):
+            return content
+        for key, written in (("source", "[source]"), ("datum", "[[datum]]")):
+            if key in content:
+                raise ValueError(
+                    f"{key}: with [[camera]] each camera has its own; {written} is not expected beside them"
+                )
+        return {**content, "source": {"video": BY_CAMERAS}}
 
     @model_validator(mode="after")
     def _whole(self) -> RunFile:
+        if self.source.video == BY_CAMERAS:
+            return _first_of(self)._whole()
         if self.kind != "free":
             for table in ("tow", "model", "water"):
                 if getattr(self, table) is None:
@@ -370,6 +457,27 @@ class RunFile(Table):
             check_datum(self.datum)
             check_markers(self.marker)
         return self
+
+
+def _first_of(file: RunFile) -> RunFile:
+    """The file as the first of its cameras has it; the joint motion is on that one's clock, whatever span it films."""
+    cameras = file.cameras
+    if len(cameras) != 2:
+        raise ValueError(
+            f"camera: {len(cameras)} [[camera]] tables; two are expected ([camera], one bracket, is a lens)"
+        )
+    if cameras[0].name == cameras[1].name:
+        raise ValueError(f"camera: both are called {cameras[0].name!r}")
+    if cameras[0].offset_s is not None:
+        raise ValueError("camera[1].offset_s: the first camera's clock is the run's; offset_s stands with the second")
+    if file.noise is not None:
+        raise ValueError("noise: a static record of two cameras cannot be used yet; leave [noise] out")
+    for index, camera in enumerate(cameras, 1):
+        if unknown := camera.seen_at_px.keys() - {m.name for m in file.marker}:
+            raise ValueError(f"camera[{index}].seen_at_px: no [[marker]] is called {sorted(unknown)[0]!r}")
+    source = cameras[0].source.model_copy(update={"span_s": None})
+    update = {"source": source, "camera": cameras[0].lens, "datum": cameras[0].datum}
+    return file.model_copy(update=update)
 
 
 def check_datum(points: tuple[DatumPoint, ...]) -> None:

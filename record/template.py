@@ -144,7 +144,7 @@ def run_text(content: Mapping[str, Any], assumed: Collection[str], size_px: tupl
     parts.append("\n".join(_line(name, RunFile.model_fields[name], content, "", assumed) for name in scalars) + "\n")
     for name, field in RunFile.model_fields.items():
         model = _model_in(field.annotation)
-        if model is None:
+        if model is None or name == "cameras":  # a new run has one camera, and [camera] is its lens
             continue
         value = content.get(name)
         if isinstance(value, Sequence):

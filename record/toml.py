@@ -149,10 +149,15 @@ def _key_path(location: tuple[int | str, ...], content: Any) -> str:
 
 def _fields_at(model: type[BaseModel], location: tuple[int | str, ...]) -> set[str]:
     current: Any = model
-    for part in location:
+    for place, part in enumerate(location):
         if isinstance(part, int) or not hasattr(current, "model_fields"):
             continue
         field = current.model_fields.get(part)
+        if isinstance(
+            next(iter(location[place + 1 :]), None), int
+        ):  # one of several, under a key that may be a table as well
+            several = (f for f in current.model_fields.values() if f.validation_alias == part and not f.alias)
+            field = next(several, field)
         if field is None:
             break
         current = _inner_model(field.annotation)

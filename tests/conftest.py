@@ -75,6 +75,18 @@ def cameras(root: Path) -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def pairs(root: Path) -> ModuleType:
+    """Random tows before two cameras that are not synchronised."""
+    return _cases(root, "two_cameras_cases")
+
+
+@pytest.fixture(scope="session")
+def films(root: Path) -> ModuleType:
+    """Tows rendered before two such cameras."""
+    return _cases(root, "two_cameras_films")
+
+
+@pytest.fixture(scope="session")
 def set_ups(root: Path) -> ModuleType:
     """Random set-ups as people write them, and mistakes."""
     return _cases(root, "mistakes_cases")

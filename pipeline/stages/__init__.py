@@ -5,12 +5,14 @@ still matches is read back. Video, tracks, motion; what comes after takes severa
 """
 
 from .drawing import draw_tracks
-from .motion import CAMERA, MARKS, MOTION, RunMotion, compute_run_motion
+from .joined import CAMERAS, compute_run_motion, join_cameras, refuse_corrections
+from .motion import CAMERA, MARKS, MOTION, RunMotion
 from .shown import draw_picture, make_run_page, read_true_motion, read_truth
 from .tracks import TRACKS, RunTracks, compute_static_motion, fit_run_datum, track_run, track_static
 
 __all__ = [
     "CAMERA",
+    "CAMERAS",
     "MARKS",
     "MOTION",
     "TRACKS",
@@ -21,9 +23,11 @@ __all__ = [
     "draw_picture",
     "draw_tracks",
     "fit_run_datum",
+    "join_cameras",
     "make_run_page",
     "read_true_motion",
     "read_truth",
+    "refuse_corrections",
     "track_run",
     "track_static",
 ]

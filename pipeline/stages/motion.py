@@ -1,4 +1,4 @@
-"""The stage of motion: from a run's own table, from out/, or from its tracks."""
+"""The stage of motion of one camera: from a run's own table, from out/, or from its tracks."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ class RunMotion:
     lag: np.ndarray | None = None
 
 
-def compute_run_motion(
+def compute_camera_motion(
     run: Run, method: str = "exact", progress: Progress | None = None, fresh: bool = False
 ) -> RunMotion:
-    """Motion of a run, from its own file, from out/ or from its tracks.
+    """Motion of a run of one camera, from its own file, from out/ or from its tracks.
 
     Parameters
     ----------
-    run : with a video, tracks or motion
+    run : with a video, tracks or motion, or as one of two cameras sees it
     method : "exact", or the thesis's "trapezoid", "trapezoid_corners" (4.2)
     progress : as in ``track_run``
     fresh : make tracks and motion again even where out/ is up to date
@@ -75,12 +75,9 @@ def compute_run_motion(
         progress(f"{run.name}: motion", 0, None)
     from ...geometry import motion_from_tracks
 
-    refound = run.out / DATUM
-    moving = run.file.source.video is not None and any(p.track for p in run.file.datum) and refound.is_file()
-    datum_tracks = read_tracks(refound) if moving else None
     with named(run, tracks):
         fit = fit_run_datum(run)
-        result = motion_from_tracks(run, tracks, fit, method, __version__, run.input_hashes(), datum_tracks)
+        result = motion_from_tracks(run, tracks, fit, method, __version__, run.input_hashes(), moving_datum(run))
     camera = result.camera.model_copy(
         update={"notes": [*mistake_notes(run, tracks), *result.camera.notes, *found.notes]}
     )
@@ -90,6 +87,18 @@ def compute_run_motion(
         write_array(paths[name], modes)
     write_table(paths[MOTION], result.motion, stamp)  # last: its stamp vouches for the others
     return RunMotion(run, read_motion(paths[MOTION]), result.common, camera, tracks, result.lag)
+
+
+def moving_datum(run: Run) -> pd.DataFrame | None:
+    """The datum points as they were found again in every frame; None where the camera is taken as standing still.
+
+    Parameters
+    ----------
+    run : whose tracks are there
+    """
+    refound = run.out / DATUM
+    moving = run.file.source.video is not None and any(p.track for p in run.file.datum) and refound.is_file()
+    return read_tracks(refound) if moving else None
 
 
 def _kept(run: Run, paths: dict[str, Path], tracks: pd.DataFrame) -> RunMotion | None:

@@ -1,0 +1,196 @@
+"""What one camera says of the model's pose, on its own clock, and what another camera would have said in between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...record.run import Run
+from ..camera import Array
+from ..lag import OF_A_MARK, mark_rate
+from ..poses import Poses
+
+POINTS = 4
+"""A pose between frames is the cubic through so many of them: two before, two after. Its error is 3/128 of the fourth difference,
+of a swing of 4 s and 0.3 m filmed 30 times a second 0.0002 mm."""
+FRAMES_APART = 1.5
+"""Such frames follow one another within so many usual steps: over a gap nothing is put."""
+ENOUGH_FRAMES = 60
+"""Frames from which the fourth difference is judged against its noise: a choice."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Poses of the body as one camera sees them, D numbers each (x m, y m, heading rad, then heave m, roll rad, pitch rad or none).
+
+    Attributes
+    ----------
+    t_s : (n,), its own clock, rising
+    pose : (n, D); NaN where it does not see the model
+    covariance : (n, D, D), of a frame
+    modes : (k, n, D), change with each unit-variance common mode; 0 where not seen. The last ``shared`` ones are the marks' own
+        places and depths, which are the same errors in every camera's view
+    slow : so many of the modes, the first ones, are pulls and lags (``Poses.lags``)
+    pulls : so many of those, the first ones, are pulls by what stands beside a mark; the others are the codec's
+    shared : see ``modes``
+    """
+
+    t_s: Array
+    pose: Array
+    covariance: Array
+    modes: Array
+    slow: int
+    pulls: int
+    shared: int
+
+    @cached_property
+    def seen(self) -> NDArray[np.bool_]:
+        """(n,) frames in which the model was seen."""
+        return np.isfinite(self.pose).all(axis=1)
+
+    @cached_property
+    def step_s(self) -> float:
+        """The usual time from frame to frame."""
+        return float(np.median(np.diff(self.t_s))) if len(self.t_s) > 1 else float("nan")
+
+    @property
+    def own(self) -> int:
+        """Modes that no other camera has."""
+        return len(self.modes) - self.shared
+
+
+@dataclass(frozen=True)
+class Between:
+    """A view at times of another clock.
+
+    Attributes
+    ----------
+    told : (n,) of bool, times at which it can be said
+    frame, weight : (n, 4), the frames it is made of and what each counts; 0 where not told
+    """
+
+    told: NDArray[np.bool_]
+    frame: NDArray[np.int_]
+    weight: Array
+
+    def of(self, values: Array) -> Array:
+        """Values ``(frames, ...)`` at the times, ``(n, ...)``; of no meaning where not told."""
+        parts = np.nan_to_num(values[self.frame])
+        return np.einsum("nf,nf...->n...", self.weight, parts)
+
+    def covariance(self, covariance: Array) -> Array:
+        """Frames' covariances ``(frames, D, D)`` -> those of the times, (n, D, D)."""
+        return np.einsum("nf,nfij->nij", self.weight**2, np.nan_to_num(covariance[self.frame]))
+
+
+def view_of(run: Run, poses: Poses) -> View:
+    """The planar poses of a run as one camera sees it.
+
+    Parameters
+    ----------
+    run : as one camera sees it
+    poses : ``poses_from_tracks``'s
+    """
+    modes = np.where(np.isfinite(poses.rigid.pose).all(axis=1)[None, :, None], poses.pose_modes, 0.0)
+    return View(
+        poses.t_s, poses.rigid.pose, poses.rigid.covariance, modes, poses.lags, pulls_of(run, poses), shared_modes(run)
+    )
+
+
+def pulls_of(run: Run, poses: Poses) -> int:
+    """How many of the slow modes, the first ones, are pulls and no lags of the codec.
+
+    Parameters
+    ----------
+    run : its marks
+    poses : whose modes
+    """
+    codec = OF_A_MARK * len(run.file.marker)
+    return poses.lags - codec if poses.lags >= codec else poses.lags
+
+
+def shared_modes(run: Run) -> int:
+    """How many of a view's modes, the last ones, are the marks' own depths and places (``poses_of``'s order).
+
+    Parameters
+    ----------
+    run : its marks and priors
+    """
+    priors, marks = run.file.priors, run.file.marker
+    depths = len(marks) if priors.marker_depth_sd_m else 0
+    return depths + (2 * sum(m.on == "model" for m in marks) if priors.marker_place_sd_m else 0)
+
+
+def between(view: View, at_s: Array) -> Between:
+    """A view at times ``at_s (n,)`` of its own clock, rising: told between two frames that have another one on either side.
+
+    Parameters
+    ----------
+    view : what is asked
+    at_s : times
+    """
+    seen = np.flatnonzero(view.seen)
+    n = len(at_s)
+    if len(seen) < POINTS:
+        return Between(np.zeros(n, dtype=bool), np.zeros((n, POINTS), dtype=int), np.zeros((n, POINTS)))
+    times = view.t_s[seen]
+    first = np.clip(np.searchsorted(times, at_s, side="right") - 2, 0, len(seen) - POINTS)
+    places = first[:, None] + np.arange(POINTS)
+    around = times[places]
+    near = np.asarray((np.diff(around, axis=1) <= FRAMES_APART * view.step_s).all(axis=1))
+    told = near & (at_s >= around[:, 1]) & (at_s <= around[:, 2])
+    weight = np.ones((n, POINTS))
+    for k in range(POINTS):
+        for j in range(POINTS):
+            if j != k:
+                weight[:, k] *= (at_s - around[:, j]) / (around[:, k] - around[:, j])
+    return Between(told, seen[places], np.where(told[:, None], weight, 0.0))
+
+
+def rates(view: View, at_s: Array) -> Array:
+    """(n, D) rates of x, y and heading about times ``at_s (n,)`` of the view's own clock, over some 0.6 s (``mark_rate``).
+
+    Those of heave, roll and pitch, which one camera tells badly, are left 0: their noise would pass for motion.
+
+    Parameters
+    ----------
+    view : whose
+    at_s : times
+    """
+    seen = view.seen
+    found = np.zeros((len(at_s), view.pose.shape[1]))
+    for column in range(3):
+        found[:, column] = mark_rate(view.t_s[seen], view.pose[seen, column], at_s)
+    return found
+
+
+def between_variance(view: View) -> Array:
+    """(D,) variance of the cubic's own error halfway between frames, by the fourth differences of the poses beyond their noise.
+
+    Parameters
+    ----------
+    view : evenly filmed, but for gaps
+    """
+    steps = np.diff(view.t_s)
+    fives = (
+        np.lib.stride_tricks.sliding_window_view(np.arange(len(view.t_s)), 5)
+        if len(view.t_s) >= 5
+        else np.zeros((0, 5), int)
+    )
+    even = [view.seen[f].all() and (np.abs(steps[f[:4]] - view.step_s) < 0.2 * view.step_s).all() for f in fives]
+    fives = fives[np.array(even, dtype=bool)] if len(fives) else fives
+    if len(fives) < ENOUGH_FRAMES:
+        return np.zeros(view.pose.shape[1])
+    binomial = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+    fourth = np.einsum("f,nfd->nd", binomial, view.pose[fives]) ** 2
+    noise = np.einsum("f,nfd->nd", binomial**2, np.einsum("nfdd->nfd", view.covariance[fives]))
+    beyond = (fourth - noise).mean(axis=0)
+    # squares of coloured noise: of five neighbours one is worth counting
+    chance = 3.0 * (fourth - noise).std(axis=0) / np.sqrt(len(fives) / 5)
+    return (3 / 128) ** 2 * np.where(beyond > chance, beyond, 0.0)
+
+
+__all__ = ["POINTS", "Between", "View", "between", "between_variance", "pulls_of", "rates", "shared_modes", "view_of"]

@@ -17,8 +17,9 @@ from towline.blind.truth.cases import Case
 from towline.cli.main import main
 from towline.diagnose.effects import Situation
 from towline.diagnose.gap import diagnosed
+from towline.diagnose.law.grammar import grammar
 from towline.diagnose.law.search import without_linear
-from towline.diagnose.law.terms import ACTS, Range, State, effect_of, grammar, state_of, term, values_of, written
+from towline.diagnose.law.terms import ACTS, Range, State, effect_of, state_of, term, values_of, written
 from towline.diagnose.law.users import added, user_terms
 from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
 from towline.record.errors import TowlineError

@@ -65,6 +65,8 @@ def answered(out: Path, case: Case, count: int) -> dict[str, Any]:
         "said": found.diagnosis.file.ranking[0].effects if found.diagnosis.file.ranking else [],
         "seconds": base, "seconds_law": time.monotonic() - began - base, "verdict": file.verdict, "why": file.why,
         "p_law": file.p_law, "laws": [(one.text, one.probability, one.shrink) for one in file.laws],
+        "terms": [one.model_dump() for one in file.laws[0].terms] if file.laws else [],
+        "goes_with": [(one.variables, one.share) for one in file.goes_with[:3]],
     }  # fmt: skip
     if case.effects != ["law"]:
         return answer

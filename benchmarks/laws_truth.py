@@ -261,13 +261,15 @@ def right_form(terms: Sequence[Told], seen: Seen, target: Array) -> bool:
     """
     whole = np.sum([one.force(seen) for one in terms], axis=0)
     for count in range(1, len(terms) + 1):
-        for some in combinations(terms, count):
-            others = [one for one in terms if one not in some]
-            extra = np.sum([one.force(seen) for one in others], axis=0) if others else 0.0 * whole
-            if others and apart(whole - extra, whole, seen) >= SMALL:
-                continue
-            if nearest(some, seen, target) < SMALL:
-                return True
+        enough = [
+            some
+            for some in combinations(range(len(terms)), count)
+            if nearest([terms[k] for k in some], seen, target) < SMALL
+        ]
+        if enough:
+            # terms beyond those that are enough must be next to nothing
+            kept = (np.sum([terms[k].force(seen) for k in some], axis=0) for some in enough)
+            return any(apart(part, whole, seen) < SMALL for part in kept)
     return False
 
 

@@ -1,11 +1,13 @@
 """Laws that no library holds, drawn from a grammar of their own, and what the search writes down for them.
 
-    python benchmarks/laws.py OUT [--cases 20] [--nulls 10] [--seed 1]
+    python benchmarks/laws.py OUT [--cases 20] [--nulls 10] [--faults 12] [--seed 1]
 
 Each case is a campaign of the blind check's reality (surge in full, coloured forces in half of them) with a force of one or two
 terms (blind/truth/laws.py), made so large that D, after the derivatives are refitted, is drawn evenly in its logarithm from 50 to
-5000. Started again, it goes on. What is scored: the variables of the law, and the force over the range seen (linear parts in v and
-r left out), told against true.
+5000. Started again, it goes on. Scored, by code that shares nothing with the search (laws_truth.py), over the truth's own motion
+and with what is linear in v and r left out: the variables; the form (the truth's force is one of its functions up to 3 %); the
+force's error, and that of the truth's own form refitted (laws_oracle.py: its coefficients alone, and all its numbers); and the gap
+on two tows that were not fitted, one released 1.5 times as far out, one at 0.85 of the speed, against the oracle's.
 """
 
 from __future__ import annotations
@@ -13,104 +15,151 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from laws_cases import fault_case, law_case, null_case, with_more
+from laws_oracle import gaps_beyond, oracle, removed_share
+from laws_truth import apart, right_form, seen_by, told, true_force, true_variables
 
-from towline.blind.draw import CASES, case_of, gentle, write_cases
-from towline.blind.signature import distances_of, linear
-from towline.blind.truth.cases import Case, lane_of
-from towline.blind.truth.lanes import Lanes
-from towline.blind.truth.laws import KINDS, TERMS, law_force
-from towline.blind.truth.now import Now
-from towline.diagnose.law.search import force_of, seen_by, without_linear
-from towline.diagnose.law.terms import term
+from towline.blind.draw import CASES, write_cases
+from towline.blind.truth.cases import Case
+from towline.diagnose.tow.data import Recorded, block_step, tow_runs
+from towline.diagnose.tow.towed import TowSimulator
 from towline.pipeline.diagnosing import diagnose_folders
-from towline.pipeline.laws import law_of
+from towline.pipeline.laws import law_file, law_of
+from towline.pipeline.stages import compute_run_motion, fit_run_datum, track_static
+from towline.record.run import read_run
+from towline.record.threads import one_thread
 
-LOW_D, HIGH_D = 50.0, 5000.0
-"""Of the laws, after the derivatives are refitted."""
-VARIABLES = {0: "v", 1: "r", 2: "v r", 3: "v", 4: "v", 5: "y", 6: "beta", 7: "v y", 8: "v r", 9: "r", 10: "y"}
-SIDE_N = 0.02
-"""First size of a term; D then says how large it is."""
-
-
-def drawn(name: str, seed: list[int], null: bool) -> Case:
-    """A campaign, with a law unless it is a null."""
-    case = case_of(name, "null", [], seed, coloured=bool(seed[-1] % 2))
-    if null:
-        return gentle(case)
-    rng = np.random.default_rng([*seed, 9])
-    numbers: dict[str, float] = {}
-    for k in range(1 if rng.random() < 0.6 else 2):
-        kind = int(rng.integers(KINDS))
-        where = rng.random()
-        waves = (4.0, 30.0) if kind == 5 else (6.0, 30.0)
-        numbers |= {
-            f"law.kind{k}": kind,
-            f"law.side{k}": SIDE_N * float(rng.choice([-1, 1])) if where < 0.7 else 0.0,
-            f"law.turn{k}": SIDE_N * float(rng.uniform(-1.5, 1.5)) if where > 0.3 else 0.0,
-            f"law.p{k}": float(rng.uniform(1.5, 4.0)) if kind != 2 else float(rng.choice([1.0, 2.0])),
-            f"law.even{k}": float(rng.random() < 0.3),
-            f"law.a{k}": float(rng.uniform(0.01, 0.06)) if kind in (3, 4) else float(rng.uniform(0.02, 0.08)),
-            f"law.b{k}": float(rng.uniform(*waves)) if kind in (5, 6) else float(rng.choice([1.0, 2.0])) if kind == 2
-            else float(rng.uniform(-0.5, 0.5)),
-            f"law.phase{k}": float(rng.uniform(-np.pi, np.pi)) if kind in (5, 6) else float(rng.uniform(-0.1, 0.1)),
-        }  # fmt: skip
-    case = gentle(replace(case, kind="unknown", effects=["law"], numbers=numbers))
-    target = float(np.exp(rng.uniform(np.log(LOW_D), np.log(HIGH_D))))
-    by = float(np.sqrt(target / max(distances_of(case, linear(case)).strength, 1e-9)))
-    sized = {n: v * by if n[4:8] in ("side", "turn") else v for n, v in case.numbers.items()}
-    case = gentle(replace(case, numbers=sized))
-    return replace(case, extra={"d": distances_of(case, linear(case)).strength})
+NULLS_FROM, FAULTS_FROM = 2000, 1000
+"""Second numbers of their seeds begin here."""
+OFF = 0.1
+"""A gap that the oracle shrinks by less says nothing of shrinking."""
 
 
-def true_force(case: Case, states: object, speed: float) -> np.ndarray:
-    """(2, n) side force and moment over measured states, N and N m."""
-    s = states
-    lane = lane_of(case, 0)
-    n = len(s.v)
-    q = Lanes([lane] * n)
-    length, zero = lane["length_pp"], np.zeros(n)
-    now = Now(
-        0.0, s.y * lane["tank_width"] / 2, s.beta, s.v * speed, s.r * speed / length, np.full(n, speed), zero,
-        s.turn * speed / length, np.zeros((4, n)), zero,
-    )  # fmt: skip
-    return np.array(law_force(q, now))
+def simulator_of(folders: list[Path]) -> TowSimulator:
+    """Run folders as a campaign."""
+    runs = [read_run(folder) for folder in folders]
+    motions = [compute_run_motion(run) for run in runs]
+    step = block_step([float(m.motion["t_s"].iloc[-1] - m.motion["t_s"].iloc[0]) for m in motions])
+    recorded = [
+        Recorded(run, m.motion, m.common, m.tracks, fit_run_datum(run), track_static(run, None))
+        for run, m in zip(runs, motions, strict=True)
+    ]
+    return TowSimulator(tow_runs(recorded, step))
 
 
-def answered(out: Path, case: Case) -> dict:
-    """What diagnosis and search say."""
-    began = time.process_time()
-    found = diagnose_folders(sorted((out / CASES / case.name).glob("run-*")))
-    base = time.process_time() - began
+def answered(out: Path, case: Case, count: int) -> dict[str, Any]:
+    """What diagnosis and search say of a campaign's first ``count`` tows, and how right they are."""
+    folders = [out / CASES / case.name / f"run-{k + 1}" for k in range(len(case.runs))]
+    began = time.monotonic()
+    found = diagnose_folders(folders[:count])
+    base = time.monotonic() - began
     law = law_of(found)
-    answer = {
-        "name": case.name, "d": case.extra.get("d", 0.0), "coloured": case.noise["coloured"],
+    file = law_file(law, {})
+    answer: dict[str, Any] = {
+        "name": case.name, "d": case.extra.get("d", 0.0), "coloured": case.noise["coloured"], "effects": case.effects,
         "diagnosis": found.diagnosis.file.verdict,
         "said": found.diagnosis.file.ranking[0].effects if found.diagnosis.file.ranking else [],
-        "seconds": base, "seconds_law": time.process_time() - began - base, "verdict": law.verdict, "why": law.why,
-        "p_law": law.searched.p_law if law.searched else 0.0,
-        "laws": [(one.text, one.probability, one.shrink) for one in law.searched.laws] if law.searched else [],
+        "seconds": base, "seconds_law": time.monotonic() - began - base, "verdict": file.verdict, "why": file.why,
+        "p_law": file.p_law, "laws": [(one.text, one.probability, one.shrink) for one in file.laws],
+        "terms": [one.model_dump() for one in file.laws[0].terms] if file.laws else [],
+        "goes_with": [(one.variables, one.share) for one in file.goes_with[:3]],
     }  # fmt: skip
-    simulator = found.diagnosis.inference.simulator
-    states, _ = seen_by(simulator)
-    if case.effects:
-        kinds = [int(case.numbers[f"law.kind{k}"]) for k in range(TERMS) if f"law.kind{k}" in case.numbers]
-        answer["true"] = sorted({v for kind in kinds for v in VARIABLES[kind].split()})
-        answer["kinds"] = kinds
-        if law.searched and law.searched.laws:
-            best = law.searched.laws[0]
-            answer["told"] = sorted({v for text, _ in best.terms for v in term(text).variables})
-            first = simulator.runs[0]
-            size = 0.5 * first.density_kg_m3 * simulator.speed_m_s**2 * first.length_pp_m**2
-            told = size * force_of(best.effects, best.numbers, states)
-            true = true_force(case, states, simulator.speed_m_s)
-            true[1] /= first.length_pp_m
-            one, two = (without_linear(f, states) for f in (told, true))
-            answer["force_error"] = float(np.linalg.norm(one - two) / np.linalg.norm(two))
+    if case.effects != ["law"]:
+        return answer
+    seen = seen_by(case, range(count))
+    true = true_force(seen)
+    answer["true"] = true_variables(case, seen)
+    answer["kinds"] = [int(v) for n, v in sorted(case.numbers.items()) if n.startswith("law.kind")]
+    inference, ranking = found.diagnosis.inference, found.diagnosis.ranking
+    with one_thread():
+        fits, numbers = oracle(case, inference, ranking.base)
+    answer["oracle"] = {name: apart(true_force(seen, n), true, seen) for name, n in numbers.items()}
+    answer["oracle_log"] = {name: fit.log_evidence - ranking.base.log_evidence for name, fit in fits.items()}
+    best = None
+    if file.laws and law.searched is not None:
+        best = law.searched.laws[0]
+        terms = told([one.model_dump() for one in file.laws[0].terms])
+        answer["told"] = sorted({v for one in terms for v in one.variables})
+        answer["force_error"] = apart(np.sum([one.force(seen) for one in terms], axis=0), true, seen)
+        answer["form"] = right_form(terms, seen, true)
+    if len(folders) > count:
+        chosen = [ranking.base, fits["form"], *([best.fitted] if best is not None else [])]
+        with one_thread():
+            gaps = gaps_beyond(simulator_of(folders), count, chosen, fits["form"].forces)
+        answer["beyond"] = {
+            what: dict(zip(("before", "oracle", "answer"), (float(g[k]) for g in gaps), strict=False))
+            for k, what in enumerate(("wider", "slower"))
+        }
     return answer
+
+
+def line_of(a: dict[str, Any]) -> str:
+    """One answer in the table."""
+    text = f"{a['name']:10} D {a['d']:6.0f}  {'coloured' if a['coloured'] else 'white':9}{a['diagnosis']:15}{a['verdict']:13}"
+    if "true" not in a:
+        return f"{text}{' '.join(a['effects']):18}" + (f"{a['laws'][0][1]:.2f} {a['laws'][0][0]}" if a["laws"] else "")
+    oracles = f"{a['oracle']['coefficients']:.3f}/{a['oracle']['form']:.3f}"
+    error = f"{a['force_error']:.3f}" if a["laws"] else "-"
+    text += f"true {' '.join(a['true']):9} told {' '.join(a.get('told', ['-'])) or '1':9} form {'yes' if a.get('form') else 'no':4}"
+    text += f"error {error:6} oracle {oracles:13}"
+    for what, gaps in a.get("beyond", {}).items():
+        text += (
+            f"{what} " + "/".join(f"{gaps[k]:.2f}" if k in gaps else "-" for k in ("before", "answer", "oracle")) + "  "
+        )
+    return text + (f"{a['laws'][0][1]:.2f} {a['laws'][0][0]}" if a["laws"] else "")
+
+
+def summary(answers: list[dict[str, Any]]) -> list[str]:
+    """The must-show lines."""
+    laws = [a for a in answers if "true" in a]
+    said = [a for a in laws if a["laws"]]
+    lines = []
+    if laws:
+        lines.append(
+            f"laws {len(laws)}: a law told {len(said)}, variables right {sum(a['told'] == a['true'] for a in said)}, "
+            f"form right {sum(a['form'] for a in said)}"
+        )
+    if said:
+        errors = np.array([a["force_error"] for a in said])
+        lines.append(f"force error over the range seen, where a law is told: median {np.median(errors):.3f}")
+        for which, what in (("form", "all numbers of the true form"), ("coefficients", "its coefficients alone")):
+            best = np.array([a["oracle"][which] for a in said])
+            whole = np.array([a["oracle"][which] for a in laws])
+            lines.append(
+                f"of the oracle, {what}: median {np.median(best):.3f} (of all laws {np.median(whole):.3f}); "
+                f"answer over oracle: median {np.median(errors / best):.2f}"
+            )
+        for what in ("wider", "slower"):
+            gaps = [a["beyond"][what] for a in laws if what in a.get("beyond", {})]
+            there = [g for g in gaps if "answer" in g]
+            lines.append(
+                f"beyond, {what}: gap at most 1.3 in {sum(g['answer'] <= 1.3 for g in there)} of {len(gaps)} "
+                f"(oracle {sum(g['oracle'] <= 1.3 for g in gaps)})"
+            )
+            off = [
+                abs(removed_share(g["before"], g["answer"]) - removed_share(g["before"], g["oracle"]))
+                for g in there if removed_share(g["before"], g["oracle"]) > OFF
+            ]  # fmt: skip
+            if off:
+                lines.append(f"beyond, {what}: shrink off the oracle's by {np.median(off):.3f} (median of {len(off)})")
+    for what, part in (
+        ("nulls", [a for a in answers if not a["effects"]]),
+        ("faults", [a for a in answers if _fault(a)]),
+    ):
+        if part:
+            lines.append(f"{what} {len(part)}: a law told {sum(bool(a['laws']) for a in part)}")
+    if answers:
+        times = [a["seconds_law"] for a in answers]
+        lines.append(f"seconds beside the diagnosis: {np.median(times):.0f} median, {max(times):.0f} at most")
+    return lines
+
+
+def _fault(answer: dict[str, Any]) -> bool:
+    return bool(answer["effects"]) and answer["effects"] != ["law"]
 
 
 def main() -> None:
@@ -119,6 +168,7 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--cases", type=int, default=20)
     parser.add_argument("--nulls", type=int, default=10)
+    parser.add_argument("--faults", type=int, default=12)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
@@ -126,27 +176,26 @@ def main() -> None:
     done = (
         {json.loads(line)["name"]: json.loads(line) for line in path.read_text().splitlines()} if path.is_file() else {}
     )
-    for k in range(given.cases + given.nulls):
-        name = f"law-{k:03d}" if k < given.cases else f"null-{k - given.cases:03d}"
+    wanted = [(law_case, f"law-{k:03d}", k) for k in range(given.cases)]
+    wanted += [(null_case, f"null-{k:03d}", NULLS_FROM + k) for k in range(given.nulls)]
+    wanted += [(fault_case, f"fault-{k:03d}", FAULTS_FROM + k) for k in range(given.faults)]
+    for draw, name, k in wanted:
         if name in done:
             continue
-        case = drawn(name, [given.seed, k], k >= given.cases)
-        write_cases(given.out, [case])
-        done[name] = answered(given.out, case)
+        case = draw(name, [given.seed, k])
+        count = len(case.runs)
+        if draw is law_case:
+            case = with_more(case)
+        try:
+            write_cases(given.out, [case])
+        except ValueError:  # a tow further out turns over
+            case.runs[count:] = []
+            write_cases(given.out, [case])
+        done[name] = answered(given.out, case, count)
         with path.open("a") as file:
             file.write(json.dumps(done[name]) + "\n")
-        print(json.dumps(done[name]), flush=True)
-    laws = [a for a in done.values() if "true" in a]
-    nulls = [a for a in done.values() if "true" not in a]
-    told = [a for a in laws if a["laws"]]
-    errors = sorted(a["force_error"] for a in told)
-    print(f"laws {len(laws)}: a law told {len(told)}, variables right {sum(a['told'] == a['true'] for a in told)}")
-    if errors:
-        print(
-            f"force error over the range seen: median {errors[len(errors) // 2]:.3f}, below 0.03: {sum(e < 0.03 for e in errors)}"
-        )
-    print(f"nulls {len(nulls)}: a law told {sum(bool(a['laws']) for a in nulls)}")
-    print(f"seconds of CPU beside the diagnosis: {np.median([a['seconds_law'] for a in done.values()]):.1f} median")
+        print(line_of(done[name]), flush=True)
+    print("\n".join(["", *summary([done[name] for _, name, _ in wanted])]))
 
 
 if __name__ == "__main__":

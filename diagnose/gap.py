@@ -105,9 +105,32 @@ def diagnosed(
     ------
     EstimationError : the simulator as it is cannot be fitted at all
     """
+    inference, ranking = ranked(simulator, library, progress, spread)
+    return concluded(simulator, inference, ranking, library, tool, inputs, held, rng, progress)
+
+
+@one_thread()
+def concluded(
+    simulator: Diagnosable,
+    inference: Inference,
+    ranking: Ranking,
+    library: Sequence[Effect],
+    tool: str,
+    inputs: dict[str, str],
+    held: Sequence[int] | None = None,
+    rng: np.random.Generator | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """What follows from a ranking.
+
+    Parameters
+    ----------
+    simulator : with its runs
+    inference, ranking : of ``engine.ranked``
+    library, tool, inputs, held, rng, progress : as of ``diagnosed``
+    """
     say = progress or (lambda _: None)
     rng = rng or np.random.default_rng()
-    inference, ranking = ranked(simulator, library, progress, spread)
     verdict = called(ranking.p_no_gap, ranking.p_unknown, float(ranking.named.sum()))
     if verdict == "effect" and 2 * ranking.probabilities[0] < ranking.named[0]:
         verdict = "form_not_exact"

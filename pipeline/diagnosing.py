@@ -10,9 +10,10 @@ import numpy as np
 
 from ..__version__ import __version__
 from ..diagnose.effects import LIBRARY, Effect, installed_effects, load_effects
-from ..diagnose.gap import Diagnosed, Diagnosis, diagnosed
+from ..diagnose.gap import Diagnosed, Diagnosis, concluded, diagnosed
 from ..diagnose.inference.apart import measured_apart
 from ..diagnose.inference.evidence import Fitted
+from ..diagnose.inference.ranking import Ranking
 from ..diagnose.tow.data import Recorded, block_step, tow_runs, without_cell
 from ..diagnose.tow.numbers import COMPLIANCE
 from ..diagnose.tow.towed import TowSimulator
@@ -152,6 +153,29 @@ def diagnosed_runs(
         ) from error
 
 
+def concluded_runs(
+    found: Diagnosis,
+    ranking: Ranking,
+    library: Sequence[Effect],
+    held: Sequence[int] | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """What follows from another ranking of runs that were diagnosed.
+
+    Parameters
+    ----------
+    found : their diagnosis
+    ranking : with further candidates
+    library : effects that were tried
+    held : runs kept aside; None: each in turn
+    progress : is told what is done
+    """
+    say = None if progress is None else lambda text: progress(text, 0, None)
+    simulator, inputs = found.inference.simulator, found.file.inputs
+    assert isinstance(simulator, TowSimulator)
+    return concluded(simulator, found.inference, ranking, library, __version__, inputs, held, rng_of(inputs), say)
+
+
 def _reference(path: Path) -> tuple[np.ndarray, np.ndarray, float]:
     file = read_result(path, DerivativesFile)
     absent = [name for name in DERIVATIVE_UNITS if name not in file.derivatives]
@@ -209,4 +233,4 @@ def write_model(path: Path, found: Diagnosed, fitted: Fitted | None = None) -> N
     write_text(path, tomlkit.dumps(document))
 
 
-__all__ = ["Diagnosed", "diagnose_folders", "diagnosed_runs", "library_of", "write_model"]
+__all__ = ["Diagnosed", "concluded_runs", "diagnose_folders", "diagnosed_runs", "library_of", "write_model"]

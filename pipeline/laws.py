@@ -11,13 +11,16 @@ import numpy as np
 from ..__version__ import __version__
 from ..diagnose.effects import Effect
 from ..diagnose.gap import Diagnosed
+from ..diagnose.inference.engine import CLEAR
+from ..diagnose.law.choose import Groups
 from ..diagnose.law.search import Law, Searched, searched
 from ..diagnose.law.terms import term, text_of
 from ..diagnose.tow.towed import TowSimulator
 from ..record.files import write_text
-from ..record.law_file import LawFile, LawRow, LawTerm
+from ..record.law_file import FreeForce, GoesWith, LawFile, LawRow, LawTerm
 from ..record.results import Measured, write_result
-from .diagnosing import diagnosed_runs, write_model
+from ..record.threads import one_thread
+from .diagnosing import concluded_runs, write_model
 
 Progress = Callable[[str, int, int | None], None]
 SEEN_ONLY = ("camera", "clock")
@@ -36,7 +39,7 @@ class LawAnswer:
 
     Attributes
     ----------
-    verdict : "law", "no_gap", "other", "unknown" of the search, or "not_searched"
+    verdict : "law", "field", "no_gap", "other", "unknown" of the search, or "not_searched"
     why : in words, where there is no law
     searched : the search, None where there was no reason for one
     instead_of : effects of the library that the diagnosis names, and a law explains better
@@ -63,9 +66,14 @@ def law_of(found: Diagnosed, progress: Progress | None = None) -> LawAnswer:
     simulator = found.diagnosis.inference.simulator
     assert isinstance(simulator, TowSimulator)
     say = None if progress is None else lambda text, done, total: progress(f"law: {text}", done, total)
-    answer = searched(
-        simulator, found.library, lambda effects: diagnosed_runs(simulator, effects, file.inputs, found.held, say)
-    )
+    names = len({effect.name for effect in found.library})
+    with one_thread():
+        answer = searched(
+            found.diagnosis,
+            names,
+            lambda ranking: concluded_runs(found.diagnosis, ranking, found.library, found.held, say),
+            lambda text: say(text, 0, None) if say is not None else None,
+        )
     return LawAnswer(answer.verdict, _no_law(answer), answer, _titled(named) if answer.verdict == "law" else "")
 
 
@@ -76,6 +84,8 @@ def _titled(effects: Sequence[Effect]) -> str:
 def _no_law(answer: Searched) -> str:
     if answer.verdict == "law":
         return ""
+    if answer.verdict == "field" and answer.field is not None:
+        return f"what is missing goes with {_groups(answer.field.groups)}, and no equation of the grammar says how"
     if answer.verdict == "other":
         return f"{' and '.join(answer.other)} explains these runs better than any law of the grammar"
     if answer.verdict == "no_gap":
@@ -86,6 +96,11 @@ def _no_law(answer: Searched) -> str:
             f"something happens once, in {rest.run} at {rest.span_s[0]:.0f}-{rest.span_s[1]:.0f} s: an event has no law"
         )
     return "no law of one or two terms of the grammar explains these runs"
+
+
+def _groups(groups: Groups) -> str:
+    """In words."""
+    return " and ".join(" with ".join(group) for group in groups)
 
 
 def law_file(answer: LawAnswer, inputs: dict[str, str]) -> LawFile:
@@ -106,8 +121,25 @@ def law_file(answer: LawAnswer, inputs: dict[str, str]) -> LawFile:
         why=answer.why,
         p_law=answer.searched.p_law if answer.searched else 0.0,
         laws=[_row(law) for law in laws],
+        field=_free_force(answer.searched),
+        goes_with=[
+            GoesWith(variables=[list(group) for group in groups], share=share)
+            for groups, share in (answer.searched.goes_with if answer.searched else ())
+            if share >= NONE
+        ],
         seen=seen,
         sentences=_sentences(laws, answer),
+    )
+
+
+def _free_force(answer: Searched | None) -> FreeForce | None:
+    if answer is None or answer.field is None:
+        return None
+    field = answer.field
+    return FreeForce(
+        variables=[list(group) for group in field.groups],
+        probability=field.probability,
+        shrink=None if np.isnan(field.shrink) else field.shrink,
     )
 
 
@@ -134,25 +166,59 @@ def _row(law: Law) -> LawRow:
 
 
 def _sentences(laws: Sequence[Law], answer: LawAnswer) -> list[str]:
-    if not laws or answer.searched is None:
+    searched = answer.searched
+    if searched is None or answer.verdict not in ("law", "field", "unknown"):
         return [answer.why[:1].upper() + answer.why[1:] + "."]
-    first = laws[0]
-    what = " and ".join(f"{ACTING[acts]} that goes with {text}" for text, acts in first.terms)
-    told = [f"What is missing is {what} (probability {first.probability:.2f})."]
-    if answer.instead_of:
-        told.append(f"That explains these runs better than what the library has: {answer.instead_of}.")
-    if not np.isnan(first.shrink):
-        told.append(f"With it the gap on runs kept aside falls by {100 * first.shrink:.0f} %.")
-    others = [f"{law.text} ({law.probability:.2f})" for law in laws[1:] if law.probability > 0.05]
-    if others:
-        told.append(f"Nearly as good: {', '.join(others)}.")
-    next_run = answer.searched.diagnosis.file.next_run
+    if answer.verdict == "law" and laws:
+        told = _of_the_law(laws, answer)
+    else:
+        told = [answer.why[:1].upper() + answer.why[1:] + "."]
+        if answer.verdict == "field" and searched.field is not None:
+            told += _shrinks(searched.field.shrink)
+            told += [f"The nearest equation: {law.text} (probability {law.probability:.2f})." for law in laws[:1]]
+    surest, share = searched.goes_with[0]
+    if answer.verdict != "unknown" or _worth_saying(searched):
+        told.append(f"Without any equation, the force goes with {_groups(surest)} ({share:.2f} of the evidence).")
+    next_run = searched.diagnosis.file.next_run
     if next_run is not None:
         told.append(f"The run that would tell most: {next_run.why}.")
-    ends = {name: f"{name} {low:.3g} to {high:.3g}" for effect in first.effects for name, low, high in effect.reach}
+    effects = laws[0].effects if answer.verdict == "law" and laws else _field_effects(searched)
+    ends = {name: f"{name} {low:.3g} to {high:.3g}" for effect in effects for name, low, high in effect.reach}
     spans = ", ".join(ends[name] for name in sorted(ends))
     if spans:
         told.append(f"It is known for {spans} (dimensionless), and for nothing beyond.")
+    return told
+
+
+def _field_effects(searched: Searched) -> Sequence[Effect]:
+    return (
+        searched.field.fitted.hypothesis.effects if searched.verdict == "field" and searched.field is not None else ()
+    )
+
+
+def _worth_saying(searched: Searched) -> bool:
+    """Whether a force without a form explains more than noise does."""
+    base = searched.diagnosis.ranking.base
+    return searched.field is not None and searched.field.fitted.log_evidence - base.log_evidence > CLEAR
+
+
+def _shrinks(shrink: float) -> list[str]:
+    return [] if np.isnan(shrink) else [f"With it the gap on runs kept aside falls by {100 * shrink:.0f} %."]
+
+
+def _of_the_law(laws: Sequence[Law], answer: LawAnswer) -> list[str]:
+    first = laws[0]
+    what = " and ".join(f"{ACTING[acts]} that goes with {text}" for text, acts in first.terms)
+    told = [f"What is missing is {what} (probability {first.probability:.2f})."]
+    searched = answer.searched
+    if searched is not None and searched.other:
+        told.append(f"The library's {' and '.join(searched.other)} explains these runs about as well.")
+    elif answer.instead_of:
+        told.append(f"That explains these runs better than what the library has: {answer.instead_of}.")
+    told += _shrinks(first.shrink)
+    others = [f"{law.text} ({law.probability:.2f})" for law in laws[1:] if law.probability > 0.05]
+    if others:
+        told.append(f"Nearly as good: {', '.join(others)}.")
     return told
 
 
@@ -168,7 +234,7 @@ def write_law(out: Path, found: Diagnosed, answer: LawAnswer, file: LawFile) -> 
     """
     write_result(out / "law.json", file)
     written = [out / "law.json"]
-    if not file.laws or answer.searched is None:
+    if answer.verdict != "law" or not file.laws or answer.searched is None:
         return written
     first = answer.searched.laws[0]
     write_text(out / "law.py", _python(first, file.sentences))

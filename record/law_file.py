@@ -30,21 +30,40 @@ class LawRow(_Part):
     shrink: float | None = Field(default=None, description="of the gap on runs kept aside; null: not worked out")
 
 
+class GoesWith(_Part):
+    """Variables that a force without a form may go with."""
+
+    variables: list[list[str]] = Field(description="groups: a function of each, added up")
+    share: float = Field(description="of the evidence, every choice of groups taken as likely beforehand")
+
+
+class FreeForce(_Part):
+    """A force without a form: a smooth function (a Gaussian process) of some variables."""
+
+    variables: list[list[str]] = Field(description="groups: a function of each, added up")
+    probability: float = Field(description="posterior, beside laws, effects of the library and noise")
+    shrink: float | None = Field(default=None, description="of the gap on runs kept aside; null: not worked out")
+
+
 class LawFile(ResultFile):
     """out/law.json."""
 
     schema_name: Literal["towline/law"] = Field(default="towline/law", alias="schema", description="this file")
     version: int = Field(default=1, description="of the schema")
-    verdict: Literal["law", "no_gap", "other", "unknown", "not_searched"] = Field(
-        description="law: the rest of the file says which; else why says why not"
+    verdict: Literal["law", "field", "no_gap", "other", "unknown", "not_searched"] = Field(
+        description="law: the rest of the file says which; field: a force without an equation; else why says why not"
     )
     why: str = Field(default="", description="why there is no law, in words")
     p_law: float = Field(default=0.0, description="probability of all laws together")
     laws: list[LawRow] = Field(default_factory=list, description="the most probable first")
+    field: FreeForce | None = Field(default=None, description="the best force without a form; null: none is missing")
+    goes_with: list[GoesWith] = Field(
+        default_factory=list, description="what the force goes with, whatever its form, the most probable first"
+    )
     seen: dict[str, tuple[float, float]] = Field(
         default_factory=dict, description="variable -> smallest and largest value that the runs have seen"
     )
     sentences: list[str] = Field(default_factory=list, description="in plain words")
 
 
-__all__ = ["LawFile", "LawRow", "LawTerm"]
+__all__ = ["FreeForce", "GoesWith", "LawFile", "LawRow", "LawTerm"]

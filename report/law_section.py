@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..diagnose.law.search import Searched, force_of
+from ..diagnose.law.choose import force_of
+from ..diagnose.law.field import basis_of
+from ..diagnose.law.search import Field, Searched
 from ..diagnose.law.terms import State, term, text_of
 from ..diagnose.tow.towed import TowSimulator
-from .draw import BLUE, GREY, Columns, label, new_figure, svg_image
+from .draw import BLUE, GREY, VERMILION, Columns, label, new_figure, svg_image
 from .format import significant
 from .html import Html, bullets, figure, number, table, tag
 
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
 
 DRAWS = 200
 """Of the law's numbers, for the band: its ends, two standard deviations, are then known to a twentieth."""
+SHOWN = 5
+"""Rows of what a force goes with."""
 GRID = 160
 """Places of a curve."""
 WORDS = {
@@ -50,10 +54,96 @@ def law_section(file: LawFile, searched: Searched | None) -> Html:
             )
             shrink = "" if row.shrink is None else number(f"{row.shrink:.2f}")
             rows.append([row.text, number(f"{row.probability:.3f}"), numbers, shrink])
-        parts += [law_figure(searched), table(["law", "probability", "numbers", "shrink"], rows)]
+        if file.verdict == "law":
+            parts.append(law_figure(searched))
+        parts.append(table(["law", "probability", "numbers", "shrink"], rows))
         size = "½ρU²L² for a side force Y, ½ρU²L³ for a moment N"
         parts.append(tag("p", f"Numbers y and n times {size}; the others are those inside the terms (docs/law.md)."))
+    if searched is not None and searched.field is not None and file.verdict in ("law", "field", "unknown"):
+        parts += _without_a_form(file, searched, searched.field)
     return tag("section", *parts, id="law")
+
+
+def _without_a_form(file: LawFile, searched: Searched, field: Field) -> list[object]:
+    """The force as a function that no equation binds: against each variable, and what it goes with."""
+    goes = [
+        [" and ".join(" with ".join(group) for group in one.variables), number(f"{one.share:.2f}")]
+        for one in file.goes_with
+    ]
+    return [
+        tag("h3", "Without an equation"),
+        *(field_figure(searched, field, k) for k in range(len(field.groups))),
+        table(["the force goes with", "share of the evidence"], goes[:SHOWN]),
+    ]
+
+
+def field_figure(searched: Searched, field: Field, which: int) -> Html:
+    """Force of one group of variables against its first, with its band, and where the runs have been.
+
+    Of two variables the second stands at three values: its mean in the runs, and a standard deviation below and above.
+
+    Parameters
+    ----------
+    searched, field : the search and its force without a form
+    which : of the field's groups
+    """
+    group, states, simulator = field.groups[which], searched.states, searched.diagnosis.inference.simulator
+    assert isinstance(simulator, TowSimulator)
+    basis = basis_of(group, searched.seen)
+    effects, numbers = field.fitted.hypothesis.effects, field.fitted.hypothesis.numbers
+    begin = sum(len(e.parameters) for e in effects[:which])
+    own = slice(begin, begin + len(effects[which].parameters))
+    scale = _size(simulator) * np.array([1.0, simulator.runs[0].length_pp_m])
+    second = [np.nan] if len(group) == 1 else _about(getattr(states, group[1]))
+    grids = [_grid_of(group, searched.seen.ends[group[0]], at) for at in second]
+    drawing, axes = new_figure(2.8, columns=2)
+    data: dict[str, Columns] = {}
+    plain = np.column_stack([states.v, states.r])
+    there = np.array(basis.values(states)).T
+    by_plain = np.linalg.lstsq(plain, there, rcond=None)[0]
+    for k, ax in enumerate(axes):
+        what = ("side force (N)", "moment (N m)")[k]
+        part = slice(k * there.shape[1], (k + 1) * there.shape[1])
+        mean, spread = numbers[which][part], field.covariance[own, own][part, part]
+        ax.axhline(0.0, color=GREY, linewidth=0.6)
+        for one, (at, grid) in enumerate(zip(second, grids, strict=True)):
+            # what is linear in drift and yaw rate is the derivatives'
+            table_of = np.array(basis.values(grid)).T - np.column_stack([grid.v, grid.r]) @ by_plain
+            force = scale[k] * table_of @ mean
+            sd = scale[k] * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", table_of, spread, table_of), 0.0))
+            x, colour = getattr(grid, group[0]), (BLUE, GREY, VERMILION)[one if len(second) == 1 else (1, 0, 2)[one]]
+            ax.fill_between(x, force - 2 * sd, force + 2 * sd, color=colour, alpha=0.18, linewidth=0)
+            name = None if np.isnan(at) else f"{group[1]} {at:.2g}"
+            ax.plot(x, force, color=colour, linewidth=1.3, label=name)
+            data[f"{what} {name or ''}".strip()] = {group[0]: x, what: force, "sd": sd}
+        low, high = ax.get_ylim()
+        ax.plot(getattr(states, group[0]), np.full(len(states.v), low), "|", color=GREY, markersize=5, alpha=0.25)
+        ax.set_ylim(low, high)
+        label(ax, x=WORDS[group[0]], y=what)
+    if len(second) > 1:
+        axes[0].legend(fontsize=7, frameon=False)
+    return figure(
+        svg_image(drawing, "the missing force without an equation", f"field-{which}", data),
+        f"The missing force as a smooth function of {' and '.join(group)} at {simulator.speed_m_s:.2f} m/s, with two standard "
+        "deviations; the marks below are where the runs have been. What is linear in drift and yaw rate is left out.",
+    )
+
+
+def _about(x: np.ndarray) -> list[float]:
+    """Mean less and more a standard deviation, the mean between."""
+    return [float(np.mean(x) + k * np.std(x)) for k in (-1, 0, 1)]
+
+
+def _grid_of(group: tuple[str, ...], ends: tuple[float, float], at: float) -> State:
+    """The first variable over its range, the second at a value, the others 0."""
+    grid = _grid(group[0], ends)
+    return grid if len(group) == 1 else replace(grid, **{group[1]: np.full(GRID, at)})
+
+
+def _size(simulator: TowSimulator) -> float:
+    """rho/2 U^2 L^2 of the runs, N."""
+    first = simulator.runs[0]
+    return 0.5 * first.density_kg_m3 * simulator.speed_m_s**2 * first.length_pp_m**2
 
 
 def law_figure(searched: Searched) -> Html:
@@ -72,9 +162,8 @@ def law_figure(searched: Searched) -> Html:
     variable = variables[0] if variables else "time"
     alone = set(variables) <= {variable}
     at = _grid(variable, searched.seen.ends[variable]) if alone else states
-    first = simulator.runs[0]
-    size = 0.5 * first.density_kg_m3 * simulator.speed_m_s**2 * first.length_pp_m**2
-    scale = np.array([[size], [size * first.length_pp_m]])
+    size = _size(simulator)
+    scale = np.array([[size], [size * simulator.runs[0].length_pp_m]])
     rng = np.random.default_rng(0)
     draws = rng.multivariate_normal(np.concatenate(law.numbers), law.covariance, DRAWS)
     told = scale * force_of(law.effects, law.numbers, at)
@@ -111,4 +200,4 @@ def _grid(variable: str, ends: tuple[float, float]) -> State:
     return State(**(values | {variable: np.linspace(*ends, GRID)}))
 
 
-__all__ = ["law_figure", "law_section"]
+__all__ = ["field_figure", "law_figure", "law_section"]

@@ -58,6 +58,12 @@ def live_senders(root: Path) -> ModuleType:
     return _cases(root, "live_senders")
 
 
+@pytest.fixture(scope="session")
+def laws_truth(root: Path) -> ModuleType:
+    """The judge of laws, which shares nothing with their search."""
+    return _cases(root, "laws_truth")
+
+
 @pytest.fixture
 def run_folder(tmp_path: Path, samples: Path) -> Path:
     """A copy of a sample, without results and truth."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,17 @@ from towline.blind.draw import CASES, case_of, gentle, write_cases
 from towline.blind.signature import distances_of, linear
 from towline.blind.truth.cases import Case
 from towline.cli.main import main
-from towline.diagnose.effects import Situation
+from towline.diagnose.effects import Effect, Parameter, Situation
 from towline.diagnose.gap import diagnosed
+from towline.diagnose.inference.evidence import Inference
+from towline.diagnose.inference.grams import Grams
+from towline.diagnose.inference.hypothesis import with_effects
+from towline.diagnose.inference.noise import Forces
+from towline.diagnose.law.field import SMOOTH, basis_of, field_effect, field_force
+from towline.diagnose.law.grammar import grammar
 from towline.diagnose.law.search import without_linear
-from towline.diagnose.law.terms import ACTS, Range, State, effect_of, grammar, state_of, term, values_of, written
+from towline.diagnose.law.table import Choice, Table
+from towline.diagnose.law.terms import ACTS, Range, State, effect_of, state_of, term, values_of, written
 from towline.diagnose.law.users import added, user_terms
 from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
 from towline.record.errors import TowlineError
@@ -124,6 +132,110 @@ def planted(numbers: dict[str, float], seed: int, d: float) -> Case:
     )
 
 
+def test_the_judge_reads_every_term_as_the_grammar_means_it(laws_truth: ModuleType) -> None:
+    """Two readers of one text, the benchmark's and the grammar's: the same force. What lags is no function of the state."""
+    s, rng = states(), np.random.default_rng(3)
+    of = {name: getattr(s, name) for name in laws_truth.NAMES}
+    for one in grammar(SEEN, True):
+        if one.lag_s:
+            continue
+        basis, inside, variables = laws_truth.told_term(one.text)
+        assert variables == set(one.variables)
+        numbers = rng.normal(size=one.functions)
+        told = sum(a * f for a, f in zip(numbers, basis(of, inside), strict=True))
+        meant = values_of(one.text, "Y", [*numbers, *(shape.value for shape in one.shapes)], s)[0]
+        np.testing.assert_allclose(told, meant, rtol=1e-6, atol=1e-9)
+
+
+def law_seen(laws_truth: ModuleType) -> Any:
+    s = states()
+    return laws_truth.Seen({name: getattr(s, name) for name in laws_truth.NAMES}, None, None, np.ones((2, len(s.v))))
+
+
+@pytest.mark.parametrize(
+    ("terms", "right"),
+    [
+        ([("sign |v|^1.7", {"y": 1.0, "power": 1.7})], True),
+        ([("v|v|", {"y": 0.4})], True),
+        ([("v^3", {"y": 1.0})], False),
+        ([("v|v|", {"y": 1.0}), ("y^2", {"y": 1e-4})], True),
+        ([("v|v|", {"y": 1.0}), ("y^2", {"y": 1.0})], False),
+    ],
+)
+def test_a_form_is_right_with_other_numbers_and_without_needless_terms(
+    laws_truth: ModuleType, terms: Any, right: bool
+) -> None:
+    """The truth is a side force by v|v|."""
+    seen = law_seen(laws_truth)
+    target = np.array([3.0 * seen.of["v"] * np.abs(seen.of["v"]), 0.0 * seen.of["v"]])
+    told = laws_truth.told([{"text": text, "acts": "Y", "numbers": numbers} for text, numbers in terms])
+    assert laws_truth.right_form(told, seen, target) is right
+
+
+def test_a_force_without_a_form_varies_as_a_smooth_one_does() -> None:
+    """Its prior covariance is the squared exponential's of its length, where the box's edges are far (Solin and Särkkä 2020)."""
+    basis = basis_of(("y",), SEEN)
+    half, middle = basis.half[0], basis.middle[0]
+    place = middle + half * np.linspace(-0.3, 0.3, 7)
+    here, there = (np.array(basis.values(replace(states(1), y=x))) for x in (np.array([middle]), place))
+    covariance = (np.array(basis.sd)[:, None] ** 2 * here * there).sum(axis=0)
+    np.testing.assert_allclose(covariance, np.exp(-0.5 * ((place - middle) / (SMOOTH * half)) ** 2), atol=0.01)
+
+
+def test_a_force_without_a_form_pushes_as_its_numbers_say() -> None:
+    """A side force by rho/2 U^2 L^2 and a moment by rho/2 U^2 L^3, at 1.5 m/s and 3 m; groups are added up."""
+    s, groups = states(), [("y",), ("v", "r")]
+    effect = field_effect(groups, SEEN, 1e-3, 0.25)
+    numbers = np.random.default_rng(2).normal(size=len(effect.parameters))
+    side, moment = field_force([basis_of(group, SEEN) for group in groups], numbers, s)
+    found = effect.force(situation(s), *numbers)
+    np.testing.assert_allclose(found[0], 500 * 1.5**2 * 3**2 * side, rtol=1e-9)
+    np.testing.assert_allclose(found[1], 500 * 1.5**2 * 3**3 * moment, rtol=1e-9)
+
+
+def test_a_choice_of_the_table_has_the_evidence_of_its_fit() -> None:
+    """Where the simulation is linear in all numbers one step is the whole fit: terms alone and together."""
+    rng, t_s, noise = np.random.default_rng(6), 0.1 * np.arange(60), 0.05
+    shapes = {"square": lambda t: t**2, "wave": lambda t: np.sin(3 * t), "cube": lambda t: t**3}
+    runs = [
+        UsersRun(
+            f"run-{k}",
+            t_s,
+            (0.5 * t_s + 0.02 * t_s**2 + noise * rng.normal(size=60))[:, None],
+            noise**2 * np.eye(60)[None],
+        )
+        for k in range(2)
+    ]
+
+    def simulate(run: UsersRun, n: dict, effects: dict) -> np.ndarray:
+        found = n["x0"] + n["k"] * t_s[:, None, None]
+        for name, shape in shapes.items():
+            if name in effects:
+                found = found + effects[name][0] * shape(t_s)[:, None, None]
+        return found
+
+    simulator = UsersSimulator(
+        runs, simulate, [UsersNumber("k", 0.5, size=0.5)], [UsersNumber("x0", [0.0] * 2)], usual_force=1e-3
+    )
+    effects = [
+        Effect(name, "tank", (Parameter("size", "", 0.01 * (k + 1)),), "", "", sizes=(1.0,))
+        for k, name in enumerate(shapes)
+    ]
+    start = simulator.starts()[0]
+    inference = Inference(simulator, simulator.noise(start))
+    base = inference.fit([start], [Forces()], 3, (1,))[0]
+    table = Table(inference, base.hypothesis, effects, base.forces)
+    choices = [Choice((0,), (0,), 0.0), Choice((0, 2), (0, 2), 1.5)]
+    for choice, score, forces in zip(choices, *table.scores(choices), strict=True):
+        h = with_effects(base.hypothesis, [effects[k] for k in choice.effects])
+        grams = Grams(inference.linear([h])[0].columns, inference.noise)
+        alone = inference.solve(grams, h, forces)
+        log_evidence = alone.log_evidence + forces.log_prior(simulator.most_force)
+        assert score == pytest.approx(log_evidence - choice.cost, abs=1e-3)
+        numbers = table.solved(choice, forces)[1]
+        np.testing.assert_allclose(numbers, alone.shared[-len(numbers) :], atol=1e-5)
+
+
 @pytest.fixture(scope="module")
 def bump(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Runs with a side force at one place of the tank, and what the command wrote of them."""
@@ -132,7 +244,7 @@ def bump(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     write_cases(folder, [case])
     runs = sorted((folder / CASES / "law").glob("run-*"))
     out = folder / "out"
-    assert main(["diagnose", *map(str, runs), "--law", "--no-page", "-o", str(out)]) == 0
+    assert main(["diagnose", *map(str, runs), "--law", "-o", str(out)]) == 0
     return folder, out
 
 
@@ -149,6 +261,18 @@ def test_a_force_at_one_place_is_written_down_as_one(bump: tuple[Path, Path]) ->
     assert file.laws[0].probability > 0.9
     assert file.laws[0].shrink is not None
     assert file.laws[0].shrink > 0.8
+
+
+def test_what_it_goes_with_is_told_without_an_equation_too(bump: tuple[Path, Path]) -> None:
+    """The place has most of the evidence, as a function of its own, and the page draws that."""
+    file = read_result(bump[1] / "law.json", LawFile)
+    assert file.goes_with[0].variables == [["y"]]
+    assert sum(one.share for one in file.goes_with) == pytest.approx(1.0, abs=0.05)
+    assert file.field is not None
+    assert file.field.probability < file.laws[0].probability
+    page = (bump[1] / "gap.html").read_text()
+    assert "Without an equation" in page
+    assert "the missing force without an equation" in page
 
 
 def test_a_law_is_handed_on_to_the_simulator_with_its_range(

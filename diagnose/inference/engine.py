@@ -125,6 +125,19 @@ def ranked(
     return inference, shared_out(inference, _ranking(inference, base, candidates, free_form, beside, excluded))
 
 
+def extended(inference: Inference, ranking: Ranking, candidates: Sequence[Candidate]) -> Ranking:
+    """The ranking with candidates of one's own beside those that it has, fitted with the same noise.
+
+    Parameters
+    ----------
+    inference : the simulator with its runs and noise
+    ranking : of ``ranked``
+    candidates : more of them; log evidence over the same base's
+    """
+    every = [*ranking.candidates, *candidates]
+    return shared_out(inference, _ranking(inference, ranking.base, every, ranking.free, ranking.excluded))
+
+
 def _unlike(simulator: Diagnosable, base: Fitted, spread: Spread) -> list[tuple[float, Hypothesis, Forces]]:
     """The best end of every effect that no step from the base leads to, the best first."""
     found = [end for end in spread(partial(_ended, simulator), simulator.unlike(base)) if end is not None]
@@ -470,4 +483,4 @@ def _ranking(
     )
 
 
-__all__ = ["ranked", "screened"]
+__all__ = ["extended", "ranked", "screened"]

@@ -1,7 +1,8 @@
-"""The search for a missing law: the grammar's terms against the library's effects, by whole-path fits.
+"""The search for a missing law: the grammar's terms beside one another, by whole-path fits.
 
-The diagnosis's engine decides (inference.engine): every term is an effect with a price for what it takes to write it, alone or with
-a second one, and competes with the library, faults of camera, clock and line among it, with free forms, and with noise.
+The diagnosis's engine decides (inference): every term is an effect with a price for what it takes to write it, alone or with a
+second one, and competes with what the diagnosis's library explains, faults of camera, clock and line among it, with free forms,
+and with noise.
 """
 
 from __future__ import annotations
@@ -14,17 +15,22 @@ import numpy as np
 from ...simulate.model import Array
 from ..effects import Effect
 from ..gap import Diagnosis
+from ..inference.engine import CONVERGED_GAIN, extended
 from ..inference.evidence import Fitted
-from ..inference.ranking import Candidate
+from ..inference.ranking import Candidate, Ranking
 from ..tow.towed import TowSimulator
-from .terms import ACTS, NAME, Range, State, dimensionless, effect_of, grammar, term, text_of, values_of, written
+from .choose import ARM, Groups, LawTable, chosen, distinct, fields_of, fits, force_of, free_path, priors, simpler
+from .field import FIELD
+from .grammar import grammar
+from .terms import NAME, Range, State, Term, dimensionless, effect_of, term, text_of, values_of, written
 
-SIDE_SHARE, ARM_SHARE = 0.1, 0.25
-"""Usual force of a missing term: this share of the line's pull, its moment at this share of the length; sizes down to a
-thirtieth are as likely (``Effect.sizes``)."""
+SIDE_SHARE = 0.1
+"""Usual force of a missing term: this share of the line's pull; sizes down to a thirtieth are as likely (``Effect.sizes``)."""
 SAME_FORCE = 0.03
 """Terms whose forces over the range seen differ by less than this share of them, whatever is linear in v and r left out, are one
 law."""
+AS_WELL = 0.1
+"""A force on the hull of the library's, and a law of at least this share of its probability, are told beside one another."""
 LISTED = 5
 """Laws that are told."""
 
@@ -84,6 +90,26 @@ class Law:
 
 
 @dataclass(frozen=True)
+class Field:
+    """A force without a form.
+
+    Attributes
+    ----------
+    fitted : the hypothesis that has it
+    covariance : (k, k) of its numbers
+    groups : of variables, what it goes with; their forces are added up
+    probability : of it, among laws, effects of the library and noise
+    shrink : share of the gap that it takes on runs kept aside, NaN where not worked out
+    """
+
+    fitted: Fitted
+    covariance: Array
+    groups: Groups
+    probability: float
+    shrink: float
+
+
+@dataclass(frozen=True)
 class Searched:
     """What the search found.
 
@@ -91,10 +117,13 @@ class Searched:
     ----------
     laws : the most probable first
     p_law : of all laws together
-    verdict : "law", "no_gap", "other" (effects of the library explain it better) or "unknown"
-    other : the effects that do, where they do
+    verdict : "law", "field" (no equation: a force without a form), "no_gap", "other" (effects of the library explain it better) or
+        "unknown"
+    other : effects of the library that do, or that explain these runs about as well as a law
     states, seen : of ``seen_by``
     diagnosis : of the engine, behind it
+    field : the best force without a form; None where none is missing
+    goes_with : groups of variables and their share of the evidence, of forces without a form
     """
 
     laws: tuple[Law, ...]
@@ -104,6 +133,8 @@ class Searched:
     states: State
     seen: Range
     diagnosis: Diagnosis
+    field: Field | None
+    goes_with: tuple[tuple[Groups, float], ...]
 
 
 def seen_by(simulator: TowSimulator) -> tuple[State, Range]:
@@ -133,70 +164,132 @@ def seen_by(simulator: TowSimulator) -> tuple[State, Range]:
     return State(**every), seen
 
 
-def law_effects(simulator: TowSimulator, states: State, seen: Range) -> list[Effect]:
-    """The grammar's terms as effects, each for a side force, a moment and both.
+def usual_size(simulator: TowSimulator) -> float:
+    """Usual side force of a missing term by rho/2 U^2 L^2.
 
     Parameters
     ----------
     simulator : of the runs
-    states, seen : of ``seen_by``
     """
     first = simulator.runs[0]
-    terms = grammar(seen, bool(np.isfinite(first.half_width_m)))
     size = 0.5 * first.density_kg_m3 * simulator.speed_m_s**2 * first.length_pp_m**2
-    usual = SIDE_SHARE * float(np.mean([run.data.tow.tension_n or 0.0 for run in simulator.runs])) / size
+    return SIDE_SHARE * float(np.mean([run.data.tow.tension_n or 0.0 for run in simulator.runs])) / size
+
+
+def law_effects(size: float, states: State, seen: Range, terms: Sequence[Term]) -> list[Effect]:
+    """The grammar's terms as effects, each for a side force and a moment.
+
+    Parameters
+    ----------
+    size : a usual side force by rho/2 U^2 L^2
+    states, seen : of ``seen_by``
+    terms : of the grammar
+    """
     found = []
     for one in terms:
         numbers = [1.0] * one.functions + [shape.value for shape in one.shapes]
         height = float(np.sqrt(np.mean(values_of(one.text, "Y", numbers, states)[0] ** 2)))
         # a lag's term is as large as a part of the velocity
         height = height if height > 0 else 0.3 * seen.usual[one.variables[0]]
-        sd = usual / max(height, 1e-9)
-        found += [effect_of(one.text, acts, (sd, ARM_SHARE * sd), seen.ends) for acts in ACTS]
+        sd = size / max(height, 1e-9)
+        found.append(effect_of(one.text, "Y and N", (sd, ARM * sd), seen.ends))
     return found
 
 
 def searched(
-    simulator: TowSimulator, library: Sequence[Effect], diagnose: Callable[[list[Effect]], Diagnosis]
+    found: Diagnosis, names: int, conclude: Callable[[Ranking], Diagnosis], say: Callable[[str], None] = lambda _: None
 ) -> Searched:
-    """Search for the law that these runs miss.
+    """Search for the law that diagnosed runs miss.
 
     Parameters
     ----------
-    simulator : of the runs
-    library : effects that compete
-    diagnose : effects to try -> what comes of these runs with them (``gap.diagnosed``)
-
-    Raises
-    ------
-    EstimationError : the simulator as it is cannot be fitted at all
+    found : the diagnosis: its fit without effects, its noise and what its library explains are taken over
+    names : how many effects compete in it
+    conclude : a ranking -> what follows from it (``gap.concluded``)
+    say : is told in a sentence what is done
     """
+    inference, base = found.inference, found.ranking.base
+    simulator = inference.simulator
+    assert isinstance(simulator, TowSimulator)
     states, seen = seen_by(simulator)
-    found = diagnose([*law_effects(simulator, states, seen), *library])
-    ranking = found.ranking
-    laws, others = [], []
-    for candidate, probability in zip(ranking.candidates, ranking.probabilities, strict=True):
-        (laws if is_law(candidate) else others).append((candidate, float(probability)))
-    shrinks = {tuple(row.effects): row.shrink for row in found.file.ranking}
-    p_law, p_other = (sum(p for _, p in part) for part in (laws, others))
-    verdict = "no_gap" if found.file.verdict == "no_gap" else "unknown"
-    if verdict == "unknown" and max(p_law, p_other) > ranking.p_unknown:
-        verdict = "law" if p_law >= p_other else "other"
-    best_other = others[0][0].names if others and verdict == "other" else ()
+    say("a force without a form")
+    size = usual_size(simulator)
+    free = free_path(inference, base, seen, size)
+    terms = grammar(seen, bool(np.isfinite(simulator.runs[0].half_width_m)))
+    say(f"{len(terms)} terms and their pairs")
+    table = LawTable(inference, free, base, law_effects(size, states, seen, terms), fields_of(seen, size))
+    starts = chosen(table, names)
+    say("fitting " + "; ".join(start.text for start in starts))
+    fitted = fits(inference, starts)
+    more = simpler(starts, fitted, priors(table, names)[0])
+    if more:
+        say("simpler: " + "; ".join(start.text for start in more))
+        starts, fitted = [*starts, *more], [*fitted, *fits(inference, more)]
+    candidates = [
+        Candidate(s.effects, f, _worth(f) - base.log_evidence, s.log_prior) for s, f in zip(starts, fitted, strict=True)
+    ]
+    ranking = extended(inference, found.ranking, distinct(candidates))
+    answer = conclude(ranking)
+    laws: list[tuple[Candidate, float]] = []
+    fields: list[tuple[Candidate, float]] = []
+    others: list[tuple[Candidate, float]] = []
+    for candidate, probability in zip(ranking.candidates, ranking.named, strict=True):
+        kind = laws if is_law(candidate) else fields if is_field(candidate) else others
+        kind.append((candidate, float(probability)))
+    shares = {"law": laws, "field": fields, "other": others}
+    p_of = {kind: sum(p for _, p in part) for kind, part in shares.items()}
+    verdict = "no_gap" if answer.file.verdict == "no_gap" else "unknown"
+    if verdict == "unknown":
+        told = max(p_of, key=lambda kind: p_of[kind])
+        if told == "other" and _pushes(others[0][0]) and p_of["law"] > AS_WELL * p_of["other"]:
+            told = "law"  # a force of the library's is an equation, too: both are told
+        verdict = told if p_of["law"] + p_of["field"] + p_of["other"] > ranking.p_unknown else "unknown"
+    shrinks = {tuple(row.effects): row.shrink for row in answer.file.ranking}
     return Searched(
-        tuple(_merged(found, laws, states, shrinks)) if verdict == "law" else (),
-        p_law,
+        tuple(_merged(answer, laws, states, shrinks)) if verdict in ("law", "field") else (),
+        p_of["law"],
         verdict,
-        best_other,
+        others[0][0].names if others and (verdict == "other" or others[0][1] > AS_WELL) else (),
         states,
         seen,
-        found,
+        answer,
+        _field_of(answer, fields, shrinks) if verdict in ("law", "field", "unknown") else None,
+        table.goes_with(),
     )
+
+
+def is_field(candidate: Candidate) -> bool:
+    """Whether it is a force without a form."""
+    return all(effect.name.startswith(FIELD) for effect in candidate.effects)
 
 
 def is_law(candidate: Candidate) -> bool:
     """Whether all its effects are terms of the grammar."""
-    return all(effect.name.startswith(f"{NAME} ") for effect in candidate.effects)
+    names = [effect.name for effect in candidate.effects]
+    return all(name.startswith(f"{NAME} ") and not name.startswith(FIELD) for name in names)
+
+
+def _pushes(candidate: Candidate) -> bool:
+    """Whether all its effects are forces on the hull."""
+    return all(effect.stage in ("sway", "yaw") and effect.force is not None for effect in candidate.effects)
+
+
+def _worth(fitted: Fitted) -> float:
+    """Its log evidence, without what a step promises that is not taken yet."""
+    return fitted.log_evidence - max(fitted.promised - CONVERGED_GAIN, 0.0)
+
+
+def _field_of(
+    found: Diagnosis, fields: Sequence[tuple[Candidate, float]], shrinks: dict[tuple[str, ...], float]
+) -> Field | None:
+    if not fields:
+        return None
+    candidate, probability = max(fields, key=lambda one: one[0].log_evidence)
+    fitted, at = candidate.fitted, found.inference.fixed(candidate.fitted.hypothesis)
+    own = slice(at, at + fitted.hypothesis.size)
+    groups = tuple(tuple(name.removeprefix(f"{FIELD} ").split(" with ")) for name in candidate.names)
+    shrink = shrinks.get(candidate.names, float("nan"))
+    return Field(fitted, fitted.solved.covariance[own, own], groups, probability, shrink)
 
 
 def _merged(
@@ -247,20 +340,6 @@ def _written(fitted: Fitted) -> str:
     return " + ".join(f"{where}: {text}" for text, where in _terms(fitted))
 
 
-def force_of(effects: Sequence[Effect], numbers: Sequence[Array], states: State) -> Array:
-    """(2, n) coefficients of side force and moment in states.
-
-    Parameters
-    ----------
-    effects, numbers : of a law
-    states : where
-    """
-    return np.sum(
-        [values_of(text_of(e), e.variant, n, states) for e, n in zip(effects, numbers, strict=True)],
-        axis=0,
-    )
-
-
 def without_linear(force: Array, states: State) -> Array:
     """(2, n) the same without what is linear in v and r, which the derivatives hold.
 
@@ -273,4 +352,7 @@ def without_linear(force: Array, states: State) -> Array:
     return force - (plain @ np.linalg.lstsq(plain, force.T, rcond=None)[0]).T
 
 
-__all__ = ["Law", "Searched", "force_of", "is_law", "law_effects", "searched", "seen_by", "without_linear"]
+__all__ = [
+    "Field", "Law", "Searched", "force_of", "is_field", "is_law", "law_effects", "searched", "seen_by", "usual_size",
+    "without_linear",
+]  # fmt: skip

@@ -156,7 +156,7 @@ def _walls(y: Any, power: int) -> Any:
     return (1 - y) ** -power - (1 + y) ** -power
 
 
-_PLAIN = (
+PLAIN = (
     Term("1", (), 1, lambda s: (1.0 + 0.0 * s.v,)),
     Term("v|v|", ("v",), 2, lambda s: (s.v * np.abs(s.v),)),
     Term("v^3", ("v",), 2, lambda s: (s.v**3,)),
@@ -203,6 +203,9 @@ _WAVE = re.compile(r"wave\(([0-9.]+) (y|beta|time)\)")
 _BUMP = re.compile(r"bump\((y|beta|time) at (-?[0-9.e-]+), ([0-9.e-]+) wide\)")
 _STATION = re.compile(r"\(v\+(-?[0-9.]+) r\)\|v\+-?[0-9.]+ r\|")
 _LATE = re.compile(r"(v|r)\(t-([0-9.]+) s\)")
+_ACROSS = re.compile(r"sign \|v\+(-?[0-9.]+) r\|\^([0-9.]+)")
+_TIMES = re.compile(r"(v|r) \|(v|r|y)\|\^([0-9.]+)")
+_BOTH = re.compile(r"sign \|(v|r)\|\^([0-9.]+) \|(v|r)\|\^([0-9.]+)")
 
 
 def term(text: str) -> Term:
@@ -210,8 +213,9 @@ def term(text: str) -> Term:
 
     ``sign |v|^1.7`` is an odd power, ``|v|^1.7`` an even one; ``tanh(v/0.05)`` saturates, ``beyond(v/0.05)`` begins at 0.05 and
     then grows as v does; ``wave(12 y)`` is a sine and a cosine of 12 y, ``bump(y at 0.1, 0.05 wide)`` is at one place;
-    ``(v+0.3 r)|v+0.3 r|`` is the drag of the section at 0.3 L; ``v(t-2 s)`` is the drift two seconds before, by a first-order lag,
-    less the drift now. The numbers in it are where a fit begins.
+    ``(v+0.3 r)|v+0.3 r|`` is the drag of the section at 0.3 L, ``sign |v+0.3 r|^1.7`` with another power; ``v |y|^1.5`` and
+    ``sign |v|^1.5 |r|^1.2`` are products (the sign is the first one's); ``v(t-2 s)`` is the drift two seconds before, by
+    a first-order lag, less the drift now. The numbers in it are where a fit begins.
 
     Parameters
     ----------
@@ -226,7 +230,7 @@ def term(text: str) -> Term:
     >>> term("v|v|").variables, term("tanh(turn/0.01)").variables
     (('v',), ('turn',))
     """
-    for plain in _PLAIN:
+    for plain in PLAIN:
         if plain.text == text:
             return plain
     for pattern, made in (
@@ -236,6 +240,9 @@ def term(text: str) -> Term:
         (_BUMP, _bump),
         (_STATION, _station),
         (_LATE, _late),
+        (_ACROSS, _across),
+        (_TIMES, _times),
+        (_BOTH, _both),
     ):
         if (found := pattern.fullmatch(text)) and _widths_above_zero(found):
             return made(text, found)
@@ -253,7 +260,7 @@ def _power(text: str, found: re.Match[str]) -> Term:
 
     def basis(s: State, power: Any) -> tuple[Any]:
         x = of(s)
-        size = np.maximum(np.abs(x), _LEAST) ** np.clip(power, 0.3, 8.0)
+        size = _size(x, power)
         return (np.sign(x) * size if odd else size,)
 
     form = f"{found[1] or ''}|{found[2]}|^{{:.4g}}"
@@ -303,6 +310,39 @@ def _station(text: str, found: re.Match[str]) -> Term:
     return Term(text, ("v", "r"), 4, basis, (Shape("x", float(found[1]), 0.3),), form=form)
 
 
+def _size(x: Any, power: Any) -> Any:
+    return np.maximum(np.abs(x), _LEAST) ** np.clip(power, 0.3, 8.0)
+
+
+def _across(text: str, found: re.Match[str]) -> Term:
+    def basis(s: State, x: Any, power: Any) -> tuple[Any]:
+        across = s.v + x * s.r
+        return (np.sign(across) * _size(across, power),)
+
+    shapes = (Shape("x", float(found[1]), 0.3), Shape("power", float(found[2]), 0.7))
+    return Term(text, ("v", "r"), 5, basis, shapes, form="sign |v+{:.4g} r|^{:.4g}")
+
+
+def _times(text: str, found: re.Match[str]) -> Term:
+    of, by = attrgetter(found[1]), attrgetter(found[2])
+    form = f"{found[1]} |{found[2]}|^{{:.4g}}"
+    variables = tuple(dict.fromkeys((found[1], found[2])))
+    return Term(
+        text, variables, 4, lambda s, p: (of(s) * _size(by(s), p),), (Shape("power", float(found[3]), 0.7),), form=form
+    )
+
+
+def _both(text: str, found: re.Match[str]) -> Term:
+    of, by = attrgetter(found[1]), attrgetter(found[3])
+
+    def basis(s: State, power: Any, other: Any) -> tuple[Any]:
+        return (np.sign(of(s)) * _size(of(s), power) * _size(by(s), other),)
+
+    shapes = (Shape("power", float(found[2]), 0.7), Shape("other", float(found[4]), 0.7))
+    form = f"sign |{found[1]}|^{{:.4g}} |{found[3]}|^{{:.4g}}"
+    return Term(text, tuple(dict.fromkeys((found[1], found[3]))), 5, basis, shapes, form=form)
+
+
 def _late(text: str, found: re.Match[str]) -> Term:
     late, now = attrgetter(f"{found[1]}_late"), attrgetter(found[1])
     return Term(text, (found[1],), 3, lambda s: (late(s) - now(s),), lag_s=float(found[2]))
@@ -326,6 +366,21 @@ def written(text: str, shapes: Sequence[float] | Array) -> str:
     found = term(text)
     told = (abs(x) if shape.name == WIDE else x for shape, x in zip(found.shapes, shapes, strict=True))
     return found.form.format(*told)
+
+
+def family(text: str) -> str:
+    """What terms have in common that differ by the numbers inside alone: a fit of one may end at another.
+
+    Parameters
+    ----------
+    text : of the term
+
+    Examples
+    --------
+    >>> family("wave(12 y)") == family("wave(20 y)"), family("v^3")
+    (True, 'v^3')
+    """
+    return term(text).form or text
 
 
 def text_of(effect: Effect) -> str:
@@ -360,39 +415,6 @@ class Range:
 
 DRY = 0.05
 """Of a variable's usual size: dry friction has turned over."""
-WAVES = (5.0, 8.0, 13.0, 20.0, 32.0)
-"""Waves across half a tank, rad; a fit finds the number between them."""
-HEADINGS = (8.0, 13.0, 20.0, 32.0)
-"""Waves in a radian of heading, rad."""
-PLACES = (-1.2, -0.5, 0.0, 0.5, 1.2)
-"""Where a bump may be, in usual sizes of its variable; half of that wide."""
-LAGS_S = (0.5, 1.5, 4.0)
-"""Choices, a factor of three apart."""
-
-
-def grammar(seen: Range, width: bool) -> list[Term]:
-    """The terms that are searched.
-
-    Parameters
-    ----------
-    seen : of the runs
-    width : whether the tank's width is known
-    """
-    found = [t for t in _PLAIN if width or "1/(1" not in t.text]
-    for variable in ("v", "r"):
-        usual = seen.usual[variable]
-        found += [term(f"sign |{variable}|^{power}") for power in (1.5, 2.5)] + [term(f"|{variable}|^1.5")]
-        found += [term(f"tanh({variable}/{0.5 * usual:.2g})"), term(f"beyond({variable}/{usual:.2g})")]
-    found += [term(f"tanh(turn/{DRY * seen.usual['turn']:.2g})"), term(f"tanh(r/{DRY * seen.usual['r']:.2g})")]
-    found += [term("(v+0.3 r)|v+0.3 r|"), term("(v+-0.3 r)|v+-0.3 r|")]
-    found += [term(f"wave({k:g} y)") for k in WAVES] + [term(f"wave({k:g} beta)") for k in HEADINGS]
-    found += [
-        term(f"bump({variable} at {place * seen.usual[variable]:.3g}, {0.5 * seen.usual[variable]:.3g} wide)")
-        for variable in ("y", "beta")
-        for place in PLACES
-    ]
-    found += [term(f"{variable}(t-{lag:g} s)") for variable in ("v", "r") for lag in LAGS_S]
-    return found
 
 
 def effect_of(
@@ -480,6 +502,7 @@ __all__ = [
     "ACTS",
     "DRY",
     "NAME",
+    "PLAIN",
     "Range",
     "Shape",
     "State",
@@ -487,7 +510,7 @@ __all__ = [
     "beyond",
     "dimensionless",
     "effect_of",
-    "grammar",
+    "family",
     "state_of",
     "term",
     "text_of",

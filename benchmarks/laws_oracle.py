@@ -1,0 +1,156 @@
+"""The oracle of the laws' benchmark: the truth's own form put into the diagnosis's fit; and gaps of tows that were not fitted.
+
+The form is the truth's function (blind/truth/laws.py); only the engine that fits it is the diagnosis's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from towline.blind.truth.cases import Case, lane_of
+from towline.blind.truth.laws import TERMS, law_force
+from towline.diagnose.effects import Effect, Parameter, Situation
+from towline.diagnose.inference.evidence import Fitted, Inference
+from towline.diagnose.inference.grams import Grams
+from towline.diagnose.inference.held_out import removed_share
+from towline.diagnose.inference.hypothesis import Hypothesis
+from towline.diagnose.inference.noise import Forces
+from towline.diagnose.tow.towed import TowSimulator
+
+WIDE = 3.0
+"""Prior standard deviation of a coefficient, over its true size: as good as free."""
+INSIDE = {0: {"p": 0.7}, 1: {"p": 0.7}, 3: {"a": 0.02}, 4: {"a": 0.02}, 5: {"b": 3.0}, 6: {"b": 3.0}, 7: {"p": 0.7},
+          8: {"p": 0.7, "b": 0.3}, 10: {"phase": 0.05, "a": 0.03}}  # fmt: skip
+"""Kind of a term -> the numbers inside it that a fit of the form has to find, with a prior about the truth. A wave's phase is found
+too, as its sine and cosine."""
+STEPS, TURNS, FEW_FORCES = 8, (3, 6), 0.1
+"""Of the oracle's fit: Gauss-Newton steps, when the random forces are estimated, and the share of the base's they begin with."""
+OWN_STEPS = 6
+"""Steps in which a tow that is not fitted finds its own start."""
+
+
+class _Numbers(dict):
+    """Lanes whose numbers may have columns."""
+
+    n: Any = ()
+
+    def __missing__(self, name: str) -> Any:
+        return np.zeros(())
+
+
+def true_effect(case: Case, inside: bool) -> tuple[Effect, np.ndarray]:
+    """The truth's law as an effect, and its true numbers.
+
+    Parameters
+    ----------
+    case : as drawn
+    inside : the numbers inside its terms (powers, thresholds, places) are fitted, too
+    """
+    lane = lane_of(case, 0)
+    fixed = {
+        name: value
+        for name, value in lane.items()
+        if name.startswith("law.") or name in ("length_pp", "tank_width", "speed_ref")
+    }
+    names, sds = [], []
+    for k in range(TERMS):
+        if f"law.kind{k}" not in fixed:
+            continue
+        kind = int(fixed[f"law.kind{k}"])
+        names += [name for which in ("side", "turn") if fixed.get(name := f"law.{which}{k}")]
+        sds += [WIDE * abs(fixed[n]) for n in names[len(sds) :]]
+        if inside:
+            more = INSIDE.get(kind, {}) | ({"phase": 1.0} if kind in (5, 6) else {})
+            names += [f"law.{which}{k}" for which in more]
+            sds += more.values()
+    values = np.array([fixed[n] for n in names])
+    coefficient = np.array([n[4:8] in ("side", "turn") for n in names])
+
+    def force(s: Situation, *numbers: Any) -> tuple[Any, Any]:
+        q = _Numbers({n: np.asarray(v) for n, v in fixed.items()} | dict(zip(names, numbers, strict=True)))
+        q.n = np.broadcast_shapes(np.shape(s.v_m_s), *(np.shape(v) for v in numbers))
+        now = SimpleNamespace(v=s.v_m_s, r=s.r_rad_s, speed=s.speed_m_s, y_m=s.y_m, beta=s.beta_rad)
+        return law_force(q, now)  # pyright: ignore[reportArgumentType]
+
+    parameters = tuple(
+        Parameter(n, "", float(sd), none=0.0 if c else float(v))
+        for n, sd, c, v in zip(names, sds, coefficient, values, strict=True)
+    )
+    return Effect("truth", "sway", parameters, "", "", force=force, sizes=(1.0,), form=0.0), values
+
+
+def oracle(case: Case, inference: Inference, base: Fitted) -> tuple[dict[str, Fitted], dict[str, dict[str, float]]]:
+    """The true form refitted, derivatives, starts and random forces with it: once its coefficients alone, once all its numbers.
+
+    Parameters
+    ----------
+    case : as drawn
+    inference, base : of the diagnosis: the runs with their noise, and the fit without effects
+
+    Returns
+    -------
+    fits : "coefficients" and "form"
+    numbers : of each, as numbers of the case
+    """
+    fits, numbers = {}, {}
+    for name, inside in (("coefficients", False), ("form", True)):
+        effect, values = true_effect(case, inside)
+        h = replace(base.hypothesis, effects=(effect,), numbers=(values,))
+        fits[name] = inference.fit([h], [base.forces.scaled(FEW_FORCES)], STEPS, TURNS)[0]
+        numbers[name] = dict(
+            zip((p.name for p in effect.parameters), map(float, fits[name].hypothesis.numbers[0]), strict=True)
+        )
+    return fits, numbers
+
+
+def gaps_beyond(simulator: TowSimulator, count: int, fits: Sequence[Fitted], forces: Forces) -> np.ndarray:
+    """Gaps on tows that took no part in a fit: root mean square of what is left of y and heading over the noise.
+
+    Derivatives and effects stay as the first runs have them; a tow's own start and settings are its own.
+
+    Parameters
+    ----------
+    simulator : of all runs, the first ``count`` are those that were fitted
+    count : of them
+    fits : hypotheses, fitted to the first runs
+    forces : random forces that all are measured by
+
+    Returns
+    -------
+    gaps : (fits, runs beyond)
+    """
+    runs, first = len(simulator.runs), list(range(count))
+    start = simulator.starts()[0]
+    found = []
+    for fitted in fits:
+        own = np.vstack([fitted.hypothesis.own, simulator.stated[count:]])
+        own[count:, :4] = start.own[count:, :4]
+        h = Hypothesis(fitted.hypothesis.shared, own, fitted.hypothesis.effects, fitted.hypothesis.numbers, start.path)
+        inference = Inference(simulator, simulator.noise(h))
+        for turn in range(OWN_STEPS + 1):
+            linear = inference.linear([h])[0]
+            grams = Grams(linear.columns, inference.noise)
+            step = inference.solve(grams, h, forces, first).shared
+            mine = inference.reduced(grams, h, forces).own_step(step)
+            if turn == OWN_STEPS:
+                break
+            moved = step.copy()
+            shared, effects = moved[: len(h.shared)], moved[inference.fixed(h) :]
+            cuts = np.cumsum([len(n) for n in h.numbers])[:-1]
+            numbers = tuple(n + e for n, e in zip(h.numbers, np.split(effects, cuts) if h.numbers else [], strict=True))
+            path = linear.slopes.moved(shared, mine, effects)
+            h = replace(h, shared=h.shared + shared, own=h.own + mine, numbers=numbers, path=path)
+        row = []
+        for run in range(count, runs):
+            left = inference.left(linear, forces, step, mine[run], run)[: len(inference.noise.runs[run].white)]
+            row.append(float(np.sqrt(left @ left / max(len(left) - simulator.free, 1))))
+        found.append(row)
+    return np.array(found)
+
+
+__all__ = ["gaps_beyond", "oracle", "removed_share", "true_effect"]

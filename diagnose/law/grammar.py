@@ -1,0 +1,58 @@
+"""Which terms are searched: powers, products, saturation, thresholds, waves, places and lags, each from several starts.
+
+The numbers inside a term are fitted in full for the best; where a fit begins decides where it ends, and each comes from several.
+"""
+
+from __future__ import annotations
+
+from .terms import DRY, PLAIN, Range, Term, term
+
+ODD, EVEN = (0.5, 1.5, 2.5, 4.0), (1.5, 3.0)
+"""Powers that stand beside the usual ones."""
+SATURATES, BEGINS = (DRY, 0.15, 0.5, 1.5), (0.7, 1.3, 2.0)
+"""At which share of a variable's usual size."""
+WAVES = (3.5, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0)
+"""Waves across half a tank, rad; a fit finds the number between them."""
+HEADINGS = (6.0, 9.0, 13.0, 19.0, 28.0)
+"""Waves in a radian of heading, rad."""
+PLACES, WIDE = (-1.2, -0.5, 0.0, 0.5, 1.2), (0.3, 0.7)
+"""Where a bump may be, in usual sizes of its variable, and how wide."""
+STATIONS = (-0.4, -0.2, 0.2, 0.4)
+"""Sections by whose own drift a force may go, in lengths ahead of midship."""
+LAGS_S = (0.5, 1.5, 4.0)
+"""Choices, a factor of three apart."""
+
+
+def grammar(seen: Range, width: bool) -> list[Term]:
+    """The terms that are searched.
+
+    Parameters
+    ----------
+    seen : of the runs
+    width : whether the tank's width is known
+    """
+    texts = [t.text for t in PLAIN if width or "1/(1" not in t.text]
+    for x in ("v", "r"):
+        usual = seen.usual[x]
+        texts += [f"sign |{x}|^{power}" for power in ODD] + [f"|{x}|^{power}" for power in EVEN]
+        texts += [f"tanh({x}/{share * usual:.2g})" for share in SATURATES]
+        texts += [f"beyond({x}/{share * usual:.2g})" for share in BEGINS]
+    texts += [f"tanh(turn/{share * seen.usual['turn']:.2g})" for share in SATURATES[:2]]
+    for x in STATIONS:
+        texts += [f"(v+{x} r)|v+{x} r|", f"sign |v+{x} r|^1.5", f"sign |v+{x} r|^3"]
+    texts += [
+        f"{one} |{other}|^{p}" for one, other in (("v", "y"), ("r", "y"), ("v", "r"), ("r", "v")) for p in (1.5, 3)
+    ]
+    texts += [f"sign |{a}|^{p} |{b}|^{q}" for a, b in (("v", "r"), ("r", "v")) for p, q in ((1, 2), (2, 1), (2, 2))]
+    texts += [f"wave({k:g} y)" for k in WAVES] + [f"wave({k:g} beta)" for k in HEADINGS]
+    texts += [
+        f"bump({x} at {place * seen.usual[x]:.3g}, {wide * seen.usual[x]:.3g} wide)"
+        for x in ("y", "beta")
+        for place in PLACES
+        for wide in WIDE
+    ]
+    texts += [f"{x}(t-{lag:g} s)" for x in ("v", "r") for lag in LAGS_S]
+    return [term(text) for text in dict.fromkeys(texts)]
+
+
+__all__ = ["grammar"]

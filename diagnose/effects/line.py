@@ -229,16 +229,23 @@ def _spring(s: Situation, compliance, damper, stiffens):
     return held * np.maximum(1 + 0.5 * stiffens * (share - 1), 0.1) + taut * damper * s.longer_rate_m_s
 
 
-def _weight(s: Situation, rub, drag, grows):
+_HEAVIER = Parameter("heavier", "", 0.005)
+"""By how much what keeps a tension pulls harder than the straight tow's resistance: the model then gains on the carriage, or falls
+back. So well is a resistance known when a weight is hung (usual size, a choice)."""
+
+
+def _weight(s: Situation, rub, drag, grows, heavier):
     """A weight over a pulley that rubs and drags, on a drum that grows."""
     sliding = np.tanh(s.longer_rate_m_s / SLIDES_M_S)
-    return s.tension_n * (1 + rub * sliding) + drag * s.longer_rate_m_s + grows * s.longer_m
+    held = s.tension_n * (1 + heavier) * (1 + rub * sliding)
+    return held + drag * s.longer_rate_m_s + grows * s.longer_m
 
 
-def _winch(s: Situation, power, late, wraps):
+def _winch(s: Situation, power, late, wraps, heavier):
     """A winch that holds R/cos(alpha)^power, a little late, and more by what a wrapped rope rubs."""
     angle = s.alpha_rad - late * s.alpha_rate
-    return s.tension_n * np.maximum(np.cos(angle), 0.1) ** -power * (1 + wraps * np.sqrt(np.sin(angle) ** 2 + 1e-4))
+    held = s.tension_n * (1 + heavier) * np.maximum(np.cos(angle), 0.1) ** -power
+    return held * (1 + wraps * np.sqrt(np.sin(angle) ** 2 + 1e-4))
 
 
 SURGING = "with the model's surge on it"
@@ -267,8 +274,11 @@ LAWS = (
         Parameter("rub", "", 0.03, one_sided=True),
         Parameter("drag_n_s_m", "N s/m", 2.0, one_sided=True),
         Parameter("grows_n_m", "N/m", 1.0),
+        _HEAVIER,
     ),
-    _surging(LAW, _winch, Parameter("power", "", 1.0), Parameter("late_s", "s", 0.3), Parameter("wraps", "", 0.2)),
+    _surging(
+        LAW, _winch, Parameter("power", "", 1.0), Parameter("late_s", "s", 0.3), Parameter("wraps", "", 0.2), _HEAVIER
+    ),
 )
 """Lines whose length is a state, because what they pull with follows a law: never absent, they begin at the measured motion
 (``Effect.law``)."""

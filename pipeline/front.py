@@ -233,7 +233,11 @@ def budget(
     runs : run folders of towed runs of one hull
     inputs : TOML that says more of the lines than run.toml does (docs/budget.md)
     gap : gap.json of the same runs, whose verdict is the model form's line
-    form, speed_m_s, priors, noise, line : as ``identify`` takes
+    form : as ``identify`` takes
+    speed_m_s : as ``identify`` takes
+    priors : as ``identify`` takes
+    noise : as ``identify`` takes
+    line : as ``identify`` takes
 
     Returns
     -------

@@ -232,16 +232,12 @@ def _linear_optimum(
     ends: list[Optimum] = []
     try:
         ends.append(minimise(problem, first, weights, progress, converged=ROUGH_CONVERGED))
-    except EstimationError as error:
-        failed = error
-    try:
         held = minimise(unbiased, first, weights, progress, converged=ROUGH_CONVERGED)
         end = minimise(problem, held.theta, weights, progress, converged=ROUGH_CONVERGED)
         ends.append(replace(end, steps=held.steps + end.steps))
-    except EstimationError as error:
-        failed = error
-    if not ends:
-        raise failed
+    except EstimationError:
+        if not ends:
+            raise
     return replace(min(ends, key=lambda end: end.chi_square), steps=sum(end.steps for end in ends))
 
 

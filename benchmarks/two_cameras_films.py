@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -53,7 +54,7 @@ class Filmed:
 def film_two(
     scenario: Path,
     folder: Path,
-    poses: tuple[dict[str, object], dict[str, object]],
+    poses: tuple[dict[str, Any], dict[str, Any]],
     ends_s: tuple[float, float],
     rates_hz: tuple[float, float],
     offset_s: float,
@@ -117,7 +118,7 @@ def film_two(
 
 
 def _as_filmed(
-    file: ScenarioFile, pose: dict[str, object], seed: int, size_px: tuple[int, int] | None, crf: int
+    file: ScenarioFile, pose: dict[str, Any], seed: int, size_px: tuple[int, int] | None, crf: int
 ) -> ScenarioFile:
     """The scenario as one of the cameras sees it."""
     content = file.model_dump(exclude_none=True)
@@ -166,13 +167,14 @@ def _encode(path: Path, frames: Iterator[tuple[int, float, np.ndarray]], own: Sc
         stream.codec_context.thread_count = 1
         stream.codec_context.time_base = 1 / rate
         for index, _, bgr in frames:
-            frame = av.VideoFrame.from_ndarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_I420), format="yuv420p")
+            yuv = np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_I420), dtype=np.uint8)
+            frame = av.VideoFrame.from_ndarray(yuv, format="yuv420p")
             frame.pts, frame.time_base = index, 1 / rate
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
 
 
-def _plain(value: object) -> object:
+def _plain(value: Any) -> Any:
     """Tuples as lists, for TOML."""
     if isinstance(value, dict):
         return {key: _plain(inner) for key, inner in value.items()}

@@ -68,7 +68,7 @@ def film_two(
     Parameters
     ----------
     scenario : scenario.toml with [film]
-    folder : run folder that is made
+    folder : run folder that is made; one that is whole already is taken as it is
     poses : [film.pose] of each camera
     ends_s : of each camera, when it stops, on the first clock; the first begins at 0, the second at ``offset_s``
     rates_hz : of each
@@ -84,8 +84,10 @@ def film_two(
     )
     motion = simulate_scenario(dense, scenario.parent)
     motion = motion.assign(t_s=motion["t_s"] + begin)
-    folder.mkdir(parents=True, exist_ok=True)
     filmed = Filmed(folder, offset_s, rate, motion)
+    if (folder / RUN_FILE).is_file():
+        return filmed
+    folder.mkdir(parents=True, exist_ok=True)
     cameras = []
     for index in (0, 1):
         zero, step = (0.0, 1.0) if index == 0 else (offset_s, 1.0 + rate)

@@ -79,9 +79,10 @@ def hand_overs(motion, common: np.ndarray, lag: np.ndarray, error: np.ndarray) -
     variance = motion[["sigma_y_cg_m", "sigma_beta_rad"]].to_numpy() ** 2
     steps = []
     for one, other in ((NAMES[0], BOTH), (BOTH, NAMES[1])):
-        if not ((names == one).any() and (names == other).any()):
+        went = np.flatnonzero((names[:-1] == one) & (names[1:] == other))
+        if not len(went):
             continue
-        edge = times[np.flatnonzero(names == other)[0]]
+        edge = times[went[-1] + 1]
         before = np.flatnonzero((names == one) & (times < edge) & (times > edge - STEP_S))
         after = np.flatnonzero((names == other) & (times >= edge) & (times < edge + STEP_S))
         if len(before) < 5 or len(after) < 5:

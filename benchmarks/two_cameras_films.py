@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -53,7 +54,7 @@ class Filmed:
 def film_two(
     scenario: Path,
     folder: Path,
-    poses: tuple[dict[str, object], dict[str, object]],
+    poses: tuple[dict[str, Any], dict[str, Any]],
     ends_s: tuple[float, float],
     rates_hz: tuple[float, float],
     offset_s: float,
@@ -67,7 +68,7 @@ def film_two(
     Parameters
     ----------
     scenario : scenario.toml with [film]
-    folder : run folder that is made
+    folder : run folder that is made; one that is whole already is taken as it is
     poses : [film.pose] of each camera
     ends_s : of each camera, when it stops, on the first clock; the first begins at 0, the second at ``offset_s``
     rates_hz : of each
@@ -83,8 +84,10 @@ def film_two(
     )
     motion = simulate_scenario(dense, scenario.parent)
     motion = motion.assign(t_s=motion["t_s"] + begin)
-    folder.mkdir(parents=True, exist_ok=True)
     filmed = Filmed(folder, offset_s, rate, motion)
+    if (folder / RUN_FILE).is_file():
+        return filmed
+    folder.mkdir(parents=True, exist_ok=True)
     cameras = []
     for index in (0, 1):
         zero, step = (0.0, 1.0) if index == 0 else (offset_s, 1.0 + rate)
@@ -117,7 +120,7 @@ def film_two(
 
 
 def _as_filmed(
-    file: ScenarioFile, pose: dict[str, object], seed: int, size_px: tuple[int, int] | None, crf: int
+    file: ScenarioFile, pose: dict[str, Any], seed: int, size_px: tuple[int, int] | None, crf: int
 ) -> ScenarioFile:
     """The scenario as one of the cameras sees it."""
     content = file.model_dump(exclude_none=True)
@@ -166,13 +169,14 @@ def _encode(path: Path, frames: Iterator[tuple[int, float, np.ndarray]], own: Sc
         stream.codec_context.thread_count = 1
         stream.codec_context.time_base = 1 / rate
         for index, _, bgr in frames:
-            frame = av.VideoFrame.from_ndarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_I420), format="yuv420p")
+            yuv = np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_I420), dtype=np.uint8)
+            frame = av.VideoFrame.from_ndarray(yuv, format="yuv420p")
             frame.pts, frame.time_base = index, 1 / rate
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
 
 
-def _plain(value: object) -> object:
+def _plain(value: Any) -> Any:
     """Tuples as lists, for TOML."""
     if isinstance(value, dict):
         return {key: _plain(inner) for key, inner in value.items()}

@@ -441,8 +441,12 @@ class RunFile(Table):
 
     @model_validator(mode="after")
     def _whole(self) -> RunFile:
-        if self.source.video == BY_CAMERAS:
-            return _first_of(self)._whole()
+        file = _first_of(self) if self.source.video == BY_CAMERAS else self
+        file._check()
+        return file
+
+    def _check(self) -> None:
+        """Raise ValueError unless the tables are those that a run of this kind and source needs."""
         if self.kind != "free":
             for table in ("tow", "model", "water"):
                 if getattr(self, table) is None:
@@ -456,7 +460,6 @@ class RunFile(Table):
         if self.source.motion is None:
             check_datum(self.datum)
             check_markers(self.marker)
-        return self
 
 
 def _first_of(file: RunFile) -> RunFile:

@@ -418,7 +418,7 @@ def test_two_films_end_to_end(films: ModuleType, samples: Path, tmp_path: Path, 
     motion = compute_run_motion(read_run(filmed.folder)).motion
     seen = motion[motion["status"] == "measured"]
     truth = filmed.truth(seen["t_s"].to_numpy())
-    stated = np.hypot(seen["sigma_y_cg_m"], seen["common_y_cg_m"]).to_numpy()
+    stated = np.hypot(seen["sigma_y_cg_m"].to_numpy(), seen["common_y_cg_m"].to_numpy())
     z = (seen["y_cg_m"].to_numpy() - truth[:, 1]) / stated
     assert np.sqrt(np.mean(z**2)) < 2.0
     assert set(seen["camera"]) == {"port", "starboard", "port+starboard"} - ({"port"} if offset["value"] < 0 else set())

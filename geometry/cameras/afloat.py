@@ -62,8 +62,8 @@ def afloat_view(run: Run, poses: Poses, mapping: Mapping) -> View:
     body = np.array([(*m.body_m, m.depth_m) for m in poses.markers])
     lowest = body[:, 2].max()
     own = body - [0.0, 0.0, lowest]
-    seen = np.isfinite(poses.place_m).all(axis=2) & np.isfinite(poses.covariance_m2).all(axis=(2, 3))
-    used = (seen.sum(axis=1) >= 3) & np.isfinite(poses.rigid.pose).all(axis=1)
+    seen = np.asarray(np.isfinite(poses.place_m).all(axis=2) & np.isfinite(poses.covariance_m2).all(axis=(2, 3)))
+    used = np.asarray((seen.sum(axis=1) >= 3) & np.isfinite(poses.rigid.pose).all(axis=1))
     n = len(seen)
     pose, covariance = np.full((n, NUMBERS), np.nan), np.full((n, NUMBERS, NUMBERS), np.nan)
     modes = np.zeros((len(poses.modes_m), n, NUMBERS))

@@ -27,14 +27,14 @@ from ..camera import Array
 from .clock import LEAST_TOGETHER_S, Clock, Start, starts
 from .view import Between, View, between, between_variance, rates
 
-RATE_SD = 1e-3
+RATE_SDS = (1e-4, 1e-3)
 """What is known of a camera's rate before anything is seen, relative: crystals are good to 1e-4, a file that says 30 for 29.97 is
-off by 1e-3."""
+off by 1e-3. Either, as likely as the other."""
 TOLD_S = 0.02
 """An offset known less well than this (standard deviation) is not told by the motion: half a frame of most cameras."""
 SURE_BY = 25.0
 """Of two offsets one is taken where the other's misfit is larger by more (chi-square; five standard deviations)."""
-LARGEST_RATE = 5 * RATE_SD
+LARGEST_RATE = 5 * RATE_SDS[-1]
 """A match at a larger rate is of two motions that happen to look alike."""
 UNLIKE = 0.1
 """And so is one that leaves more than this share of what y and heading vary by, and more than noise."""
@@ -52,10 +52,13 @@ COLOURED = 1e-3
 """A sum over frames varies by more than its frames where chance does it less often than this."""
 DISAGREE = 1e-3
 """Two cameras whose difference has less probability than this do not agree."""
-SIZES = (0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0)
+SIZES = (0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 1.6)
 """Pulls and lags over what is stated of them: sizes that are tried."""
-TOLD_SHARE = 0.02
-"""A mode, or a mixture of modes, is told by the difference where its variance shrinks by more than this share."""
+NOTHING = 12.0
+"""Sizes whose log likelihood lies so far below the best one's count for nothing: 6e-6 of it."""
+TOLD_SHARE = 0.5
+"""A mixture of modes is held against what is stated of it where the difference tells it better than that, its variance shrinks by
+more than this share. What it hardly tells would be judged by errors of second order, a hundredth of a millimetre."""
 
 
 @dataclass(frozen=True)
@@ -250,8 +253,10 @@ def _middle(second_s: Array) -> tuple[float, float]:
 
 
 def _clock_prior(offset_s: float, rate: float, middle: float, span: float, known: Known | None) -> tuple[Array, Array]:
-    """What is known of the clock's change, rows (q, 2) of unit variance and values (q,): the rate, and the offset if stated."""
-    rows, values = [[0.0, 1.0 / (span * RATE_SD)]], [-rate / RATE_SD]
+    """What is known of the clock's change, rows (q, 2) and values (q,): the rate, in units of itself, then the offset if stated, in
+    its standard deviations.
+    """
+    rows, values = [[0.0, 1.0 / span]], [-rate]
     if known is not None:
         rows.append([1.0 / known.sd_s, -middle / span / known.sd_s])
         values.append((known.offset_s - offset_s) / known.sd_s)
@@ -319,23 +324,30 @@ def _solve(
 ) -> tuple[Array, Array, Array]:
     """Clock's change and modes (2 + K,), their covariance, and what is left of the whitened differences.
 
-    How large pulls and lags are is stated as what they usually are at most: the differences tell it, by their likelihood at each of
-    ``SIZES``; the answer is the mean over these with its scatter.
+    How large pulls and lags are is stated as what they usually are at most, and how good the rate is as one of two: the differences
+    tell it, by their likelihood at each of ``SIZES`` and ``RATE_SDS``; the answer is the mean over these with its scatter.
     """
     rows, values = prior
     slope, gap = at.white_slope / np.sqrt(inflation), at.white_gap / np.sqrt(inflation)
     normal, right = slope.T @ slope, slope.T @ gap
-    normal[:2, :2] += rows.T @ rows
-    right[:2] += rows.T @ values
     pulls, lags = _slow(first, second)
     tried = []
-    for pull, lag in product(SIZES if pulls.any() else (1.0,), SIZES if lags.any() else (1.0,)):
+    for rate_sd, pull, lag in product(RATE_SDS, SIZES if pulls.any() else (1.0,), SIZES if lags.any() else (1.0,)):
+        scale = np.array([1 / rate_sd, 1.0][: len(values)])
+        known, said = rows * scale[:, None], values * scale
         weight = np.where(pulls, pull**-2, np.where(lags, lag**-2, 1.0))
-        factor = cho_factor(normal + np.diag(np.concatenate([[0.0, 0.0], weight])), lower=True)
-        theta = cho_solve(factor, right)
-        likely = 0.5 * (right @ theta + np.log(weight).sum()) - np.log(np.diag(factor[0])).sum()
-        tried.append((likely, theta, cho_solve(factor, np.eye(len(normal)))))
-    share = np.exp([likely - max(one[0] for one in tried) for likely, _, _ in tried])
+        whole, pulled = normal + np.diag(np.concatenate([[0.0, 0.0], weight])), right.copy()
+        whole[:2, :2] += known.T @ known
+        pulled[:2] += known.T @ said
+        factor = cho_factor(whole, lower=True)
+        theta = cho_solve(factor, pulled)
+        likely = 0.5 * (pulled @ theta - said @ said + np.log(weight).sum()) - np.log(rate_sd)
+        likely -= np.log(np.diag(factor[0])).sum()
+        tried.append((likely, theta, factor))
+    best = max(likely for likely, _, _ in tried)
+    tried = [one for one in tried if one[0] > best - NOTHING]
+    tried = [(likely, theta, cho_solve(factor, np.eye(len(normal)))) for likely, theta, factor in tried]
+    share = np.exp([likely - best for likely, _, _ in tried])
     share /= share.sum()
     theta = sum(s * one for s, (_, one, _) in zip(share, tried, strict=True))
     covariance = sum(

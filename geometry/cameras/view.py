@@ -49,7 +49,7 @@ class View:
     @cached_property
     def seen(self) -> NDArray[np.bool_]:
         """(n,) frames in which the model was seen."""
-        return np.isfinite(self.pose).all(axis=1)
+        return np.asarray(np.isfinite(self.pose).all(axis=1))
 
     @cached_property
     def step_s(self) -> float:
@@ -94,7 +94,8 @@ def view_of(run: Run, poses: Poses) -> View:
     run : as one camera sees it
     poses : ``poses_from_tracks``'s
     """
-    modes = np.where(np.isfinite(poses.rigid.pose).all(axis=1)[None, :, None], poses.pose_modes, 0.0)
+    seen = np.asarray(np.isfinite(poses.rigid.pose).all(axis=1))
+    modes = np.where(seen[None, :, None], poses.pose_modes, 0.0)
     return View(
         poses.t_s, poses.rigid.pose, poses.rigid.covariance, modes, poses.lags, pulls_of(run, poses), shared_modes(run)
     )

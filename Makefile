@@ -47,8 +47,9 @@ demo: $(VENV)/.demo
 test: $(VENV)/.test-$(STAMP)
 	@$(MAKE) --no-print-directory -j2 lint pytest
 
+# Byte code is kept, whatever the environment says: a hundred tests start Python anew, and each would compile the package first.
 pytest: $(VENV)/.test-$(STAMP)
-	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests -n $(WORKERS) --dist worksteal
+	PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests -n $(WORKERS) --dist worksteal
 
 lint: $(VENV)/.test-$(STAMP)
 	$(BIN)/ruff check .

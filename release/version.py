@@ -55,4 +55,4 @@ def released(root: Path, version: str, day: str) -> None:
 
 
 if __name__ == "__main__":
-    released(ROOT, *(sys.argv[1:] or [""]), datetime.now(UTC).date().isoformat())
+    released(ROOT, "".join(sys.argv[1:2]), datetime.now(UTC).date().isoformat())

@@ -139,8 +139,8 @@ def innovations(
     which, steps = _steps(data.t_s)
     transition, added = step_model(data, six, noise, speed_m_s, steps, slow)
     # each value once, and its change by each of what moves it: real products of small matrices, not complex ones of twelve copies
-    step, d_step = transition[:, 0].real.copy(), transition[:, 1:].imag / EPS
-    drive, d_drive = added[:, 0].real.copy(), added[:, 1:].imag / EPS
+    step, d_step = np.real(transition[:, 0]).copy(), np.imag(transition[:, 1:]) / EPS
+    drive, d_drive = np.real(added[:, 0]).copy(), np.imag(added[:, 1:]) / EPS
     states = step.shape[-1]
     white = data.covariance if slow is None else data.covariance * np.sqrt(np.outer(slow.share, slow.share))
     scale = np.exp(noise[3:5])

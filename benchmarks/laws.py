@@ -142,7 +142,7 @@ def summary(answers: list[dict[str, Any]]) -> list[str]:
             )
             off = [
                 abs(removed_share(g["before"], g["answer"]) - removed_share(g["before"], g["oracle"]))
-                for g in there if removed_share(g["before"], g["oracle"]) > OFF
+                for g in there if np.isfinite(g["before"]) and removed_share(g["before"], g["oracle"]) > OFF
             ]  # fmt: skip
             if off:
                 lines.append(f"beyond, {what}: shrink off the oracle's by {np.median(off):.3f} (median of {len(off)})")

@@ -122,35 +122,42 @@ def gaps_beyond(simulator: TowSimulator, count: int, fits: Sequence[Fitted], for
 
     Returns
     -------
-    gaps : (fits, runs beyond)
+    gaps : (fits, runs beyond); infinite where the simulator cannot follow them
     """
-    runs, first = len(simulator.runs), list(range(count))
-    start = simulator.starts()[0]
-    found = []
+    beyond, first = len(simulator.runs) - count, list(range(count))
+    rows = []
     for fitted in fits:
-        own = np.vstack([fitted.hypothesis.own, simulator.stated[count:]])
-        own[count:, :4] = start.own[count:, :4]
-        h = Hypothesis(fitted.hypothesis.shared, own, fitted.hypothesis.effects, fitted.hypothesis.numbers, start.path)
-        inference = Inference(simulator, simulator.noise(h))
-        for turn in range(OWN_STEPS + 1):
-            linear = inference.linear([h])[0]
-            grams = Grams(linear.columns, inference.noise)
-            step = inference.solve(grams, h, forces, first).shared
-            mine = inference.reduced(grams, h, forces).own_step(step)
-            if turn == OWN_STEPS:
-                break
-            moved = step.copy()
-            shared, effects = moved[: len(h.shared)], moved[inference.fixed(h) :]
-            cuts = np.cumsum([len(n) for n in h.numbers])[:-1]
-            numbers = tuple(n + e for n, e in zip(h.numbers, np.split(effects, cuts) if h.numbers else [], strict=True))
-            path = linear.slopes.moved(shared, mine, effects)
-            h = replace(h, shared=h.shared + shared, own=h.own + mine, numbers=numbers, path=path)
-        row = []
-        for run in range(count, runs):
-            left = inference.left(linear, forces, step, mine[run], run)[: len(inference.noise.runs[run].white)]
-            row.append(float(np.sqrt(left @ left / max(len(left) - simulator.free, 1))))
-        found.append(row)
-    return np.array(found)
+        try:
+            rows.append(_gaps(simulator, first, fitted, forces))
+        except np.linalg.LinAlgError:  # a simulator that cannot follow these tows at all
+            rows.append([np.inf] * beyond)
+    return np.array(rows)
+
+
+def _gaps(simulator: TowSimulator, first: list[int], fitted: Fitted, forces: Forces) -> list[float]:
+    count, start = len(first), simulator.starts()[0]
+    own = np.vstack([fitted.hypothesis.own, simulator.stated[count:]])
+    own[count:, :4] = start.own[count:, :4]
+    h = Hypothesis(fitted.hypothesis.shared, own, fitted.hypothesis.effects, fitted.hypothesis.numbers, start.path)
+    inference = Inference(simulator, simulator.noise(h))
+    for turn in range(OWN_STEPS + 1):
+        linear = inference.linear([h])[0]
+        grams = Grams(linear.columns, inference.noise)
+        step = inference.solve(grams, h, forces, first).shared
+        mine = inference.reduced(grams, h, forces).own_step(step)
+        if turn == OWN_STEPS:
+            break
+        shared, effects = step[: len(h.shared)], step[inference.fixed(h) :]
+        cuts = np.cumsum([len(n) for n in h.numbers])[:-1]
+        numbers = tuple(n + e for n, e in zip(h.numbers, np.split(effects, cuts) if h.numbers else [], strict=True))
+        path = linear.slopes.moved(shared, mine, effects)
+        h = replace(h, shared=h.shared + shared, own=h.own + mine, numbers=numbers, path=path)
+    row = []
+    for run in range(count, len(simulator.runs)):
+        left = inference.left(linear, forces, step, mine[run], run)[: len(inference.noise.runs[run].white)]
+        gap = float(np.sqrt(left @ left / max(len(left) - simulator.free, 1)))
+        row.append(gap if np.isfinite(gap) else np.inf)
+    return row
 
 
 __all__ = ["gaps_beyond", "oracle", "removed_share", "true_effect"]

@@ -98,7 +98,7 @@ def field_figure(searched: Searched, field: Field, which: int) -> Html:
     grids = [_grid_of(group, searched.seen.ends[group[0]], at) for at in second]
     drawing, axes = new_figure(2.8, columns=2)
     data: dict[str, Columns] = {}
-    plain = np.column_stack([states.v, states.r])
+    plain = np.column_stack([states.v, states.r, np.ones(len(states.v))])
     there = np.array(basis.values(states)).T
     by_plain = np.linalg.lstsq(plain, there, rcond=None)[0]
     for k, ax in enumerate(axes):
@@ -107,8 +107,8 @@ def field_figure(searched: Searched, field: Field, which: int) -> Html:
         mean, spread = numbers[which][part], field.covariance[own, own][part, part]
         ax.axhline(0.0, color=GREY, linewidth=0.6)
         for one, (at, grid) in enumerate(zip(second, grids, strict=True)):
-            # what is linear in drift and yaw rate is the derivatives'
-            table_of = np.array(basis.values(grid)).T - np.column_stack([grid.v, grid.r]) @ by_plain
+            # what is linear in drift and yaw rate is the derivatives', and a constant one hides behind the settings' errors
+            table_of = np.array(basis.values(grid)).T - np.column_stack([grid.v, grid.r, np.ones(GRID)]) @ by_plain
             force = scale[k] * table_of @ mean
             sd = scale[k] * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", table_of, spread, table_of), 0.0))
             x, colour = getattr(grid, group[0]), (BLUE, GREY, VERMILION)[one if len(second) == 1 else (1, 0, 2)[one]]
@@ -119,13 +119,14 @@ def field_figure(searched: Searched, field: Field, which: int) -> Html:
         low, high = ax.get_ylim()
         ax.plot(getattr(states, group[0]), np.full(len(states.v), low), "|", color=GREY, markersize=5, alpha=0.25)
         ax.set_ylim(low, high)
+        ax.locator_params(axis="x", nbins=5)
         label(ax, x=WORDS[group[0]], y=what)
     if len(second) > 1:
         axes[0].legend(fontsize=7, frameon=False)
     return figure(
         svg_image(drawing, "the missing force without an equation", f"field-{which}", data),
         f"The missing force as a smooth function of {' and '.join(group)} at {simulator.speed_m_s:.2f} m/s, with two standard "
-        "deviations; the marks below are where the runs have been. What is linear in drift and yaw rate is left out.",
+        "deviations; marks below: where the runs have been. Its mean, and what is linear in drift and yaw rate, are not drawn.",
     )
 
 

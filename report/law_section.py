@@ -113,7 +113,7 @@ def field_figure(searched: Searched, field: Field, which: int) -> Html:
             sd = scale[k] * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", table_of, spread, table_of), 0.0))
             x, colour = getattr(grid, group[0]), (BLUE, GREY, VERMILION)[one if len(second) == 1 else (1, 0, 2)[one]]
             ax.fill_between(x, force - 2 * sd, force + 2 * sd, color=colour, alpha=0.18, linewidth=0)
-            name = None if np.isnan(at) else f"{group[1]} {at:.2g}"
+            name = None if np.isnan(at) else f"{group[-1]} {at:.2g}"
             ax.plot(x, force, color=colour, linewidth=1.3, label=name)
             data[f"{what} {name or ''}".strip()] = {group[0]: x, what: force, "sd": sd}
         low, high = ax.get_ylim()

@@ -135,7 +135,9 @@ def extended(inference: Inference, ranking: Ranking, candidates: Sequence[Candid
     candidates : more of them; log evidence over the same base's
     """
     every = [*ranking.candidates, *candidates]
-    return shared_out(inference, _ranking(inference, ranking.base, every, ranking.free, ranking.beside, ranking.excluded))
+    return shared_out(
+        inference, _ranking(inference, ranking.base, every, ranking.free, ranking.beside, ranking.excluded)
+    )
 
 
 def _unlike(simulator: Diagnosable, base: Fitted, spread: Spread) -> list[tuple[float, Hypothesis, Forces]]:

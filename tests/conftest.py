@@ -160,7 +160,8 @@ def cases(root: Path) -> ModuleType:
 
 @pytest.fixture
 def registries() -> Iterator[None]:
-    """Looks and sources that the test registers are forgotten behind it."""
+    """Looks, sources and estimators that the test registers are forgotten behind it."""
+    from towline.identify.estimators import ESTIMATORS
     from towline.record.looks import DATUM_LOOKS, LOOKS
     from towline.record.sources import KINDS
     from towline.vision.datum_find import FINDERS
@@ -168,7 +169,7 @@ def registries() -> Iterator[None]:
     from towline.vision.recording.source import OPENED_BY
 
     with ExitStack() as stack:
-        for table in (LOOKS, TRACKERS, DATUM_LOOKS, FINDERS, KINDS, OPENED_BY):
+        for table in (LOOKS, TRACKERS, DATUM_LOOKS, FINDERS, KINDS, OPENED_BY, ESTIMATORS):
             stack.enter_context(table.kept())
         yield
 

@@ -12,7 +12,7 @@ import pytest
 import towline
 from towline.cli import main
 from towline.identify import RunData
-from towline.identify.estimators import ESTIMATORS, estimators_table, register_estimator
+from towline.identify.estimators import estimators_table, register_estimator
 from towline.identify.methods import SixEstimate
 
 SIX = np.array([149.19, 62.11, -52.87, -66.33, -48.51, -57.60])
@@ -45,13 +45,6 @@ def two_tows(tmp_path: Path) -> list[str]:
     return folders
 
 
-@pytest.fixture
-def forgotten() -> object:
-    """What a test registers is forgotten behind it."""
-    with ESTIMATORS.kept():
-        yield
-
-
 @pytest.mark.parametrize("name", ["decay", "determinant", "trace"])
 def test_the_thesiss_ways_give_the_six_within_what_they_state(two_tows: list[str], tmp_path: Path, name: str) -> None:
     assert main(["identify", *two_tows, "--estimator", name, "-o", str(tmp_path)]) == 0
@@ -62,7 +55,7 @@ def test_the_thesiss_ways_give_the_six_within_what_they_state(two_tows: list[str
     assert not (tmp_path / "derivatives.json").exists()
 
 
-def test_one_of_ones_own_is_asked_for_by_name(two_tows: list[str], tmp_path: Path, forgotten: object, capsys) -> None:
+def test_one_of_ones_own_is_asked_for_by_name(two_tows: list[str], tmp_path: Path, registries: None, capsys) -> None:
     @register_estimator("guess", "what the tests know", "any run")
     def guess(runs: Sequence[RunData], speed_m_s: float) -> SixEstimate:
         ratio = np.array([1, 1, *4 * [speed_m_s / 1.28]])
@@ -88,7 +81,7 @@ def test_one_of_ones_own_is_asked_for_by_name(two_tows: list[str], tmp_path: Pat
     ],
 )
 def test_what_cannot_be_is_said(
-    two_tows: list[str], tmp_path: Path, forgotten: object, capsys, options: list[str], words: str
+    two_tows: list[str], tmp_path: Path, registries: None, capsys, options: list[str], words: str
 ) -> None:
     own = tmp_path / "own.py"
     own.write_text(

@@ -321,7 +321,7 @@ def test_every_key_stands_in_the_file_with_the_schemas_words(
 ) -> None:
     assert main(["init", str(filmed), "--yes", "--kind", kind]) == 0
     text = (filmed / "run.toml").read_text(encoding="utf-8")
-    for name, field in RunFile.model_fields.items():
+    for name, field in of_one_camera().items():
         model = table_in(field.annotation)
         for key, inner in {name: field}.items() if model is None else model.model_fields.items():
             if table_in(inner.annotation) is None:
@@ -354,6 +354,11 @@ ONE_OF = {
     "model": "yaw_inertia_kg_m2 and gyration_k2_m2 are both given",
 }
 """Keys of which one is expected: the only faults of a template whose every key is put in force."""
+
+
+def of_one_camera() -> dict[str, Any]:
+    """The tables of run.toml that ``towline init`` writes of one recording; two cameras stand instead of some of them."""
+    return {name: field for name, field in RunFile.model_fields.items() if name != "cameras"}
 
 
 def in_force(text: str) -> str:
@@ -390,7 +395,7 @@ def test_the_template_with_every_comment_taken_out_is_a_run_toml(
     faults = faults_of(content)
     assert set(faults) == set(ONE_OF)
     assert all(ONE_OF[where] in said for where, said in faults.items())
-    for name, field in RunFile.model_fields.items():
+    for name, field in of_one_camera().items():
         model, rows = table_in(field.annotation), content[name]
         if model is not None:
             first = rows[0] if field.default == () else rows

@@ -213,7 +213,7 @@ def tolerances(bundle: Bundle, run: Run, fit: DatumFit) -> Array:
         "depth": priors.marker_depth_sd_m,
         "ahead": priors.marker_place_sd_m,
         "aside": priors.marker_place_sd_m,
-        "line length": priors.line_length_sd_m,
+        "line length": 0.0 if priors.line_is_usual else priors.line_length_sd_m,
         "tow point": priors.tow_point_sd_m,
         "post ahead": 0.0,
     }

@@ -16,6 +16,7 @@ from .combine import coverage_factor, effective_degrees
 from .components import INFINITE
 
 ALPHA, BETA, PULL, POINT = range(4)
+"""Columns of what a steady tow holds."""
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from towline.diagnose.effects import LIBRARY
+from towline.diagnose.effects import LAWS, LIBRARY
 from towline.diagnose.gap import Diagnosis, diagnosed
 from towline.diagnose.inference.hypothesis import Hypothesis
 from towline.diagnose.simulated import effects_of, with_effects
-from towline.diagnose.tow.data import Recorded, TowRun, block_step, tow_runs
+from towline.diagnose.tow.data import CHANNELS, Recorded, TowRun, block_step, tow_runs
 from towline.diagnose.tow.towed import TowSimulator
 from towline.pipeline.diagnosing import diagnose_folders
 from towline.record import Run, RunFile
@@ -283,6 +283,26 @@ def test_the_saved_simulator_is_the_diagnosis_own(label: str, numbers: dict[str,
     for channel, column in enumerate(("y_cg_m", "beta_rad")):
         mean = np.bincount(block[inside], motion[column].to_numpy()[inside]) / np.bincount(block[inside])
         assert np.abs(ours[:, channel] - mean).max() < STEPPED, channel
+
+
+def test_a_model_gains_on_the_carriage_under_a_weight_heavier_than_its_resistance() -> None:
+    """Ahead (m - X_udot) u' = R h - n R/U (u - U), so that the line shortens as a lag of first order: by U h/n in the end.
+
+    To second order in that share, and what a mean over a block of 0.35 s rounds of the lag's begin (micrometres).
+    """
+    heavier, model = 0.003, TowSimulator([stated()])
+    weight = next(law for law in LAWS if law.name == "constant_tension")
+    own = np.array([[0, 0, 0, 0, 0, 0, R_N, 1.548, LINE_M, 1.28, 0, 0.0]])
+    shared = np.array([getattr(HULL, n) for n in model.shared_names])
+    lengths = []
+    for more in (0.0, heavier):
+        numbers = np.array([more if p.name == "heavier" else 0.0 for p in weight.parameters])
+        (values,) = model.values([Hypothesis(shared, own, (weight,), (numbers,))])
+        lengths.append(np.array(values)[0, :, CHANNELS.index("line")])
+    lag_s = (HULL.mass_kg - HULL.x_udot_kg) * 1.28 / (HULL.resistance_exponent * R_N)
+    t_s = model.runs[0].centre_s
+    gained = 1.28 * heavier / HULL.resistance_exponent * (t_s - lag_s * (1 - np.exp(-t_s / lag_s)))
+    np.testing.assert_allclose(lengths[0] - lengths[1], gained, rtol=heavier, atol=3e-6)
 
 
 def test_a_line_that_gives_is_simulated_as_a_spring() -> None:

@@ -307,9 +307,8 @@ def common_key(run: Run) -> str:
 
 def lag_key(run: Run) -> str:
     """The same for runs whose lags and pulls are the same numbers: of one camera, wherever it stood."""
-    return sha256_of_texts(
-        "lag", repr(run.file.camera), *(m.name for m in run.file.marker), *(c for c in _second_camera(run)[:1])
-    )
+    names = (m.name for m in run.file.marker)
+    return sha256_of_texts("lag", repr(run.file.camera), *names, *_second_camera(run)[:1])
 
 
 def _second_camera(run: Run) -> tuple[str, ...]:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from ...__version__ import __version__
 from ...record.cameras_file import CamerasFile
 from ...record.errors import InputError, TowlineError
-from ...record.files import read_array, write_array
+from ...record.files import write_array
 from ...record.results import CameraFile, read_result, write_result
 from ...record.run import CORRECTIONS, Run, cameras_of
 from ...record.tables import input_hash_of, read_motion, write_table
 from ..mistaken import named
 from ..progress import Progress
-from .motion import CAMERA, COMMON, LAG, MARKS, MOTION, RunMotion, compute_camera_motion, moving_datum
+from .motion import CAMERA, COMMON, LAG, MARKS, MOTION, RunMotion, compute_camera_motion, kept_motion, moving_datum
 from .tracks import fit_run_datum
 from .versions import stamp_of
 
@@ -55,7 +53,7 @@ def join_cameras(
     stamp = stamp_of(run, "cameras", method)
     paths = {name: run.out / name for name in (MARKS, MOTION, COMMON, LAG, CAMERA, CAMERAS)}
     if not fresh and input_hash_of(paths[MOTION]) == stamp and all(path.is_file() for path in paths.values()):
-        kept = _kept(run, paths, each)
+        kept = _kept(run, each)
         if kept is not None:
             return kept
     if progress is not None:
@@ -128,17 +126,14 @@ def _marks(run: Run, each: list[RunMotion], said: CamerasFile):
     return pd.concat(tables, ignore_index=True).sort_values(["t_s", "camera", "marker"], kind="stable")
 
 
-def _kept(run: Run, paths: dict[str, Path], each: list[RunMotion]) -> tuple[RunMotion, CamerasFile] | None:
-    """The motion as it stands; None where a file of it is damaged, so that it is made anew."""
+def _kept(run: Run, each: list[RunMotion]) -> tuple[RunMotion, CamerasFile] | None:
+    """The motion and what the cameras say, as they stand; None where a file of it is damaged, so that it is made anew."""
+    motion = kept_motion(run, each[0].tracks)
     try:
-        common, lag = (read_array(paths[name]) for name in (COMMON, LAG))
-        motion, camera = read_motion(paths[MOTION]), read_result(paths[CAMERA], CameraFile)
-        said = read_result(paths[CAMERAS], CamerasFile)
+        said = read_result(run.out / CAMERAS, CamerasFile)
     except (OSError, ValueError, EOFError, TowlineError):
         return None
-    if not common.shape[1:] == lag.shape[1:] == (len(motion), 3):
-        return None
-    return RunMotion(run, motion, common, camera, each[0].tracks, lag), said
+    return None if motion is None else (motion, said)
 
 
 __all__ = ["CAMERAS", "compute_run_motion", "join_cameras", "refuse_corrections"]

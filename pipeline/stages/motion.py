@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -68,7 +67,7 @@ def compute_camera_motion(
     stamp = stamp_of(run, "motion", method)
     paths = {name: run.out / name for name in (MARKS, MOTION, COMMON, LAG, CAMERA)}
     if not fresh and input_hash_of(paths[MOTION]) == stamp and all(p.is_file() for p in paths.values()):
-        kept = _kept(run, paths, tracks)
+        kept = kept_motion(run, tracks)
         if kept is not None:
             return kept
     if progress is not None:
@@ -101,11 +100,17 @@ def moving_datum(run: Run) -> pd.DataFrame | None:
     return read_tracks(refound) if moving else None
 
 
-def _kept(run: Run, paths: dict[str, Path], tracks: pd.DataFrame) -> RunMotion | None:
-    """The motion as it stands; None where a file of it is damaged, so that it is made anew."""
+def kept_motion(run: Run, tracks: pd.DataFrame | None) -> RunMotion | None:
+    """The motion as it stands in out/; None where a file of it is damaged, so that it is made anew.
+
+    Parameters
+    ----------
+    run : whose motion was made
+    tracks : behind it
+    """
     try:
-        common, lag = (read_array(paths[name]) for name in (COMMON, LAG))
-        motion, camera = read_motion(paths[MOTION]), read_result(paths[CAMERA], CameraFile)
+        common, lag = (read_array(run.out / name) for name in (COMMON, LAG))
+        motion, camera = read_motion(run.out / MOTION), read_result(run.out / CAMERA, CameraFile)
     except (OSError, ValueError, EOFError, TowlineError):
         return None
     whole = common.shape[1:] == lag.shape[1:] == (len(motion), 3)

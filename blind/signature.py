@@ -77,38 +77,53 @@ STRENGTH: dict[str, tuple[str, ...]] = {
     "law": ("side0", "turn0", "side1", "turn1"),
 }
 """The numbers that make an effect large or small, those of all its forms."""
-RIVALS: dict[str, tuple[dict[str, float], ...]] = {
-    "crossflow_drag": ({"drag_m": 0.01}, {"drag_m": 0.01, "tilt": 1.0}),
-    "cubic_damping": ({"side": 0.1}, {"side": 0.1, "arm": 0.5}, {"turn": 0.002}),
-    "hull_asymmetry": ({"lift_n_s2_m2": 0.005}, {"twist_n_m_s2_m2": 0.005}),
-    "added_mass_coupling": ({"y_rdot": 2.0}, {"n_vdot": 2.0}),
+Way = dict[str, float]
+"""A direction in which an effect moves the picture: its numbers, small."""
+RIVALS: dict[str, tuple[tuple[Way, ...], ...]] = {
+    "crossflow_drag": (({"drag_m": 0.01}, {"drag_m": 0.01, "tilt": 1.0}),),
+    "cubic_damping": (
+        ({"side": 0.1}, {"side": 0.1, "arm": 0.5}, {"turn": 0.002}),
+        ({"plain_side": 0.1}, {"plain_side": 0.1, "arm": 0.5}, {"plain_turn": 0.002}),
+    ),
+    "hull_asymmetry": (({"lift_n_s2_m2": 0.005}, {"twist_n_m_s2_m2": 0.005}), ({"wire_n": 0.005}, {"wire_n_m": 0.005})),
+    "added_mass_coupling": (({"y_rdot": 2.0}, {"n_vdot": 2.0}),),
     "fluid_memory": tuple(
-        {which: 0.03, "quick": 1.0, "fast_s": lag, "slow_s": lag, "arm": 0.8}
+        tuple({which: 0.03, "quick": 1.0, "fast_s": lag, "slow_s": lag, "arm": 0.8} for which in ("sway", "yaw"))
         for lag in (0.5, 1.5, 4.0)
-        for which in ("sway", "yaw")
     ),
-    "bank_suction": ({"strength_m5": 0.0005}, {"strength_m5": 0.0005, "lead": 1.0}),
-    "cross_current": ({"flow_m_s": 0.001},),
-    "speed_drift": ({"share": 0.002, "settle_s": 300.0},),
-    "tension_variation": ({"power": 1.0, "period_s": 0.6},),
-    "constant_tension": ({"weight": 1.0},),
-    "elastic_line": ({"compliance_m_n": 0.0003, "damping": 0.3},),
-    "tow_point_offset": ({"offset_m": 0.001},),
-    "swivel_friction": ({"moment_n_m": 0.003},),
-    "lens_distortion": ({"bend": 0.002},),
-    "deck_height": ({"depth_m": 0.001},),
-    "camera_shift": ({"right_rad": 2e-4}, {"down_rad": 2e-4}, {"roll_rad": 2e-4}),
-    "datum_scale": ({"scale": 0.001},),
-    "datum_bias": ({"ahead_m": 0.001}, {"aside_m": 0.001}),
-    "marker_roll": (
-        {"lean_rad": 0.005, "period_s": 0.6, "damping": 0.7},
-        {"lean_rad": 0.005, "period_s": 1.5, "damping": 0.7},
+    "bank_suction": (
+        ({"strength_m5": 0.0005}, {"strength_m5": 0.0005, "lead": 1.0}),
+        *(
+            ({wall: 0.05, "power": power}, {wall: 0.05, "power": power, "lever": 0.3})
+            for wall in ("gap_n_s2_m2", "near_n_s2_m2")
+            for power in (1.0, 3.0)
+        ),
     ),
-    "frame_rate": ({"fast": 0.001},),
-    "sync_delay": ({"delay_s": 0.02},),
-    "rolling_shutter": ({"readout_s": 0.003},),
+    "cross_current": (({"flow_m_s": 0.001},), ({"even_m_s": 0.001}, {"grows_m_s": 0.001})),
+    "speed_drift": (({"share": 0.002, "settle_s": 20.0}, {"ramp_share": 0.002, "ramp_end": 1.05}),),
+    "tension_variation": (({"power": 1.0, "period_s": 0.6},),),
+    "constant_tension": (({"weight": 1.0},),),
+    "elastic_line": (({"compliance_m_n": 0.0003, "damping": 0.3},),),
+    "tow_point_offset": (({"offset_m": 0.001},),),
+    "swivel_friction": (({"moment_n_m": 0.003}, {"oil_n_m": 0.003}), ({"post_n_m": 0.003},)),
+    "lens_distortion": (({"bend": 0.002},), ({"k1": 0.002},)),
+    "camera_shift": (({"right_rad": 2e-4}, {"down_rad": 2e-4}, {"roll_rad": 2e-4}),),
+    "deck_height": (({"depth_m": 0.001}, {"trim_m": 0.001}), ({"depth_m": 0.001}, {"squat_m": 0.001})),
+    "datum_scale": (({"ahead_scale": 0.001}, {"aside_scale": 0.001}),),
+    "datum_bias": (({"ahead_m": 0.001}, {"aside_m": 0.001}),),
+    "marker_roll": tuple(
+        (
+            {"lean_rad": 0.005, "period_s": period, "damping": 0.7},
+            {"sway_rad": 0.005, "period_s": period, "damping": 0.7},
+            {"turn_rad": 0.005, "period_s": period, "damping": 0.7},
+        )
+        for period in (0.6, 1.5)
+    ),
+    "frame_rate": (({"fast": 0.001}, {"drift": 0.001}),),
+    "sync_delay": (({"delay_s": 0.02}, {"drift_s": 0.02}),),
+    "rolling_shutter": (({"readout_s": 0.003},), ({"across_s": 0.003},)),
 }
-"""The directions in which the library's effects move the picture; an effect of several is refitted in all of them."""
+"""Forms of the library's effects, each by the directions in which it moves the picture; a form is refitted in all of its own."""
 PICKED = ("lens_distortion.", "datum_scale.")
 """Effects that move the datum's points in the picture, too."""
 CELL_MEAN, CELL_SKIPS_S = 5, 3.0
@@ -142,7 +157,7 @@ class Sensed:
     common : ``(n, c)`` derivatives (free), surge and the camera's pose (unit prior)
     prior : ``(c,)`` 1/sd^2 of the common numbers
     truth : effect -> ``(n, 1)`` its signature at its true size
-    rivals : effect -> ``(n, k)``
+    rivals : effect -> of each form ``(n, k)``
     rows : slice of each run's pixels (a load cell's rows, where there are any, follow them)
     whiteners : lower Cholesky factor of the covariance of each run's pixels
     eyes : of each run ``(blocks, 2, 4)``: y and heading by the four pixel numbers
@@ -151,7 +166,7 @@ class Sensed:
     common: Array
     prior: Array
     truth: dict[str, Array]
-    rivals: dict[str, Array]
+    rivals: dict[str, list[Array]]
     rows: list[slice]
     whiteners: list[Array]
     eyes: list[Array]
@@ -183,7 +198,7 @@ def _distances(sensed: Sensed, effect: str, other: list[Array], named: set[str])
         return float(max(_left(sensed.truth[effect][:, 0], free, penalty), 0.0))
 
     alone = left(other)
-    rivals = {name: left([*other, c]) for name, c in sensed.rivals.items() if name not in named}
+    rivals = {name: min(left([*other, c]) for c in forms) for name, forms in sensed.rivals.items() if name not in named}
     nearest = min(rivals, key=lambda name: rivals[name])
     return Distances(alone, rivals[nearest], nearest, rivals)
 
@@ -225,11 +240,22 @@ def linear(case: Case) -> Sensed:
         for effect, cases in small.items():
             add(f"truth {effect}", i, base[i] | cases[i], SMALL if STRENGTH[effect] else 1.0)
         for effect, ways in known.items():
-            for k, way in enumerate(ways):
-                add(f"rival {effect} {k}", i, base[i] | {f"{effect}.{n}": v for n, v in way.items()}, 1.0)
+            for label, way in _labelled(effect, ways):
+                add(label, i, base[i] | {f"{effect}.{n}": v for n, v in way.items()}, 1.0)
     with np.errstate(all="ignore"):
         path = swim(lanes, case.duration_s + 1.5, None, STEP_S)
     return _assembled(case, lanes, labels, path, known)
+
+
+def _labelled(effect: str, forms: tuple[tuple[Way, ...], ...]) -> list[tuple[str, Way]]:
+    """Every direction of an effect's forms, with a name of its own."""
+    return [(f"rival {effect} {f} {k}", way) for f, ways in enumerate(forms) for k, way in enumerate(ways)]
+
+
+def _by_form(columns: Array, forms: tuple[tuple[Way, ...], ...]) -> list[Array]:
+    """Columns of all directions, form by form."""
+    ends = np.cumsum([len(ways) for ways in forms])
+    return np.split(columns, ends[:-1], axis=1)
 
 
 def _scaled(case: Case, effect: str, lane: dict[str, float], by: float) -> dict[str, float]:
@@ -383,9 +409,8 @@ def _assembled(
         for effect in case.effects:
             truths[effect].append(white(seen_at[f"truth {effect}", run][:, None]))
         for effect, ways in known.items():
-            rivals[effect].append(
-                white(np.column_stack([seen_at[f"rival {effect} {k}", run] for k in range(len(ways))]))
-            )
+            columns = np.column_stack([seen_at[label, run] for label, _ in _labelled(effect, ways)])
+            rivals[effect].append(white(columns))
         whiteners.append(factor[here, here])
         eyes.append(np.linalg.pinv(by_pose)[:, 1:])
         rows.append(slice(at, at + here.stop))
@@ -395,7 +420,7 @@ def _assembled(
         np.vstack(commons),
         prior,
         {e: np.vstack(v) for e, v in truths.items()},
-        {e: np.vstack(v) for e, v in rivals.items()},
+        {e: _by_form(np.vstack(v), known[e]) for e, v in rivals.items()},
         rows,
         whiteners,
         eyes,

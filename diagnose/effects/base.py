@@ -17,6 +17,7 @@ import numpy as np
 from ...record.errors import InputError
 from ...record.own_code import run_own
 from ...simulate.model import Array
+from .members import Members
 
 STAGES = ("camera", "clock", "line", "sway", "yaw")
 
@@ -132,6 +133,11 @@ class Seen:
     line_length_m: Any = 0.0
 
     @property
+    def pull(self) -> Array:
+        """The line's side pull over a straight tow's tension: a line that keeps its length pulls the harder, the more it must hold."""
+        return self.side * (1 + self.beyond_n / self.tension_n)
+
+    @property
     def columns(self) -> tuple[str, ...]:
         """Fields that may have columns; ``shutter`` is the camera's, the same in all."""
         return tuple(f.name for f in fields(self) if f.name != "shutter")
@@ -198,6 +204,7 @@ class Effect:
     form : share of what it explains that its own form may leave over; small for geometry, whose form is exact
     cost : log evidence that is taken off: numbers found beforehand, in a residual
     sizes : shares of the parameters' standard deviations that are as likely: how small the effect may be where it exists
+    members : names of the numbers that each member of it has, all as likely (``effects.members``); empty: all its numbers
     needs : (run) -> why it cannot be judged with this run, or ""
     reach : (variable of the dimensionless state, smallest, largest value) that it was found in; empty: it is physics, not a find
     """
@@ -230,9 +237,16 @@ class Effect:
     form: float = 0.03
     cost: float = 0.0
     sizes: tuple[float, ...] = SIZES
+    members: Members = ()
     needs: Callable[[Any], str] = field(default=lambda _: "")
     title: str = ""
     reach: tuple[tuple[str, float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        names = {p.name for p in self.parameters}
+        for member in self.members:
+            if not names.issuperset(member) or not (member or self.law):
+                raise ValueError(f"{self.name}: member {member}: expected some of its numbers, {sorted(names)}")
 
     @property
     def label(self) -> str:

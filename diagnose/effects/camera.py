@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from .base import SWINGS_S, Effect, Parameter, Seen, Situation, along_the_run, swinging
+from .members import any_of, with_some
 
 EXACT = 0.003
 """Share of what a fault of geometry explains that may be left over: its form is known, its time to a part of a block."""
@@ -92,7 +93,7 @@ def _turned(run, fit, right, down, roll):
 def _roll(seen: Seen, lean, swing):
     """The model leans with the line's side pull (and later by its own swing); its marks stand above the roll axis."""
     nothing = 0.0 * seen.side
-    return nothing, lean * seen.side + swing * seen.rate[2], nothing, nothing
+    return nothing, lean * seen.pull + swing * seen.rate[2], nothing, nothing
 
 
 def _rolling(seen: Seen, lean, period, damping, turn, sway=0.0, swing=0.0):
@@ -101,7 +102,7 @@ def _rolling(seen: Seen, lean, period, damping, turn, sway=0.0, swing=0.0):
     The model's sideways acceleration and its turning may drive it besides the line's pull.
     """
     step = float(seen.t_s[1, 0, 0] - seen.t_s[0, 0, 0])
-    drive = lean * seen.side + sway * np.gradient(seen.rate[1], step, axis=0) + swing * seen.rate[2]
+    drive = lean * seen.pull + sway * np.gradient(seen.rate[1], step, axis=0) + swing * seen.rate[2]
     w, zeta = 2 * np.pi / np.maximum(period, SHORTEST_ROLL_S), np.clip(damping, 0.01, 0.9)
     decay, own = zeta * w, w * np.sqrt(1 - zeta**2)
     left, cosine, sine = np.exp(-decay * step), np.cos(own * step), np.sin(own * step) / own
@@ -210,11 +211,17 @@ DECK = Effect(
     title="the marks' true height",
 )
 DECK_FORMS = (
-    replace(DECK, parameters=(*DECK.parameters, Parameter("trim_m", "m", 0.01, apart=RULE_M)), variant="of each mark"),
+    replace(
+        DECK,
+        parameters=(*DECK.parameters, Parameter("trim_m", "m", 0.01, apart=RULE_M)),
+        members=with_some(["trim_m"], ["depth_m"]),
+        variant="of each mark",
+    ),
     replace(
         DECK,
         parameters=(*DECK.parameters, Parameter("squat_s2_m", "s2/m", 0.01)),
         correct=_squat,
+        members=with_some(["squat_s2_m"], ["depth_m"]),
         physics="The hull sinks and the marks with it, as the square of the speed, so that they are projected to the wrong place.",
         cure="Measure the marks' height under way, or tow at one speed and give the height there.",
         variant="with the speed",
@@ -229,6 +236,7 @@ SHIFT = Effect(
     "Pick the datum again in this recording, or let its points be tracked.",
     "theory.md 4",
     correct=_turned,
+    members=any_of("right_rad", "down_rad", "roll_rad"),
     form=EXACT,
     needs=_no_lens,
     title="a camera that was turned after the datum was picked",
@@ -250,6 +258,7 @@ SCALE_APART = replace(
     parameters=(Parameter("ahead", "", 0.01, apart=5e-4), Parameter("aside", "", 0.01, apart=5e-4)),
     physics="The datum points stand elsewhere than tank_m says, ahead by one factor and aside by another.",
     correct=_scale,
+    members=any_of("ahead", "aside"),
     variant="ahead and aside apart",
 )
 POST = Effect(
@@ -260,6 +269,7 @@ POST = Effect(
     "Measure the post against the datum.",
     "theory.md 4",
     correct=_post,
+    members=any_of("ahead_m", "aside_m"),
     shift=lambda _ahead_m, aside_m: (-aside_m, 0.0, 0.0, 0.0),
     form=EXACT,
     title="the tow post's true place",
@@ -272,6 +282,7 @@ ROLL = Effect(
     "Set the marks lower, or measure the roll.",
     "rigid body",
     observe=_roll,
+    members=any_of("lean_m", "swing_m_s"),
     title="the model's roll under its marks",
 )
 ROLLING = tuple(
@@ -284,6 +295,7 @@ ROLLING = tuple(
             Parameter("turn_rad_m", "rad/m", 0.05),
         ),
         observe=_rolling,
+        members=with_some(["period_s", "damping"], ["lean_m", "turn_rad_m"], 1),
         remembers=True,
         form=ROLL_FORM,
         variant=f"a roll of about {period:g} s",
@@ -296,6 +308,7 @@ ROLLING_FREELY = tuple(
     replace(
         each,
         parameters=(*each.parameters, Parameter("sway_s2", "s2", 0.05), Parameter("swing_m_s", "m s", 0.02)),
+        members=with_some(["period_s", "damping"], ["lean_m", "turn_rad_m", "sway_s2", "swing_m_s"], 1),
         variant=f"{each.variant}, by sway and yaw too",
     )
     for each in ROLLING
@@ -334,6 +347,7 @@ RATE_FORMS = (
         parameters=(Parameter("rate", "", 0.01), Parameter("drift_1_s", "1/s", 2e-4)),
         physics="The camera's clock warms up: its rate drifts.",
         clock=lambda t_s, rate, drift: rate * t_s + 0.5 * drift * t_s**2,
+        members=with_some(["drift_1_s"], ["rate"]),
         variant="drifting",
     ),
     *(
@@ -348,6 +362,7 @@ RATE_FORMS = (
             clock=lambda t_s, rate, later, change_s: (
                 rate * t_s + later * CHANGES_S * np.logaddexp(0.0, (t_s - change_s) / CHANGES_S)
             ),
+            members=with_some(["later", "change_s"], ["rate"]),
             variant=f"another rate from about {at:g} s on",
         )
         for at in RATE_CHANGES_S
@@ -367,6 +382,7 @@ DRIFT = Effect(
     "Record the carriage's speed (tow.speed).",
     "theory.md 2",
     speed=_drift,
+    members=with_some(["share"], ["settling", "sooner", "level"]),
     title="a drifting carriage speed",
 )
 DRIFT_RAMPS = tuple(
@@ -380,6 +396,7 @@ DRIFT_RAMPS = tuple(
         ),
         physics="The carriage goes over from one speed to another in mid-run.",
         speed=_ramp(at),
+        members=with_some(["share", "later_s", "longer_s"], ["level"]),
         variant=f"a ramp at {at:g} of the run",
     )
     for at in RAMPS
@@ -395,6 +412,7 @@ DRIFT_SWINGS = tuple(
         ),
         physics="The carriage's speed swings slowly.",
         speed=_drift_swings(period),
+        members=with_some(["sine", "cosine", "faster"], ["level"]),
         variant=f"to and fro, about {period:g} s",
     )
     for period in SWINGS_S
@@ -418,6 +436,7 @@ DELAY_FORMS = (
         parameters=(*DELAY.parameters, Parameter("per_s", "", 0.005)),
         tension=None,
         cell=_late,
+        members=with_some(["per_s"], ["delay_s"]),
         needs=_no_cell,
         variant="beside the line's pull, growing",
     ),

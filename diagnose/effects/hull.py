@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .base import SWINGS_S, Effect, Parameter, Situation, along_the_run, swinging
+from .members import any_of, with_some
 
 STRIPS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 """Stations along the hull from -1 (stern) to 1 (bow), and their shares."""
@@ -142,10 +143,14 @@ CROSSFLOW = Effect(
     "Add Y_v|v|, N_v|v|, N_r|r| (or strip theory) to the simulator; keep the tow's angles small for the linear derivatives.",
     "theory.md 2; Faltinsen (1990), ch. 6",
     force=_crossflow,
+    members=with_some(["drag_depth_m"], ["trim_depth_m"]),
     title="quadratic cross-flow drag",
 )
 CROSSFLOW_ENDS = replace(
-    CROSSFLOW, parameters=(*CROSSFLOW.parameters, Parameter("ends_depth_m", "m", 0.05)), variant="fuller at the ends"
+    CROSSFLOW,
+    parameters=(*CROSSFLOW.parameters, Parameter("ends_depth_m", "m", 0.05)),
+    members=with_some(["drag_depth_m", "ends_depth_m"], ["trim_depth_m"]),
+    variant="fuller at the ends",
 )
 """Or finer: a number below zero."""
 CROSSFLOW_FORMS = (
@@ -159,6 +164,7 @@ CROSSFLOW_FORMS = (
             Parameter("n_r_r_m", "m", 0.02, one_sided=True),
         ),
         force=_moduli,
+        members=any_of("y_v_v_m", "y_v_r_m", "n_v_v_m", "n_v_r_m", "n_r_r_m"),
         source="Fedyaevsky and Sobolev (1963)",
         variant="second-order moduli",
     ),
@@ -167,6 +173,7 @@ CROSSFLOW_FORMS = (
             CROSSFLOW,
             parameters=(Parameter("drag_depth_m", "m", 0.06, one_sided=True), Parameter("ahead", "", 0.15)),
             force=_one_part(place),
+            members=(),
             variant=f"of the {part} alone",
         )
         for place, part in ((-0.35, "after body"), (0.0, "middle body"), (0.35, "fore body"))
@@ -185,6 +192,7 @@ CUBIC = Effect(
     "Add Y_vvv, N_vvv, N_rrr to the simulator.",
     "thesis (2.41)",
     force=_cubic,
+    members=any_of("y_vvv", "n_vvv", "n_rrr"),
     title="cubic damping",
 )
 CUBIC_FORMS = (
@@ -197,6 +205,7 @@ CUBIC_FORMS = (
             Parameter("n_vrr", "N s3", 2000.0),
         ),
         force=_cubic_mixed,
+        members=with_some(["y_vvv", "n_vvv", "n_rrr"], ["y_vvr", "n_vvr", "n_vrr"], 1),
         variant="with mixed terms",
     ),
     replace(
@@ -217,6 +226,7 @@ ASYMMETRY = Effect(
     "Set the rudder amidships, or give Y* and N* to the simulator.",
     "thesis 4.1",
     force=_asymmetry,
+    members=any_of("y_star_n_s2_m2", "n_star_n_m_s2_m2"),
     title="a hull that pulls to one side",
 )
 CABLE = replace(
@@ -226,6 +236,7 @@ CABLE = replace(
     cure="Let the cable hang free of the model, or give Y* and N* at each speed.",
     source="thesis 4.1",
     force=_cable,
+    members=any_of("y_star_n", "n_star_n_m"),
     variant="a cable's, at any speed",
 )
 """Beside what grows with U^2; runs of one speed cannot tell the two."""
@@ -237,6 +248,7 @@ COUPLING = Effect(
     "Add Y_rdot and N_vdot to the equations of motion.",
     "theory.md 2",
     coupling=lambda y_rdot, n_vdot: (y_rdot, n_vdot),
+    members=any_of("y_rdot", "n_vdot"),
     title="added mass that couples sway and yaw",
 )
 CURRENT = Effect(
@@ -247,6 +259,7 @@ CURRENT = Effect(
     "Wait between runs until the tank is calm; measure the current.",
     "theory.md 2",
     force=_current,
+    members=any_of("current_m_s", "shear_1_s"),
     title="a current across the tank",
 )
 CURRENT_ALONG = replace(
@@ -258,6 +271,7 @@ CURRENT_ALONG = replace(
         Parameter("twice_m_s", "m/s", 0.003),
     ),
     force=_current_along,
+    members=with_some(["along_m_s"], ["current_m_s", "bent_m_s", "twice_m_s"]),
     variant="that changes along the tank",
 )
 """Beside one that is stronger at one wall ..."""
@@ -271,6 +285,7 @@ CURRENT_SWINGS = tuple(
             Parameter("faster", "", 0.1),
         ),
         force=_current_swings(period),
+        members=with_some(["sine_m_s", "cosine_m_s", "faster"], ["current_m_s"]),
         variant=f"to and fro, about {period:g} s",
     )
     for period in SWINGS_S
@@ -289,13 +304,17 @@ BANK = tuple(
         "Tow in a wider tank or nearer to its middle; add the wall force to the simulator.",
         "Norrbin (1974)",
         force=_bank(power, near),
+        members=with_some(always, others),
         needs=_no_width,
         variant=f"{'near wall' if near else 'both walls'}, gap^-{power}{', by sections' if len(parameters) > 2 else ''}",
         title="suction of the near wall",
     )
     for near in (False, True)
     for power in (2, 1, 3)
-    for parameters in (_OF_BANK, _BY_SECTIONS)
+    for parameters, always, others in (
+        (_OF_BANK, ["suction_m2"], ["moment_m2"]),
+        (_BY_SECTIONS, ["suction_m2", "ahead"], ["moment_m2", "turn_m2"]),
+    )
 )
 """Powers of the gap that panel methods and model tests have; forces on one section or on all."""
 MEMORY = tuple(
@@ -311,6 +330,7 @@ MEMORY = tuple(
         "Use damping with memory (a first-order lag) in the simulator.",
         "Cummins (1962)",
         force=_memory,
+        members=any_of("share_sway", "share_yaw", "share_n_v"),
         lag_s=lag_s,
         variant=f"{lag_s:g} s",
         title="damping with memory",

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...geometry.checks.bundle import half_sine
 from .base import Effect, Parameter, Seen, Situation
+from .members import any_of, with_some
 
 GIVES = 0.15
 """Share of the way at which a line that a wave slackens has lost most of its pull."""
@@ -109,6 +110,7 @@ TENSION = Effect(
     "Measure T over time, or let the simulator use T = R/cos(alpha).",
     "thesis (4.7)",
     tension=_varies,
+    members=with_some(["power"], ["late_s"]),
     needs=_length,
     title="a line tension that changes with the angle",
 )
@@ -122,6 +124,7 @@ LAW = replace(
     physics="A winch or a servo gives the line a tension of its own, R/cos(alpha) (power 1), instead of what keeps its length.",
     cure="Measure T over time, or tow on a line that keeps its length.",
     tension=_instead,
+    members=with_some(["share"], ["power", "late_s"]),
     needs=_no_length,
     variant="instead of the line's length",
 )
@@ -135,6 +138,7 @@ ELASTIC = Effect(
     "theory.md 4",
     length=lambda tension_n, _length_m, compliance, _follows: compliance * tension_n,
     stretch=_stretch,
+    members=with_some(["compliance_m_n"], ["follows"]),
     title="a line that stretches",
 )
 OFFSET = Effect(
@@ -165,6 +169,7 @@ OFFSET_FORMS = (
             physics="The tow point slips during a run, and the line pulls beside the centre line.",
             offset=None,
             force=lambda s, *numbers: _turned_by(s, _slipped(s.t_s, *numbers)),
+            members=with_some(["slipped_m", "when_s"], ["offset_m"]),
             stretch=lambda seen, *numbers: _moved_aside(seen, _slipped(seen.t_s, *numbers)),
             variant=f"slips at about {at:g} s",
         )
@@ -203,14 +208,26 @@ FRICTION = Effect(
 _OIL = Parameter("oil_n_m_s", "N m s", 0.3, one_sided=True)
 """Of a swivel's oil: its usual size, a choice."""
 FRICTION_FORMS = (
-    replace(FRICTION, parameters=(*FRICTION.parameters, _OIL), variant="dry, and oil"),
+    replace(
+        FRICTION,
+        parameters=(*FRICTION.parameters, _OIL),
+        members=with_some(["oil_n_m_s"], ["moment_n_m"]),
+        variant="dry, and oil",
+    ),
     replace(
         FRICTION,
         parameters=(*FRICTION.parameters, _OIL, Parameter("stick_n_m", "N m", 0.02, one_sided=True)),
+        members=with_some(["stick_n_m"], ["moment_n_m", "oil_n_m_s"]),
         source="Stribeck (1902)",
         variant="sticking, and oil",
     ),
-    replace(FRICTION, parameters=(*FRICTION.parameters, _OIL), force=_at_the_post, variant="at the post"),
+    replace(
+        FRICTION,
+        parameters=(*FRICTION.parameters, _OIL),
+        force=_at_the_post,
+        members=any_of("moment_n_m", "oil_n_m_s"),
+        variant="at the post",
+    ),
 )
 """Beside the dry one. Oil alone is damping, which the derivatives take up."""
 
@@ -252,11 +269,14 @@ SURGING = "with the model's surge on it"
 """What the forms of line that have a law of their own are called."""
 
 
-def _surging(effect: Effect, law: Callable[..., Any], *parameters: Parameter) -> Effect:
+def _surging(
+    effect: Effect, law: Callable[..., Any], always: Sequence[Parameter], others: Sequence[Parameter]
+) -> Effect:
     """An effect of the line as a law of the line's own, instead of what it changes of one that keeps its length."""
+    members = with_some([p.name for p in always], [p.name for p in others])
     return replace(
-        effect, parameters=parameters, law=law, keeps=None, tension=None, length=None, stretch=None, needs=_no_length,
-        variant=SURGING, sizes=(1.0,),
+        effect, parameters=(*always, *others), law=law, keeps=None, tension=None, length=None, stretch=None, needs=_no_length,
+        variant=SURGING, sizes=(1.0,), members=members,
     )  # fmt: skip
 
 
@@ -264,20 +284,25 @@ LAWS = (
     _surging(
         ELASTIC,
         _spring,
-        Parameter("compliance_m_n", "m/N", 0.003, one_sided=True),
-        Parameter("damper_n_s_m", "N s/m", 20.0, one_sided=True),
-        Parameter("stiffens", "", 1.0),
+        [Parameter("compliance_m_n", "m/N", 0.003, one_sided=True)],
+        [Parameter("damper_n_s_m", "N s/m", 20.0, one_sided=True), Parameter("stiffens", "", 1.0)],
     ),
     _surging(
         KEPT,
         _weight,
-        Parameter("rub", "", 0.03, one_sided=True),
-        Parameter("drag_n_s_m", "N s/m", 2.0, one_sided=True),
-        Parameter("grows_n_m", "N/m", 1.0),
-        _HEAVIER,
+        [],
+        [
+            Parameter("rub", "", 0.03, one_sided=True),
+            Parameter("drag_n_s_m", "N s/m", 2.0, one_sided=True),
+            Parameter("grows_n_m", "N/m", 1.0),
+            _HEAVIER,
+        ],
     ),
     _surging(
-        LAW, _winch, Parameter("power", "", 1.0), Parameter("late_s", "s", 0.3), Parameter("wraps", "", 0.2), _HEAVIER
+        LAW,
+        _winch,
+        [Parameter("power", "", 1.0)],
+        [Parameter("late_s", "s", 0.3), Parameter("wraps", "", 0.2), _HEAVIER],
     ),
 )
 """Lines whose length is a state, because what they pull with follows a law: never absent, they begin at the measured motion
@@ -316,6 +341,7 @@ def springing(bounce: Callable[[Any], Any], variant: str, cost: float, form: flo
         length=lambda tension_n, _length_m, compliance, *_: compliance * tension_n,
         tension=tension,
         stretch=stretch,
+        members=(),
         variant=variant,
         bound=True,
         sizes=(1.0,),

@@ -18,10 +18,11 @@ from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..effects import Effect
 from .diagnosable import Diagnosable
-from .evidence import Fitted, Inference, on_its_side
+from .evidence import Fitted, Inference
 from .grams import Grams
 from .hypothesis import Hypothesis, form_of, with_effects
-from .inexact import shared_out
+from .inexact import could_gain, shared_out
+from .members import log_evidence, mixed, shares_of
 from .noise import Forces
 from .ranking import Candidate, Ranking
 from .scan import leftover, standing_out
@@ -50,8 +51,8 @@ WORTH_PAIRS = 3.0
 """A second effect is fitted only if its score promises more log evidence than this."""
 WORTH_PAIRS_BELOW = 30.0
 """Pairs are tried on the second best effect only if it comes this near to the best."""
-MOST_REFINEMENTS, CONVERGED_GAIN = 5, 3.0
-"""A fit is refined at most so often; it counts as converged when a refinement raises its log evidence, or a step promises to raise
+MOST_REFINEMENTS, BASE_REFINEMENTS, CONVERGED_GAIN = 5, 15, 3.0
+"""A fit is refined at most so often, and the base, which all others are held against; a fit counts as converged when a refinement raises its log evidence, or a step promises to raise
 it, by less than this."""
 WORTH_REFINING = 0.3
 """A free form is refined only if its log evidence is at least this share of the best effect's."""
@@ -194,7 +195,7 @@ def _first_fit(simulator: Simulator, spread: Spread) -> tuple[Hypothesis, Forces
 
 def _settled(inference: Inference, base: Fitted) -> Fitted:
     """The same, refined until its next step promises nothing, or no longer."""
-    for _ in range(MOST_REFINEMENTS):
+    for _ in range(BASE_REFINEMENTS):
         if base.promised < CONVERGED_GAIN:
             break
         base = _refined(inference, [base])[0]
@@ -319,14 +320,10 @@ def _scores(
 def _score(effect: Effect, left: Array, pull: Array) -> float:
     """Log evidence that an effect would add, by its information ``left`` (p, p) and its gradient ``pull`` (p,)."""
     sd = np.array([p.sd for p in effect.parameters])
-    scaled = np.eye(len(sd)) + sd[:, None] * left * sd[None, :]
-    gain = float((sd * pull) @ np.linalg.solve(scaled, sd * pull))
-    value = 0.5 * gain - 0.5 * np.linalg.slogdet(scaled)[1] - effect.cost
-    spread = np.linalg.inv(scaled)
-    for k, parameter in enumerate(effect.parameters):
-        if parameter.one_sided:
-            value += on_its_side(float(spread[k] @ (sd * pull)) / np.sqrt(spread[k, k]))
-    return float(value) if np.isfinite(value) else -np.inf
+    sided = np.flatnonzero([p.one_sided for p in effect.parameters])
+    logs = log_evidence(sd[:, None] * left * sd, sd * pull, shares_of([effect]), sided)
+    value = mixed(logs) - effect.cost
+    return value if np.isfinite(value) else -np.inf
 
 
 def _at_their_limit(inference: Inference, fitted: Fitted) -> bool:
@@ -408,7 +405,9 @@ def _pairs(
         say(f"{first.names[0]} with " + ", ".join(e.name for e in second))
         for (effect,), fitted in _fit_all(inference, first.fitted, [(e,) for e in second], gross):
             pair = (*first.effects, effect)
-            own = prior + sum(forms[name] for name in (*first.names, effect.name)) - first.form
+            own = prior + sum(forms[name] for name in (*first.names, effect.name))
+            # what the first one's form may have left over; where beside the second next to nothing is left, it was no form's
+            own -= min(first.form, could_gain(inference, fitted))
             found.append(Candidate(pair, fitted, _worth(fitted) - base.log_evidence, own))
     return found
 

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import log_ndtr
 
 from ...geometry.normal import inverse_of_normal
 from ...record.errors import EstimationError
 from ...simulate.model import Array
 from .grams import Columns, Grams, Reduced, reduced
 from .hypothesis import Hypothesis, Slopes
+from .members import log_evidence, mixed, shares_of
 from .noise import SMALLEST, TIMES_S, Forces, Noise
 from .shooting import MOST_CLOSINGS
 from .simulator import Simulator
@@ -144,13 +144,6 @@ class Priors:
     spread: float
 
 
-def on_its_side(z: float) -> float:
-    """What a one-sided prior adds to the log evidence: log of twice the probability that a number, z of its own standard
-    deviations on its side, is there.
-    """
-    return float(np.log(2) + log_ndtr(z))
-
-
 def _settled(fitted: Fitted) -> bool:
     return abs(fitted.promised) < SETTLED
 
@@ -273,7 +266,7 @@ class Inference:
 
     def sized(self, h: Hypothesis, solved: Solved) -> float:
         """What the effects' priors add to the log evidence beside one normal distribution each: an effect may be of any of its
-        sizes, and some numbers are on one side only.
+        sizes and members, and some numbers are on one side only.
         """
         if not h.size:
             return 0.0
@@ -288,21 +281,9 @@ class Inference:
         variance = np.clip(variance, LEAST_VARIANCE, 1.0)
         pull = (vectors / variance) @ vectors.T @ (mean / sd)
         data = (vectors * (1 / variance - 1)) @ vectors.T
-
-        def beside(share: Array) -> tuple[float, Array]:
-            """Log evidence with priors of this share of their size, and how far the sided numbers are on their side."""
-            scaled = np.eye(len(sd)) + share[:, None] * data * share
-            there = np.linalg.inv(scaled)
-            log = 0.5 * (share * pull) @ there @ (share * pull) - 0.5 * np.linalg.slogdet(scaled)[1]
-            return float(log), (there @ (share * pull))[sided] / np.sqrt(np.diag(there)[sided])
-
         # by the same sums as the others: what cancels is large where a number is known well
-        whole, _ = beside(np.ones(len(sd)))
-        logs: list[float] = []
-        for shares in product(*(e.sizes for e in h.effects)):
-            log, z = beside(np.repeat(shares, [len(e.parameters) for e in h.effects]))
-            logs.append(log - whole + sum(on_its_side(one) for one in z))
-        return float(logsumexp(logs) - np.log(len(logs)))
+        whole = float(log_evidence(data, pull, np.ones((1, len(sd))))[0])
+        return mixed(log_evidence(data, pull, shares_of(h.effects), sided)) - whole
 
     def left(self, linear: Linear, forces: Forces, shared: Array, own: Array, run: int) -> Array:
         """(N,) whitened residual of a run after a step of shared and own numbers."""
@@ -537,4 +518,4 @@ def within(step: Array, covariance: Array, least: Array, most: Array) -> tuple[A
     return bounded, cost
 
 
-__all__ = ["TIMES_S", "Fitted", "Inference", "Linear", "Solved", "on_its_side", "within"]
+__all__ = ["TIMES_S", "Fitted", "Inference", "Linear", "Solved", "within"]

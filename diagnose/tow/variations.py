@@ -101,9 +101,10 @@ class Variations:
         """Numbers that show in what is measured beside the motion they make."""
         alone = self._seen_only
         if self._celled or any(
-            effect.stretch is not None and not _absent(effect, numbers) for effect, numbers, _ in self.each()
+            (effect.stretch is not None or effect.observe is not None) and not _absent(effect, numbers)
+            for effect, numbers, _ in self.each()
         ):
-            # a line that gives does so by its tension, which a load cell shows: what changes that shows at once
+            # a line that gives does so by its tension, which a load cell and a rolling model show: what changes that shows at once
             alone = tuple(range(self.shared))
         found = [*alone, *(self.shared + k for k in SEEN)]
         for effect, numbers, at in self.each():

@@ -1,0 +1,46 @@
+"""Which of its numbers an effect may do without: a family holds its simple members.
+
+A carriage that drifts evenly is one that settles, with nothing that settles. With every number at its usual size the simple member
+would pay for all of them, and lose to another effect that has fewer; as a member it is as likely as the full one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import chain, combinations
+
+Members = tuple[tuple[str, ...], ...]
+"""Names of the numbers that each member has; the others are at their ``none``."""
+
+
+def with_some(always: Sequence[str], others: Sequence[str], least: int = 0) -> Members:
+    """Every member that has some of the other numbers beside those that it always has.
+
+    Parameters
+    ----------
+    always : names
+    others : names
+    least : so many of the others at least
+
+    Examples
+    --------
+    >>> with_some(["share"], ["level"])
+    (('share',), ('share', 'level'))
+    >>> with_some([], ["ahead_m", "aside_m"], 1)
+    (('ahead_m',), ('aside_m',), ('ahead_m', 'aside_m'))
+    """
+    some = chain.from_iterable(combinations(others, count) for count in range(least, len(others) + 1))
+    return tuple((*always, *chosen) for chosen in some)
+
+
+def any_of(*names: str) -> Members:
+    """Every member that has one of these numbers at least.
+
+    Parameters
+    ----------
+    names : of the numbers
+    """
+    return with_some((), names, 1)
+
+
+__all__ = ["Members", "any_of", "with_some"]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -108,11 +109,12 @@ def with_effects(
             half_width_m=width / 2 if width else np.nan, v_lag=v, r_lag=r, duration_s=file.time.duration_s,
             y_v=here.y_v, n_v=here.n_v, n_r=here.n_r, history=lambda _: 1.0,
         )  # fmt: skip
-        side = moment = 0.0
-        for effect, n in pushing:
-            if effect.force is not None:
-                one, two = effect.force(s, *n)
-                side, moment = side + one, moment + two
+        side, moment = _pushes(((e, n) for e, n in pushing if not e.by_pull), s)
+        by_pull = [(e, n) for e, n in pushing if e.by_pull]
+        if by_pull:
+            held = full_state(t_s, (alpha, beta, v, r), here, tow, lambda *_: (side, moment)).tension_n
+            one, two = _pushes(by_pull, replace(s, tension_n=held, beyond_n=held - pull))
+            side, moment = side + one, moment + two
         if not any(effect.tension is not None or effect.keeps is not None for effect, _ in pushing):
             return side, moment
 
@@ -133,3 +135,14 @@ def with_effects(
         return side + more[..., 0, 0], moment + more[..., 1, 0]
 
     return hull, tow, extra
+
+
+def _pushes(effects: Iterable[tuple[Effect, Array]], s: Situation) -> tuple[Any, Any]:
+    """Side force and moment of all effects together."""
+    side: Any = 0.0
+    moment: Any = 0.0
+    for effect, n in effects:
+        if effect.force is not None:
+            one, two = effect.force(s, *n)
+            side, moment = side + one, moment + two
+    return side, moment

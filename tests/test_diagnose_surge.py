@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.optimize import brentq
 
 from towline.diagnose.effects import LAWS, LIBRARY
 from towline.diagnose.gap import Diagnosis, diagnosed
@@ -25,7 +26,7 @@ from towline.record import Run, RunFile
 from towline.record.scenario import ScenarioFile
 from towline.record.toml import check_tables
 from towline.simulate import DERIVATIVE_UNITS, Histories, Hull, Start, Tow, simulate_full, simulate_scenario
-from towline.simulate.model import ExtraForce, Line
+from towline.simulate.model import ExtraForce, Line, full_y_cg
 
 HULL = Hull(
     149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28, mass_kg=78.0, x_udot_kg=-4.0, x_vr_kg=40.0,
@@ -269,7 +270,7 @@ def test_the_saved_simulator_is_the_diagnosis_own(label: str, numbers: dict[str,
         "name": "again",
         "time": {"duration_s": DURATION_S, "rate_hz": HERTZ},
         "hull": {n: float(v) for n, v in zip(model.shared_names, shared, strict=True)} | {"speed_m_s": 1.28},
-        "effect": [{"name": effect.name, "numbers": numbers}],
+        "effect": [{"name": effect.name, "form": effect.variant, "numbers": numbers}],
         "tow": {"line": "surge", "speed_m_s": 1.28, "line_length_m": LINE_M, "tow_point_m": 1.548, "tension_n": R_N},
         "start": {"alpha_rad": 0.2, "beta_rad": 0.02, "v_m_s": -0.02, "r_rad_s": 0.01},
         "model": {"length_pp_m": 2.66, "mass_kg": 78.0},
@@ -303,6 +304,54 @@ def test_a_model_gains_on_the_carriage_under_a_weight_heavier_than_its_resistanc
     t_s = model.runs[0].centre_s
     gained = 1.28 * heavier / HULL.resistance_exponent * (t_s - lag_s * (1 - np.exp(-t_s / lag_s)))
     np.testing.assert_allclose(lengths[0] - lengths[1], gained, rtol=heavier, atol=3e-6)
+
+
+def test_a_tow_point_that_has_slipped_turns_the_model_by_all_that_the_line_pulls_with() -> None:
+    """Against the simulator's own offset, where the model's inertia asks for a third more and less than the straight tow's pull."""
+    aside_m, t_s, begin = 0.004, np.arange(0, 30, 0.05), Start(y_cg_m=0.25)
+    tow = Tow(1.28, LINE_M, 1.548, R_N, line="surge")
+    name = "slips at about 8 s"
+    effect = next(e for e in LIBRARY if e.name == "tow_point_offset" and e.variant == name)
+    file: Any = SimpleNamespace(
+        effect=[SimpleNamespace(name=effect.name, form=name, numbers={"slipped_m": aside_m, "when_s": -100.0})],
+        water=SimpleNamespace(tank_width_m=None, density_kg_m3=1000.0),
+        model=SimpleNamespace(length_pp_m=2.66),
+        time=SimpleNamespace(duration_s=30.0),
+    )
+    _, _, extra = with_effects(HULL, tow, effects_of(file, Path("s.toml")), file)
+    plain, forced = (simulate_full(HULL, tow, begin, t_s, extra=e) for e in (None, extra))
+    wanted = simulate_full(HULL, replace(tow, tow_point_offset_m=aside_m), begin, t_s)
+    for column in ("y_cg_m", "beta_rad"):
+        change = np.abs(wanted[column] - plain[column]).max()
+        assert change > 1e-3
+        assert np.abs(forced[column] - wanted[column]).max() < SECOND_ORDER * change, column
+
+
+def test_the_diagnosis_has_the_same_of_a_tow_point_that_has_slipped() -> None:
+    """Beside its own offset, all along: y and heading of the model and the line's length as they are seen."""
+    model = TowSimulator([stated()])
+    own = np.array([[0.25, 0.02, -0.02, 0.01, 0.0, 0.0, R_N, 1.548, LINE_M, 1.28, 0, 0]])
+    shared = np.array([getattr(HULL, n) for n in model.shared_names])
+    forms = {e.variant: e for e in LIBRARY if e.name == "tow_point_offset"}
+    numbers = {"": [0.0], "aside": [0.004], "slips at about 8 s": [0.0, 0.004, -100.0]}
+    effects = {name: forms["" if name == "aside" else name] for name in numbers}
+    tow = Tow(1.28, LINE_M, 1.548, R_N, line="surge")
+    y_m = full_y_cg(0.0, 0.25, 0.02, tow)
+    # let go at the same place: the line to the point aside stands at another angle there
+    other = brentq(lambda alpha: full_y_cg(0.0, alpha, 0.02, replace(tow, tow_point_offset_m=0.004)) - y_m, 0.2, 0.3)
+    begun = {name: np.concatenate([[[other if name == "aside" else 0.25]], own[:, 1:]], axis=1) for name in numbers}
+    hypotheses = [Hypothesis(shared, begun[n], (effects[n],), (np.array(numbers[n]),)) for n in numbers]
+    plain, wanted, found = (np.array(v)[0] for v in model.values(hypotheses))
+    for channel in ("y", "beta", "line"):
+        at = CHANNELS.index(channel)
+        change = np.abs(wanted[:, at] - plain[:, at]).max()
+        assert change > 3e-4, channel
+        assert np.abs(found[:, at] - wanted[:, at]).max() < SECOND_ORDER * change, channel
+
+
+SECOND_ORDER = 0.25**2 + 0.004 / LINE_M
+"""Of the line's angle, rad, and the offset over the line: what a force at the centre line leaves out. With the straight tow's pull
+instead of the line's own the heading is wrong by 0.14."""
 
 
 def test_a_line_that_gives_is_simulated_as_a_spring() -> None:

@@ -62,7 +62,7 @@ class Situation:
     t_s, y_m, beta_rad, v_m_s, r_rad_s, alpha_rad : state; t_s from the run's start
     speed_m_s, line_length_m, tow_point_m : of the tow
     tension_n : T without the effect. Of a line that keeps its length: the straight tow's R where a force is asked (T follows
-        from the forces), what the line has where a change of T is
+        from the forces), what the line has where a change of T is, or a force that goes with it (``Effect.by_pull``)
     alpha_rate : rad/s
     length_pp_m, density_kg_m3, half_width_m : of model, water and tank (NaN: not given)
     v_lag, r_lag : v and r behind by the effect's lag (``Effect.lag_s``); else v and r themselves
@@ -134,7 +134,7 @@ class Seen:
 
     @property
     def pull(self) -> Array:
-        """The line's side pull over a straight tow's tension: a line that keeps its length pulls the harder, the more it must hold."""
+        """The line's side pull over a straight tow's tension: a line that keeps its length pulls with what the model asks of it."""
         return self.side * (1 + self.beyond_n / self.tension_n)
 
     @property
@@ -181,6 +181,7 @@ class Effect:
     physics, source, cure : a sentence, where it stands, what to do about it
     title : what is missing, in words; default: the name
     force : (situation, *numbers) -> (Y N, N N m); a line that keeps its length answers it by its tension
+    by_pull : its force goes with what the line pulls with: ``tension_n`` is that then, without the effect itself
     tension : (situation, *numbers) -> change of T, N, whatever a line that keeps its length asks
     keeps : (*numbers) -> how far the line keeps its tension instead of its length, 0..1
     law : (situation, *numbers) -> what the line pulls with, N, by its length: this and the model's surge are states then. Such an
@@ -216,6 +217,7 @@ class Effect:
     cure: str
     source: str = ""
     force: Callable[..., tuple[Any, Any]] | None = None
+    by_pull: bool = False
     tension: Callable[..., Any] | None = None
     keeps: Callable[..., Any] | None = None
     law: Callable[..., Any] | None = None

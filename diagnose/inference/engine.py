@@ -52,8 +52,8 @@ WORTH_PAIRS = 3.0
 WORTH_PAIRS_BELOW = 30.0
 """Pairs are tried on the second best effect only if it comes this near to the best."""
 MOST_REFINEMENTS, BASE_REFINEMENTS, CONVERGED_GAIN = 5, 15, 3.0
-"""A fit is refined at most so often, and the base, which all others are held against; a fit counts as converged when a refinement raises its log evidence, or a step promises to raise
-it, by less than this."""
+"""A fit is refined at most so often, and the base, which all others are held against; a fit counts as converged when a refinement
+raises its log evidence, or a step promises to raise it, by less than this."""
 WORTH_REFINING = 0.3
 """A free form is refined only if its log evidence is at least this share of the best effect's."""
 TWINS = 3.0

@@ -316,10 +316,13 @@ class TowRates:
         shape = (*state.shape[1:-1], numbers.shape[1])
         side, moment, change = 0.0, 0.0, 0.0
         base = self._lagging(self._situation(t, now), effect, state)
+        held = base
+        if effect.tension is not None or effect.by_pull:
+            held = self._on_line(base, now, self._taut(t, state, now))
         if effect.force is not None:
-            side, moment = effect.force(base, *numbers)
+            side, moment = effect.force(held if effect.by_pull else base, *numbers)
         if effect.tension is not None:
-            change = effect.tension(self._on_line(base, now, self._taut(t, state, now)), *numbers)
+            change = effect.tension(held, *numbers)
         return tuple(np.broadcast_to(one, shape) for one in (side, moment, change))  # pyright: ignore
 
     def _now(self, t: Any, state: Array) -> _Moment:
@@ -360,18 +363,35 @@ class TowRates:
 
     def _taut(self, t: Any, state: Array, now: _Moment) -> Taut:
         """``full_state`` with the effects' forces, by each run's own line; with a law of its own ``paid_state``."""
+        plain = [a for a in self._pushing if not a.effect.by_pull]
+        by_pull = [a for a in self._pushing if a.effect.by_pull]
+        taut = self._held(t, state, now, plain)
+        return self._held(t, state, now, plain, by_pull, taut) if by_pull else taut
+
+    def _held(
+        self,
+        t: Any,
+        state: Array,
+        now: _Moment,
+        plain: Sequence[Active],
+        by_pull: Sequence[Active] = (),
+        taut: Taut | None = None,
+    ) -> Taut:
+        """With some effects' forces; of those that go with the pull by what the line has without them, ``taut``."""
 
         def extra(t, y, beta, v, r, alpha):
             side, moment = self._zeros(v), self._zeros(v)
             base = self._situation(t, now, y)
-            for a, part in self._parts(self._pushing, base, state):
-                assert a.effect.force is not None
-                one, two = a.effect.force(part, *a.numbers)
-                side[..., a.columns] += one
-                moment[..., a.columns] += two
+            held = base if taut is None else self._on_line(base, now, taut)
+            for active, asked in ((plain, base), (by_pull, held)):
+                for a, part in self._parts(active, asked, state):
+                    assert a.effect.force is not None
+                    one, two = a.effect.force(part, *a.numbers)
+                    side[..., a.columns] += one
+                    moment[..., a.columns] += two
             return side, moment
 
-        pushed = extra if self._pushing else None
+        pushed = extra if plain or by_pull else None
         if self._lawful:
             return paid_state(t, (*now.core, now.paid[1]), self._law(t, state, now), self._hull, now.tow, pushed)
         lines = ("surge", "constant") if self._keeping else self._fields.lines

@@ -134,7 +134,7 @@ def concluded(
     verdict = called(ranking.p_no_gap, ranking.p_unknown, float(ranking.named.sum()))
     if verdict == "effect" and 2 * ranking.probabilities[0] < ranking.named[0]:
         verdict = "form_not_exact"
-    promised = max(f.promised for f in rests_on(ranking, verdict))
+    promised = max((f.promised for f in rests_on(ranking, verdict)), default=0.0)
     # that an effect is there is told all the same; only its size is not
     if promised > CONVERGED_GAIN and verdict not in NAMED:
         verdict = "not_converged"
@@ -220,7 +220,8 @@ def rests_on(ranking: Ranking, verdict: Verdict) -> list[Fitted]:
         return [c.fitted for c in first]
     free = ranking.free.log_evidence if ranking.free is not None else 0.0
     others = [] if verdict == "no_gap" else [c.fitted for c in first if c.log_evidence > max(free, 0.0)]
-    return [ranking.base, *others]
+    # no gap is no answer where the simulator as it is follows nothing, wherever its fit would end
+    return [ranking.base, *others] if ranking.follows or verdict == "no_gap" else others
 
 
 def _rows(

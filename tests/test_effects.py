@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
@@ -331,7 +332,7 @@ class Matrix:
     matrix: np.ndarray
 
 
-def test_corrections_of_the_camera_change_what_they_name(monkeypatch: pytest.MonkeyPatch) -> None:
+def filmed() -> Filmed:
     points = tuple(
         DatumPoint(name=f"d{i}", pixel_px=(100.0 + 50 * i, 90.0), tank_m=place)
         for i, place in enumerate([(0.0, -1.0, 0.0), (0.5, 1.0, 0.0), (-3.0, 1.5, 0.1), (-3.0, -1.5, 0.1)])
@@ -341,7 +342,37 @@ def test_corrections_of_the_camera_change_what_they_name(monkeypatch: pytest.Mon
     )
     marks = Marker(name="bow", body_m=(1.0, 0.0), depth_m=0.1), Marker(name="stern", body_m=(-1.0, 0.0), depth_m=0.2)
     tow = TowTable(speed_m_s=1.28, line_length_m=0.91, tow_point_m=1.6, tension_n=3.96, post_m=(0.1, 0.2))
-    run, fit = Filmed(Tables(lens, points, marks, tow)), SimpleNamespace(mapping=Matrix(np.arange(12.0).reshape(3, 4)))
+    return Filmed(Tables(lens, points, marks, tow))
+
+
+@pytest.mark.parametrize("aside", [(0.0, 0.0), (0.12, -0.07)])
+def test_a_lens_that_bends_about_another_place_is_browns(
+    aside: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """a |x - c|^2 (x - c): by hand, against OpenCV's projection with the numbers that the effect gives it; all that differs is
+    where and how large the picture is, which the datum tells.
+    """
+    monkeypatch.setattr(camera, "_datum", lambda *given: given)
+    run, bend, (c_x, c_y) = filmed(), 0.03, aside
+    straight = replace(
+        run, file=replace(run.file, camera=run.file.camera.model_copy(update={"distortion": (0.0,) * 5}))
+    )
+    off = next(e for e in LIBRARY if e.name == "lens_distortion" and e.variant == "off its middle")
+    assert off.correct is not None
+    made, _ = off.correct(straight, SimpleNamespace(), bend, -bend * c_y, -bend * c_x)
+    x = np.stack(np.meshgrid(np.linspace(-0.6, 0.6, 7), np.linspace(-0.4, 0.4, 5)), axis=-1).reshape(-1, 2)
+    ahead, still = np.column_stack([x, np.ones(len(x))]), np.zeros(3)
+    seen, _ = cv2.projectPoints(ahead, still, still, np.eye(3), np.array(made.file.camera.distortion))
+    away = x - [c_x, c_y]
+    wanted = x + bend * (away**2).sum(axis=1, keepdims=True) * away
+    _, left, *_ = np.linalg.lstsq(ahead, wanted - seen.reshape(-1, 2), rcond=None)
+    assert left.max() < 1e-24
+    assert np.abs(wanted - x).max() > 0.005
+
+
+def test_corrections_of_the_camera_change_what_they_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    run, fit = filmed(), SimpleNamespace(mapping=Matrix(np.arange(12.0).reshape(3, 4)))
+    points = run.file.datum
     monkeypatch.setattr(camera, "_datum", lambda *given: given)
 
     def corrected(name: str, *numbers: float):
@@ -352,6 +383,9 @@ def test_corrections_of_the_camera_change_what_they_name(monkeypatch: pytest.Mon
     made, mapping = corrected("lens_distortion", 0.03)
     assert made.file.camera.distortion == pytest.approx((0.13, 0.02, 0, 0, 0))
     assert mapping == (made.file.camera, points, (0.1, 0.2))
+    with_k2 = next(e for e in LIBRARY if e.name == "lens_distortion" and e.variant == "with k2")
+    assert with_k2.correct is not None
+    assert with_k2.correct(run, fit, 0.03, -0.05)[0].file.camera.distortion == pytest.approx((0.13, -0.03, 0, 0, 0))
     made, mapping = corrected("deck_height", 0.015)
     assert [m.depth_m for m in made.file.marker] == pytest.approx([0.115, 0.215])
     assert mapping is fit.mapping

@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 
 from towline.diagnose.effects import LIBRARY, Effect, Parameter
 from towline.diagnose.effects.hull import CURRENT
-from towline.diagnose.gap import Diagnosis, best_measurement, called, diagnosed, rival_of, twins_of
+from towline.diagnose.gap import Diagnosis, best_measurement, called, diagnosed, rests_on, rival_of, twins_of
 from towline.diagnose.inference.apart import Apart
 from towline.diagnose.inference.evidence import LARGEST_SD, LARGEST_SHARE, Fitted, Inference, within
 from towline.diagnose.inference.grams import Grams
@@ -246,6 +246,32 @@ def test_an_effect_in_another_form_is_named_and_something_else_is_not() -> None:
     burst[1] = burst[1] + SIZE_M * WAVE
     found = diagnosed(campaign(burst), [OTHER], "test", {}, rng=np.random.default_rng(0)).file
     assert found.verdict == "unknown"
+
+
+def test_beside_a_gross_effect_a_second_one_is_told_where_it_leaves_nothing() -> None:
+    """The bend is a thousand times the noise; three hundredths of what it explains, which its form may leave over, are far more
+    than what the push explains. Beside both there is noise alone. A ripple of all runs, which the push follows in one, is no push.
+    """
+    gross = replace(OTHER, parameters=(replace(OTHER.parameters[0], sd=1.0),))
+    bend = 1000 * NOISE_M * shape("bend", "")
+    both = [n + bend for n in white(5)]
+    both[1] = both[1] + SIZE_M * WAVE
+    found = diagnosed(campaign(both), [PUSH, gross], "test", {}, rng=np.random.default_rng(0)).file
+    assert (found.verdict, set(found.ranking[0].effects)) == ("effect", {"bend", "push"})
+    push = found.ranking[0].parameters["push.moment"]
+    assert push.value == pytest.approx(SIZE_M, abs=3 * push.std)
+    assert push.std < 0.1 * SIZE_M
+    ripple = [n + bend + SIZE_M * np.sin(2 * np.pi * HERTZ * T_S) for n in white(6)]
+    found = diagnosed(campaign(ripple), [PUSH, gross], "test", {}, rng=np.random.default_rng(0)).file
+    assert found.ranking[0].effects == ["bend"]
+
+
+def test_something_unknown_rests_on_no_base_that_follows_nothing(base: tuple[Inference, Fitted]) -> None:
+    free = candidate(base[1], 9.0, named("free"))
+    follows, lost = (ranking_of(base[1], free=free, follows=f) for f in (True, False))
+    assert rests_on(follows, "unknown") == [base[1]]
+    assert rests_on(lost, "unknown") == []
+    assert rests_on(lost, "no_gap") == [base[1]]
 
 
 def test_a_one_sided_number_stays_on_its_side() -> None:

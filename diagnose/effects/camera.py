@@ -15,6 +15,8 @@ from .members import any_of, with_some
 
 EXACT = 0.003
 """Share of what a fault of geometry explains that may be left over: its form is known, its time to a part of a block."""
+LENS_FORM = 0.01
+"""The same of a lens, whose bend is smooth."""
 ROLL_FORM = 0.01
 """Of a roll with its own period, damping and mark heights."""
 ROLLS_S = (0.6, 0.8, 1.0, 1.25, 1.55, 1.9, 2.4)
@@ -45,9 +47,10 @@ def _fitted(run, fit):
     return run, _datum(run.file.camera, run.file.datum, tuple(m.depth_m for m in run.file.marker))
 
 
-def _lens(run, fit, k1):
+def _lens(run, fit, k1, k2=0.0, p1=0.0, p2=0.0):
     camera = run.file.camera
-    bent = (camera.distortion[0] + float(k1), *camera.distortion[1:])
+    wrong = (k1, k2, p1, p2, 0.0)
+    bent = tuple(stated + float(more) for stated, more in zip(camera.distortion, wrong, strict=True))
     return _fitted(_changed(run, camera=camera.model_copy(update={"distortion": bent})), fit)
 
 
@@ -195,9 +198,27 @@ LENS = Effect(
     "Calibrate the lens (towline lens).",
     "theory.md 4",
     correct=_lens,
+    form=LENS_FORM,
     needs=_no_lens,
     title="the lens's true distortion",
 )
+LENS_FORMS = (
+    replace(
+        LENS,
+        parameters=(*LENS.parameters, Parameter("k2", "", 0.1)),
+        members=with_some(["k2"], ["k1"]),
+        variant="with k2",
+    ),
+    replace(
+        LENS,
+        parameters=(*LENS.parameters, Parameter("p1", "", 0.005), Parameter("p2", "", 0.005)),
+        physics="The lens bends straight lines otherwise than [camera] says, about another place than the middle of the picture.",
+        correct=lambda run, fit, k1, p1, p2: _lens(run, fit, k1, 0.0, p1, p2),
+        members=with_some(["p1", "p2"], ["k1"]),
+        variant="off its middle",
+    ),
+)
+"""Beside one that bends by the square of the distance alone: Brown's further terms."""
 DECK = Effect(
     "deck_height",
     "camera",

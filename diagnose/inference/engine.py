@@ -481,6 +481,7 @@ def _ranking(
         excluded,
         forms,
         beside=beside,
+        follows=bool(explains[0]),
     )
 
 

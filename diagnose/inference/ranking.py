@@ -55,6 +55,7 @@ class Ranking:
     p_no_gap, p_unknown : of the rest
     free : the best free form, or None
     beside : one of the best candidates with a free form for what it leaves, or None
+    follows : whether the simulator as it is follows its runs with random forces that count as noise; else it explains nothing
     rest : what the best hypothesis leaves over
     excluded : effect -> why it could not be judged
     forms : names of a candidate -> log evidence of each form of its effects that was fitted, the best first
@@ -72,6 +73,7 @@ class Ranking:
     forms: dict[tuple[str, ...], dict[str, float]] = field(default_factory=dict)
     inexact: Array | None = None
     beside: Candidate | None = None
+    follows: bool = True
 
     @property
     def named(self) -> Array:

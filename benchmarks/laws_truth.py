@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -80,9 +81,8 @@ def true_force(seen: Seen, numbers: Mapping[str, float] | None = None) -> Array:
     seen : states
     numbers : changed numbers of the law
     """
-    q = Lanes([])
-    q.n, q.values = seen.lanes.n, dict(seen.lanes.values)
-    q.values |= {name: np.full(q.n, value) for name, value in (numbers or {}).items()}
+    q = copy(seen.lanes)
+    q.values = dict(seen.lanes.values) | {name: np.full(q.n, value) for name, value in (numbers or {}).items()}
     return np.array(law_force(q, seen.now)) / seen.size
 
 

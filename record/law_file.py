@@ -50,8 +50,9 @@ class LawFile(ResultFile):
 
     schema_name: Literal["towline/law"] = Field(default="towline/law", alias="schema", description="this file")
     version: int = Field(default=1, description="of the schema")
-    verdict: Literal["law", "field", "no_gap", "other", "unknown", "not_searched"] = Field(
-        description="law: the rest of the file says which; field: a force without an equation; else why says why not"
+    verdict: Literal["law", "form_open", "field", "no_gap", "other", "unknown", "not_searched"] = Field(
+        description="law: the rest of the file says which; form_open: candidates only; field: a force without an equation; else "
+        "why says why not"
     )
     why: str = Field(default="", description="why there is no law, in words")
     p_law: float = Field(default=0.0, description="probability of all laws together")

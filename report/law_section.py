@@ -59,7 +59,7 @@ def law_section(file: LawFile, searched: Searched | None) -> Html:
         parts.append(table(["law", "probability", "numbers", "shrink"], rows))
         size = "½ρU²L² for a side force Y, ½ρU²L³ for a moment N"
         parts.append(tag("p", f"Numbers y and n times {size}; the others are those inside the terms (docs/law.md)."))
-    if searched is not None and searched.field is not None and file.verdict in ("law", "field", "unknown"):
+    if searched is not None and searched.field is not None and file.verdict in ("law", "form_open", "field", "unknown"):
         parts += _without_a_form(file, searched, searched.field)
     return tag("section", *parts, id="law")
 

@@ -19,7 +19,21 @@ from ..inference.engine import CONVERGED_GAIN, extended
 from ..inference.evidence import Fitted
 from ..inference.ranking import Candidate, Ranking
 from ..tow.towed import TowSimulator
-from .choose import ARM, Groups, LawTable, chosen, distinct, fields_of, fits, force_of, free_path, priors, simpler
+from .bar import CLEARLY, TOLD, worse_aside
+from .choose import (
+    ARM,
+    Groups,
+    LawTable,
+    chosen,
+    distinct,
+    elsewhere,
+    fields_of,
+    fits,
+    force_of,
+    free_path,
+    priors,
+    simpler,
+)
 from .field import FIELD
 from .grammar import grammar
 from .terms import NAME, Range, State, Term, dimensionless, effect_of, term, text_of, values_of, written
@@ -117,13 +131,15 @@ class Searched:
     ----------
     laws : the most probable first
     p_law : of all laws together
-    verdict : "law", "field" (no equation: a force without a form), "no_gap", "other" (effects of the library explain it better) or
-        "unknown"
+    verdict : "law", "form_open" (laws, none of which is likely enough or follows the runs kept aside), "field" (no equation: a
+        force without a form), "no_gap", "other" (effects of the library explain it better) or "unknown"
     other : effects of the library that do, or that explain these runs about as well as a law
     states, seen : of ``seen_by``
     diagnosis : of the engine, behind it
     field : the best force without a form; None where none is missing
     goes_with : groups of variables and their share of the evidence, of forces without a form
+    worse_aside : by how many standard errors the best law leaves more of the runs kept aside than the force without a form; NaN
+        where neither is there
     """
 
     laws: tuple[Law, ...]
@@ -135,6 +151,19 @@ class Searched:
     diagnosis: Diagnosis
     field: Field | None
     goes_with: tuple[tuple[Groups, float], ...]
+    worse_aside: float = float("nan")
+
+    @property
+    def acts_with(self) -> tuple[tuple[str, ...], float]:
+        """What the missing force goes with, whatever its form, and the probability of that, of laws and forces without a form."""
+        found: dict[tuple[str, ...], float] = {}
+        for law in self.laws:
+            names = {v for effect in law.effects for v in term(text_of(effect)).variables}
+            found[tuple(sorted(names))] = found.get(tuple(sorted(names)), 0.0) + law.probability
+        if self.field is not None:
+            names = tuple(sorted({v for group in self.field.groups for v in group}))
+            found[names] = found.get(names, 0.0) + self.field.probability
+        return max(found.items(), key=lambda one: one[1]) if found else ((), 0.0)
 
 
 def seen_by(simulator: TowSimulator) -> tuple[State, Range]:
@@ -197,7 +226,11 @@ def law_effects(size: float, states: State, seen: Range, terms: Sequence[Term]) 
 
 
 def searched(
-    found: Diagnosis, names: int, conclude: Callable[[Ranking], Diagnosis], say: Callable[[str], None] = lambda _: None
+    found: Diagnosis,
+    names: int,
+    conclude: Callable[[Ranking], Diagnosis],
+    say: Callable[[str], None] = lambda _: None,
+    held: Sequence[int] | None = None,
 ) -> Searched:
     """Search for the law that diagnosed runs miss.
 
@@ -207,6 +240,7 @@ def searched(
     names : how many effects compete in it
     conclude : a ranking -> what follows from it (``gap.concluded``)
     say : is told in a sentence what is done
+    held : runs kept aside; None: each in turn
     """
     inference, base = found.inference, found.ranking.base
     simulator = inference.simulator
@@ -221,6 +255,9 @@ def searched(
     starts = chosen(table, names)
     say("fitting " + "; ".join(start.text for start in starts))
     fitted = fits(inference, starts)
+    if more := elsewhere(inference, starts, fitted, seen):
+        say("at another place: " + "; ".join(start.text for start in more))
+        starts, fitted = [*starts, *more], [*fitted, *fits(inference, more)]
     more = simpler(starts, fitted, priors(table, names)[0])
     if more:
         say("simpler: " + "; ".join(start.text for start in more))
@@ -245,16 +282,24 @@ def searched(
             told = "law"  # a force of the library's is an equation, too: both are told
         verdict = told if p_of["law"] + p_of["field"] + p_of["other"] > ranking.p_unknown else "unknown"
     shrinks = {tuple(row.effects): row.shrink for row in answer.file.ranking}
+    told = _merged(answer, laws, states, shrinks) if verdict in ("law", "field") else []
+    worse = float("nan")
+    if verdict == "law":
+        if fields:
+            worse = worse_aside(inference, told[0].fitted, max(fields, key=_evidence_of)[0].fitted, held)
+        if told[0].probability < TOLD or worse > CLEARLY:
+            verdict = "form_open"
     return Searched(
-        tuple(_merged(answer, laws, states, shrinks)) if verdict in ("law", "field") else (),
+        tuple(told),
         p_of["law"],
         verdict,
         others[0][0].names if others and (verdict == "other" or others[0][1] > AS_WELL) else (),
         states,
         seen,
         answer,
-        _field_of(answer, fields, shrinks) if verdict in ("law", "field", "unknown") else None,
+        _field_of(answer, fields, shrinks) if verdict in ("law", "form_open", "field", "unknown") else None,
         table.goes_with(),
+        worse,
     )
 
 
@@ -279,12 +324,16 @@ def _worth(fitted: Fitted) -> float:
     return fitted.log_evidence - max(fitted.promised - CONVERGED_GAIN, 0.0)
 
 
+def _evidence_of(one: tuple[Candidate, float]) -> float:
+    return one[0].log_evidence
+
+
 def _field_of(
     found: Diagnosis, fields: Sequence[tuple[Candidate, float]], shrinks: dict[tuple[str, ...], float]
 ) -> Field | None:
     if not fields:
         return None
-    candidate, probability = max(fields, key=lambda one: one[0].log_evidence)
+    candidate, probability = max(fields, key=_evidence_of)
     fitted, at = candidate.fitted, found.inference.fixed(candidate.fitted.hypothesis)
     own = slice(at, at + fitted.hypothesis.size)
     groups = tuple(tuple(name.removeprefix(f"{FIELD} ").split(" with ")) for name in candidate.names)

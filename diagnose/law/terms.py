@@ -24,6 +24,8 @@ ACTS = {"Y": ("y",), "N": ("n",), "Y and N": ("y", "n")}
 """Where a term may act -> its coefficients."""
 WIDE = "wide"
 """Name of a bump's width, which has no sign."""
+AT = "at"
+"""Name of the one number of what saturates or begins somewhere."""
 WALL = 0.9
 """Of the way to the wall: what grows towards it grows no more beyond."""
 
@@ -275,7 +277,7 @@ def _scaled(text: str, found: re.Match[str]) -> Term:
         return (np.tanh(x) if saturates else beyond(x),)
 
     form = f"{found[1]}({found[2]}/{{:.4g}})"
-    return Term(text, (found[2],), 3, basis, (Shape("at", scale, 0.5 * scale),), form=form)
+    return Term(text, (found[2],), 3, basis, (Shape(AT, scale, 0.5 * scale),), form=form)
 
 
 def _wave(text: str, found: re.Match[str]) -> Term:
@@ -500,6 +502,7 @@ def _coefficients(found: Term, channels: Sequence[str], numbers: Sequence[Any] |
 
 __all__ = [
     "ACTS",
+    "AT",
     "DRY",
     "NAME",
     "PLAIN",

@@ -108,7 +108,9 @@ def line_of(a: dict[str, Any]) -> str:
     """One answer in the table."""
     text = f"{a['name']:10} D {a['d']:6.0f}  {'coloured' if a['coloured'] else 'white':9}{a['diagnosis']:15}{a['verdict']:13}"
     if "true" not in a:
-        return f"{text}{' '.join(a['effects']):18}" + (f"{a['laws'][0][1]:.2f} {a['laws'][0][0]}" if law_told(a) else "")
+        return f"{text}{' '.join(a['effects']):18}" + (
+            f"{a['laws'][0][1]:.2f} {a['laws'][0][0]}" if law_told(a) else ""
+        )
     oracles = f"{a['oracle']['coefficients']:.3f}/{a['oracle']['form']:.3f}"
     error = f"{a['force_error']:.3f}" if law_told(a) else "-"
     text += f"true {' '.join(a['true']):9} told {_told(a):9} form {'yes' if a.get('form') else 'no':4}"

@@ -11,9 +11,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from laws_cases import SIZES
 
 from towline.blind.truth.cases import Case, lane_of
-from towline.blind.truth.laws import TERMS, law_force
+from towline.blind.truth.laws import TERMS, law_ahead, law_force
 from towline.diagnose.effects import Effect, Parameter, Situation
 from towline.diagnose.inference.evidence import Fitted, Inference
 from towline.diagnose.inference.grams import Grams
@@ -62,26 +63,35 @@ def true_effect(case: Case, inside: bool) -> tuple[Effect, np.ndarray]:
         if f"law.kind{k}" not in fixed:
             continue
         kind = int(fixed[f"law.kind{k}"])
-        names += [name for which in ("side", "turn") if fixed.get(name := f"law.{which}{k}")]
+        names += [name for which in ("side", "turn", "along") if fixed.get(name := f"law.{which}{k}")]
         sds += [WIDE * abs(fixed[n]) for n in names[len(sds) :]]
         if inside:
             more = INSIDE.get(kind, {}) | ({"phase": 1.0} if kind in (5, 6) else {})
             names += [f"law.{which}{k}" for which in more]
             sds += more.values()
     values = np.array([fixed[n] for n in names])
-    coefficient = np.array([n[4:8] in ("side", "turn") for n in names])
+    coefficient = np.array([n[4:8] in SIZES for n in names])
 
-    def force(s: Situation, *numbers: Any) -> tuple[Any, Any]:
+    def asked(s: Situation, *numbers: Any) -> tuple[Any, Any]:
         q = _Numbers({n: np.asarray(v) for n, v in fixed.items()} | dict(zip(names, numbers, strict=True)))
         q.n = np.broadcast_shapes(np.shape(s.v_m_s), *(np.shape(v) for v in numbers))
         now = SimpleNamespace(v=s.v_m_s, r=s.r_rad_s, speed=s.speed_m_s, y_m=s.y_m, beta=s.beta_rad)
-        return law_force(q, now)  # pyright: ignore[reportArgumentType]
+        return q, now
 
+    def force(s: Situation, *numbers: Any) -> tuple[Any, Any]:
+        return law_force(*asked(s, *numbers))
+
+    def ahead(s: Situation, *numbers: Any) -> Any:
+        return law_ahead(*asked(s, *numbers))
+
+    along = any(fixed.get(f"law.along{k}") for k in range(TERMS))
     parameters = tuple(
         Parameter(n, "", float(sd), none=0.0 if c else float(v))
         for n, sd, c, v in zip(names, sds, coefficient, values, strict=True)
     )
-    return Effect("truth", "sway", parameters, "", "", force=force, sizes=(1.0,), form=0.0), values
+    return Effect(
+        "truth", "sway", parameters, "", "", force=force, ahead=ahead if along else None, sizes=(1.0,), form=0.0
+    ), values
 
 
 def oracle(case: Case, inference: Inference, base: Fitted) -> tuple[dict[str, Fitted], dict[str, dict[str, float]]]:

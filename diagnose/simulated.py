@@ -46,7 +46,7 @@ def effects_of(file: ScenarioFile, path: Path, library: Sequence[Effect] = LIBRA
             raise InputError(path, f"{where}.form", f"{table.form!r}; {table.name} has {known or 'one form only'}")
         formed = [e for e in named if e.variant == table.form] if table.form else named
         effect = next((e for e in formed if set(table.numbers) <= {p.name for p in e.parameters}), formed[0])
-        works = effect.force, effect.tension, effect.keeps, effect.coupling, effect.length, effect.offset
+        works = effect.force, effect.ahead, effect.tension, effect.keeps, effect.coupling, effect.length, effect.offset
         if not any(works) or effect.lag_s:
             raise InputError(
                 path,
@@ -93,9 +93,10 @@ def with_effects(
                 tow = replace(tow, line_length_m=stated + longer)
         if effect.offset is not None:
             tow = replace(tow, tow_point_offset_m=tow.tow_point_offset_m + float(effect.offset(*n)))
-    pushing = [(e, n) for e, n in effects if e.force or e.tension or e.keeps]
+    pushing = [(e, n) for e, n in effects if e.force or e.ahead or e.tension or e.keeps]
     if not pushing:
         return hull, tow, None
+    surging = any(e.ahead is not None for e, _ in pushing)
     here = hull.at_speed(tow.speed_m_s)
     width = file.water.tank_width_m
 
@@ -108,16 +109,20 @@ def with_effects(
             half_width_m=width / 2 if width else np.nan, v_lag=v, r_lag=r, duration_s=file.time.duration_s,
             y_v=here.y_v, n_v=here.n_v, n_r=here.n_r, history=lambda _: 1.0,
         )  # fmt: skip
-        side = moment = 0.0
+        side = moment = ahead = 0.0
         for effect, n in pushing:
             if effect.force is not None:
                 one, two = effect.force(s, *n)
                 side, moment = side + one, moment + two
+            if effect.ahead is not None:
+                ahead = ahead + effect.ahead(s, *n)
         if not any(effect.tension is not None or effect.keeps is not None for effect, _ in pushing):
-            return side, moment
+            return (side, moment, ahead) if surging else (side, moment)
 
         def answer(more_side: float, more_moment: float, tow: Tow = tow) -> Taut:
-            return full_state(t_s, (alpha, beta, v, r), here, tow, lambda *_: (side + more_side, moment + more_moment))
+            return full_state(
+                t_s, (alpha, beta, v, r), here, tow, lambda *_: (side + more_side, moment + more_moment, ahead)
+            )
 
         plain = answer(0.0, 0.0)
         kept = sum(float(effect.keeps(*n)) for effect, n in pushing if effect.keeps is not None)
@@ -130,6 +135,7 @@ def with_effects(
         by_force = np.stack([(answer(*one).rates - plain.rates)[2:] for one in np.eye(2)], axis=1)
         matrix, right = np.moveaxis(by_force, (0, 1), (-2, -1)), np.moveaxis(wanted, 0, -1)[..., None]
         more = np.linalg.solve(matrix, right)
-        return side + more[..., 0, 0], moment + more[..., 1, 0]
+        side, moment = side + more[..., 0, 0], moment + more[..., 1, 0]
+        return (side, moment, ahead) if surging else (side, moment)
 
     return hull, tow, extra

@@ -15,7 +15,7 @@ from ..diagnose.inference.engine import CLEAR
 from ..diagnose.law.bar import TOLD
 from ..diagnose.law.choose import Groups
 from ..diagnose.law.search import Law, Searched, searched
-from ..diagnose.law.terms import term, text_of
+from ..diagnose.law.terms import AHEAD, term, text_of
 from ..diagnose.tow.towed import TowSimulator
 from ..record.files import write_text
 from ..record.law_file import FreeForce, GoesWith, LawFile, LawRow, LawTerm
@@ -26,7 +26,12 @@ from .diagnosing import concluded_runs, write_model
 Progress = Callable[[str, int, int | None], None]
 SEEN_ONLY = ("camera", "clock")
 """Stages of faults that move nothing: no law is looked for beside them."""
-ACTING = {"Y": "a side force", "N": "a moment", "Y and N": "a side force and a moment"}
+ACTING = {
+    "Y": "a side force",
+    "N": "a moment",
+    "Y and N": "a side force and a moment",
+    AHEAD: "a resistance beyond the straight tow's",
+}
 """Where a term acts, in words."""
 UNUSED = 0.01
 """Usual size of a coefficient where a law does not act: it has none there."""
@@ -269,13 +274,14 @@ def _python(law: Law, sentences: Sequence[str]) -> str:
     for k, effect in enumerate(law.effects, start=1):
         text = text_of(effect)
         coefficients = effect.parameters[: len(effect.parameters) - len(term(text).shapes)]
-        sizes = {"y": UNUSED, "n": UNUSED} | {p.name[0]: p.sd for p in coefficients}
+        sizes = {"y": UNUSED, "n": UNUSED, "x": UNUSED} | {p.name[0]: p.sd for p in coefficients}
+        usual = [f"{sizes[channel]:.6g}" for channel in ("ynx" if effect.variant == AHEAD else "yn")]
         reach = {name: (float(f"{low:.6g}"), float(f"{high:.6g}")) for name, low, high in effect.reach}
         lines += [
             f"LAW_{k} = effect_of(",
             f"    {text!r},",
             f"    {effect.variant!r},",
-            f"    sd=({sizes['y']:.6g}, {sizes['n']:.6g}),",
+            f"    sd=({', '.join(usual)}),",
             f"    reach={reach!r},",
             ")",
         ]

@@ -110,9 +110,10 @@ def _beyond_reach(file: ScenarioFile, motion: pd.DataFrame, effects: Sequence[Ef
 
     width = file.water.tank_width_m
     columns = (motion[name].to_numpy() for name in ("v_m_s", "r_rad_s", "y_cg_m", "beta_rad"))
+    alpha = motion["alpha_rad"].to_numpy()
     own = (file.tow.speed_m_s, file.model.length_pp_m, width / 2 if width else np.nan)
     # how the line turns against the hull is in no motion's table
-    states = dimensionless(*own, *columns, turn_rad_s=np.nan, time=np.nan)
+    states = dimensionless(*own, *columns, turn_rad_s=np.nan, time=np.nan, alpha_rad=alpha)
     told = []
     for effect in effects:
         for name, low, high in effect.reach:

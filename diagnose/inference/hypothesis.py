@@ -106,8 +106,17 @@ def form_of(effect: Effect) -> tuple[object, ...]:
     effect : of a library, or a free form
     """
     e = effect
-    works = (e.force, e.tension, e.keeps, e.law, e.coupling, e.speed, e.length, e.offset, e.stretch, e.clock, e.observe)
-    return (e.name, *works, e.correct, e.when, e.lag_s, e.remembers, *((q.name, q.none) for q in e.parameters))
+    works = (e.force, e.ahead, e.tension, e.keeps, e.law, e.coupling, e.speed, e.length, e.offset, e.stretch, e.clock)
+    return (
+        e.name,
+        *works,
+        e.observe,
+        e.correct,
+        e.when,
+        e.lag_s,
+        e.remembers,
+        *((q.name, q.none) for q in e.parameters),
+    )
 
 
 __all__ = ["EFFECT_STEP", "FREE", "Hypothesis", "Path", "Slopes", "form_of", "with_effects"]

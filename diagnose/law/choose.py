@@ -17,7 +17,7 @@ from ..inference.noise import Forces
 from ..inference.ranking import Candidate
 from .field import FIELD, GROUPS, field_effect
 from .table import Choice, Table
-from .terms import ACTS, AT, Range, State, effect_of, family, term, text_of, values_of, written
+from .terms import ACTS, AHEAD, AT, Range, State, effect_of, family, term, text_of, values_of, written
 
 Groups = tuple[tuple[str, ...], ...]
 """Of variables."""
@@ -94,7 +94,7 @@ class LawTable:
     ----------
     inference, base : of the diagnosis
     free : of ``free_path``
-    terms : effects of the grammar, acting in side force and moment
+    terms : effects of the grammar, acting in side force and moment, or ahead
     fields : of each of GROUPS
     """
 
@@ -107,6 +107,9 @@ class LawTable:
         self.singles: list[tuple[int, str, Choice]] = []
         for k, effect in enumerate(self.terms):
             count, columns = term(text_of(effect)).functions, self.table.columns(k)
+            if effect.variant == AHEAD:
+                self.singles.append((k, AHEAD, Choice((k,), tuple(columns[:count]), effect.cost)))
+                continue
             for acts, part in (
                 ("Y", columns[:count]),
                 ("N", columns[count : 2 * count]),
@@ -131,7 +134,7 @@ class LawTable:
 
     def pairs(self) -> list[tuple[int, int, Choice]]:
         """The best terms with every other one, as positions in ``singles``; what lags stays alone."""
-        families = [family(text_of(self.terms[k])) for k, _, _ in self.singles]
+        families = [_family(self.terms[k]) for k, _, _ in self.singles]
         alone = [term(text_of(self.terms[k])).lag_s > 0 for k, _, _ in self.singles]
         done: set[tuple[int, int]] = set()
         found = []
@@ -172,7 +175,7 @@ def priors(laws: LawTable, names: int) -> tuple[float, float]:
     laws : the table
     names : how many effects of the library compete
     """
-    n = names + len({family(text_of(e)) for e in laws.terms})
+    n = names + len({_family(e) for e in laws.terms})
     return float(np.log(P_SINGLE / n)), float(np.log(P_PAIR / (n * (n - 1) / 2)))
 
 
@@ -198,7 +201,7 @@ def chosen(laws: LawTable, names: int) -> list[Start]:
     done: dict[frozenset[str], int] = {}
     for group, most in ((singles, ALONE), (rows, FITTED)):
         for value, prior, members, choice, force in group:
-            form = frozenset(family(text_of(laws.terms[laws.singles[m][0]])) for m in members)
+            form = frozenset(_family(laws.terms[laws.singles[m][0]]) for m in members)
             start = _start(laws, members, choice, force, prior, value - prior)
             if any(start.names == one.names for one in found):
                 continue
@@ -311,12 +314,17 @@ def _at(effect: Effect, shapes: Sequence[float] | Array) -> Effect:
     return effect_of(written(text_of(effect), shapes), effect.variant, _sizes(effect), _reach(effect))
 
 
-def _sizes(effect: Effect) -> tuple[float, float]:
+def _family(effect: Effect) -> str:
+    """Of its text; what acts ahead is another force than what acts aside."""
+    return f"{AHEAD} {family(text_of(effect))}" if effect.variant == AHEAD else family(text_of(effect))
+
+
+def _sizes(effect: Effect) -> tuple[float, float, float]:
     """Usual sizes of a term's coefficients; where it does not act, those of where it does."""
     count = len(effect.parameters) - len(term(text_of(effect)).shapes)
     by = {p.name[0]: p.sd for p in effect.parameters[:count]}
     some = next(iter(by.values()))
-    return by.get("y", some), by.get("n", some)
+    return by.get("y", some), by.get("n", some), by.get("x", some)
 
 
 def _reach(effect: Effect) -> dict[str, tuple[float, float]]:

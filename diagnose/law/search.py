@@ -8,7 +8,7 @@ and with noise.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -35,11 +35,13 @@ from .choose import (
     simpler,
 )
 from .field import FIELD
-from .grammar import grammar
-from .terms import NAME, Range, State, Term, dimensionless, effect_of, term, text_of, values_of, written
+from .grammar import grammar, resistances
+from .terms import AHEAD, NAME, Range, State, Term, dimensionless, effect_of, term, text_of, values_of, written
 
 SIDE_SHARE = 0.1
 """Usual force of a missing term: this share of the line's pull; sizes down to a thirtieth are as likely (``Effect.sizes``)."""
+AHEAD_SHARE = 0.3
+"""Usual resistance beyond a straight tow's, by that: a choice."""
 SAME_FORCE = 0.03
 """Terms whose forces over the range seen differ by less than this share of them, whatever is linear in v and r left out, are one
 law."""
@@ -182,9 +184,12 @@ def seen_by(simulator: TowSimulator) -> tuple[State, Range]:
         v, r = np.gradient(y, t_s) - tow.speed_m_s * beta, np.gradient(beta, t_s)
         turn, time = np.gradient(alpha, t_s) + r, t_s / max(float(t_s[-1]), 1e-9)
         own = (tow.speed_m_s, run.length_pp_m, run.half_width_m)
-        parts.append(dimensionless(*own, v, r, y, beta, turn_rad_s=turn, time=time))
+        state = dimensionless(
+            *own, v, r, y, beta, turn_rad_s=turn, time=time, alpha_rad=alpha, tow_point_m=tow.tow_point_m
+        )
+        parts.append(replace(state, arm=state.arm + 0.0 * t_s))
     every = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(State)}
-    moved = {name: x for name, x in every.items() if not name.endswith("_late")}
+    moved = {name: x for name, x in every.items() if not name.endswith("_late") and name != "arm"}
     seen = Range(
         {n: float(x.min()) for n, x in moved.items()},
         {n: float(x.max()) for n, x in moved.items()},
@@ -205,24 +210,31 @@ def usual_size(simulator: TowSimulator) -> float:
     return SIDE_SHARE * float(np.mean([run.data.tow.tension_n or 0.0 for run in simulator.runs])) / size
 
 
-def law_effects(size: float, states: State, seen: Range, terms: Sequence[Term]) -> list[Effect]:
-    """The grammar's terms as effects, each for a side force and a moment.
+def law_effects(size: float, states: State, seen: Range, terms: Sequence[Term], acts: str = "Y and N") -> list[Effect]:
+    """The grammar's terms as effects, each for a side force and a moment, or ahead.
 
     Parameters
     ----------
     size : a usual side force by rho/2 U^2 L^2
     states, seen : of ``seen_by``
     terms : of the grammar
+    acts : where: "Y and N" or AHEAD
     """
     found = []
     for one in terms:
         numbers = [1.0] * one.functions + [shape.value for shape in one.shapes]
-        height = float(np.sqrt(np.mean(values_of(one.text, "Y", numbers, states)[0] ** 2)))
+        # what a resistance always has is the straight tow's
+        spread = np.std if acts == AHEAD else _root_mean_square
+        height = float(spread(values_of(one.text, "Y", numbers, states)[0]))
         # a lag's term is as large as a part of the velocity
         height = height if height > 0 else 0.3 * seen.usual[one.variables[0]]
         sd = size / max(height, 1e-9)
-        found.append(effect_of(one.text, "Y and N", (sd, ARM * sd), seen.ends))
+        found.append(effect_of(one.text, acts, (sd, ARM * sd, AHEAD_SHARE / SIDE_SHARE * sd), seen.ends))
     return found
+
+
+def _root_mean_square(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))
 
 
 def searched(
@@ -250,8 +262,11 @@ def searched(
     size = usual_size(simulator)
     free = free_path(inference, base, seen, size)
     terms = grammar(seen, bool(np.isfinite(simulator.runs[0].half_width_m)))
-    say(f"{len(terms)} terms and their pairs")
-    table = LawTable(inference, free, base, law_effects(size, states, seen, terms), fields_of(seen, size))
+    effects = law_effects(size, states, seen, terms)
+    if any(run.data.tow.line == "surge" for run in simulator.runs):
+        effects += law_effects(size, states, seen, resistances(seen), AHEAD)
+    say(f"{len(effects)} terms and their pairs")
+    table = LawTable(inference, free, base, effects, fields_of(seen, size))
     starts = chosen(table, names)
     say("fitting " + "; ".join(start.text for start in starts))
     fitted = fits(inference, starts)

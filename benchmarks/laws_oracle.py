@@ -31,8 +31,8 @@ INSIDE = {0: {"p": 0.7}, 1: {"p": 0.7}, 3: {"a": 0.02}, 4: {"a": 0.02}, 5: {"b":
 too, as its sine and cosine."""
 STEPS, TURNS, FEW_FORCES = 8, (3, 6), 0.1
 """Of the oracle's fit: Gauss-Newton steps, when the random forces are estimated, and the share of the base's they begin with."""
-OWN_STEPS = 6
-"""Steps in which a tow that is not fitted finds its own start."""
+OWN_STEPS, SHORTER = 6, 0.3
+"""Steps in which a tow that is not fitted finds its own start; one that makes the fitted tows worse is shortened to this share."""
 
 
 class _Numbers(dict):
@@ -150,18 +150,27 @@ def _gaps(simulator: TowSimulator, first: list[int], fitted: Fitted, forces: For
     own[count:, :4] = start.own[count:, :4]
     h = Hypothesis(fitted.hypothesis.shared, own, fitted.hypothesis.effects, fitted.hypothesis.numbers, start.path)
     inference = Inference(simulator, simulator.noise(h))
-    for turn in range(OWN_STEPS + 1):
+    share, kept, best = 1.0, None, -np.inf
+    for _ in range(OWN_STEPS + 1):
         linear = inference.linear([h])[0]
         grams = Grams(linear.columns, inference.noise)
-        step = inference.solve(grams, h, forces, first).shared
+        solved = inference.solve(grams, h, forces, first)
+        if kept is None or solved.here >= best:
+            kept, best = (h, linear, grams, solved.shared), solved.here
+        else:
+            # a whole step of a coefficient and its power runs off where the two are hardly told apart
+            share *= SHORTER
+        h, linear, grams, step = kept[0], kept[1], kept[2], kept[3].copy()
+        step[: len(h.shared)] *= share
+        step[inference.fixed(h) :] *= share
         mine = inference.reduced(grams, h, forces).own_step(step)
-        if turn == OWN_STEPS:
-            break
         shared, effects = step[: len(h.shared)], step[inference.fixed(h) :]
         cuts = np.cumsum([len(n) for n in h.numbers])[:-1]
         numbers = tuple(n + e for n, e in zip(h.numbers, np.split(effects, cuts) if h.numbers else [], strict=True))
         path = linear.slopes.moved(shared, mine, effects)
         h = replace(h, shared=h.shared + shared, own=h.own + mine, numbers=numbers, path=path)
+    assert kept is not None
+    h = kept[0]
     row = []
     for run in range(count, len(simulator.runs)):
         left = inference.left(linear, forces, step, mine[run], run)[: len(inference.noise.runs[run].white)]

@@ -2,28 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..record.errors import InputError
-from ..record.scenario import ScenarioFile
-from ..simulate.model import Array, ExtraForce, Hull, Taut, Tow, accelerated, full_state, line_angle_rate, line_force
+from ..record.scenario import LawScenario, ScenarioFile
+from ..simulate.model import (
+    Array,
+    ExtraForce,
+    Hull,
+    Taut,
+    Tow,
+    accelerated,
+    full_state,
+    full_y_cg,
+    line_angle_rate,
+    line_force,
+)
 from .effects import LIBRARY, Effect, Situation
 
+MissingForce = Callable[..., tuple[Any, Any, Any]]
+"""(t_s, state (4, ...), tow, duration_s, half_width_m) -> Y N, N N m, X N."""
 TINY_N = 2.0**-100
 """Imaginary step of the tension: a derivative by it has no difference's error, a power of two no rounding."""
 
 
-def effects_of(file: ScenarioFile, path: Path, library: Sequence[Effect] = LIBRARY) -> list[tuple[Effect, Array]]:
+def effects_of(
+    file: ScenarioFile | LawScenario, path: Path, library: Sequence[Effect] = LIBRARY
+) -> list[tuple[Effect, Array]]:
     """Effects of a scenario's [[effect]] tables with their numbers.
 
     Parameters
     ----------
-    file : the scenario as read
-    path : of the scenario, for errors
+    file : the scenario as read, or a law's
+    path : of it, for errors
     library : effects that it may name
 
     Raises
@@ -59,6 +75,36 @@ def effects_of(file: ScenarioFile, path: Path, library: Sequence[Effect] = LIBRA
             raise InputError(path, f"{where}.numbers.{wrong[0]}", f"unknown; {table.name} has {', '.join(known)}")
         found.append((effect, np.array([table.numbers.get(p.name, p.none) for p in effect.parameters])))
     return found
+
+
+def missing_force(effects: Sequence[tuple[Effect, Array]], length_pp_m: float, density_kg_m3: float) -> MissingForce:
+    """Forces of effects as what a fit of the derivatives knows beforehand (``identify.data.Missing``).
+
+    Parameters
+    ----------
+    effects : with their numbers; what they do beside ``force`` and ``ahead`` is not in it
+    length_pp_m, density_kg_m3 : of model and water
+    """
+
+    def force(t_s, state, tow: Tow, duration_s, half_width_m):
+        alpha, beta, v, r = state
+        turning = line_angle_rate(tow, beta, v, r, np.cos(alpha + beta), tow.post_motion(t_s)[1])
+        unknown = float("nan")
+        s = Situation(
+            t_s, full_y_cg(t_s, alpha, beta, tow), beta, v, r, alpha, tow.speed_m_s, tow.line_length_m, tow.tow_point_m,
+            tow.resistance, turning, length_pp_m=length_pp_m, density_kg_m3=density_kg_m3, half_width_m=half_width_m,
+            v_lag=v, r_lag=r, duration_s=duration_s, y_v=unknown, n_v=unknown, n_r=unknown, history=lambda _: 1.0,
+        )  # fmt: skip
+        side = moment = ahead = 0.0 * v
+        for effect, n in effects:
+            if effect.force is not None:
+                one, two = effect.force(s, *n)
+                side, moment = side + one, moment + two
+            if effect.ahead is not None:
+                ahead = ahead + effect.ahead(s, *n)
+        return side, moment, ahead
+
+    return force
 
 
 def with_effects(

@@ -31,7 +31,7 @@ from towline.diagnose.law.users import added, user_terms
 from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
 from towline.record.errors import TowlineError
 from towline.record.law_file import LawFile
-from towline.record.results import read_result
+from towline.record.results import DerivativesFile, read_result
 from towline.simulate.model import Hull, Tow, full_state, line_force
 
 SEEN = Range(
@@ -344,6 +344,19 @@ y_cg_m = 0.15
     capsys.readouterr()
     assert main(["simulate", str(far), "--effects", str(out / "law.py"), "-o", str(folder / "far.csv")]) == 0
     assert "where nothing is known of it" in capsys.readouterr().out
+
+
+def test_derivatives_are_fitted_beside_a_law_and_say_so(bump: tuple[Path, Path], tmp_path: Path) -> None:
+    """The law that was found is a note and an input of derivatives.json; runs that it was found in stay within its range."""
+    folder, out = bump
+    runs = [str(run) for run in sorted((folder / CASES / "law").glob("run-*"))]
+    law = [str(out / name) for name in ("law.toml", "law.py")]
+    assert main(["identify", *runs, "--effects", *law, "--no-page", "-o", str(tmp_path)]) == 0
+    file = read_result(tmp_path / "derivatives.json", DerivativesFile)
+    assert any("fitted beside a law" in note and "bump(y at" in note for note in file.notes)
+    assert {"law.toml", "law.py"} <= set(file.inputs)
+    # a fit leaves a little more than the measured range at a run's ends, or less
+    assert sum("nothing is known of it" in note for note in file.notes) <= 2
 
 
 def test_no_law_is_looked_for_in_noise(tmp_path: Path) -> None:

@@ -325,8 +325,12 @@ def is_field(candidate: Candidate) -> bool:
 
 def is_law(candidate: Candidate) -> bool:
     """Whether all its effects are terms of the grammar."""
-    names = [effect.name for effect in candidate.effects]
-    return all(name.startswith(f"{NAME} ") and not name.startswith(FIELD) for name in names)
+    return all(is_term(effect) for effect in candidate.effects)
+
+
+def is_term(effect: Effect) -> bool:
+    """Whether it is a term of the grammar."""
+    return effect.name.startswith(f"{NAME} ") and not effect.name.startswith(FIELD)
 
 
 def _pushes(candidate: Candidate) -> bool:
@@ -417,6 +421,6 @@ def without_linear(force: Array, states: State) -> Array:
 
 
 __all__ = [
-    "Field", "Law", "Searched", "force_of", "is_field", "is_law", "law_effects", "searched", "seen_by", "usual_size",
+    "Field", "Law", "Searched", "force_of", "is_field", "is_law", "is_term", "law_effects", "searched", "seen_by", "usual_size",
     "without_linear",
 ]  # fmt: skip

@@ -67,6 +67,8 @@ def answered(out: Path, case: Case, count: int) -> dict[str, Any]:
         "p_law": file.p_law, "laws": [(one.text, one.probability, one.shrink) for one in file.laws],
         "terms": [one.model_dump() for one in file.laws[0].terms] if file.laws else [],
         "goes_with": [(one.variables, one.share) for one in file.goes_with[:3]],
+        "acts_with": sorted(law.searched.acts_with[0]) if law.searched else [],
+        "worse_aside": law.searched.worse_aside if law.searched else None,
     }  # fmt: skip
     if case.effects != ["law"]:
         return answer
@@ -80,7 +82,7 @@ def answered(out: Path, case: Case, count: int) -> dict[str, Any]:
     answer["oracle"] = {name: apart(true_force(seen, n), true, seen) for name, n in numbers.items()}
     answer["oracle_log"] = {name: fit.log_evidence - ranking.base.log_evidence for name, fit in fits.items()}
     best = None
-    if file.laws and law.searched is not None:
+    if file.verdict == "law" and law.searched is not None:
         best = law.searched.laws[0]
         terms = told([one.model_dump() for one in file.laws[0].terms])
         answer["told"] = sorted({v for one in terms for v in one.variables})
@@ -97,32 +99,52 @@ def answered(out: Path, case: Case, count: int) -> dict[str, Any]:
     return answer
 
 
+def law_told(answer: dict[str, Any]) -> bool:
+    """Whether a law was told, and not candidates only (answers from before candidates had a verdict: the same)."""
+    return answer["verdict"] == "law"
+
+
 def line_of(a: dict[str, Any]) -> str:
     """One answer in the table."""
     text = f"{a['name']:10} D {a['d']:6.0f}  {'coloured' if a['coloured'] else 'white':9}{a['diagnosis']:15}{a['verdict']:13}"
     if "true" not in a:
-        return f"{text}{' '.join(a['effects']):18}" + (f"{a['laws'][0][1]:.2f} {a['laws'][0][0]}" if a["laws"] else "")
+        return f"{text}{' '.join(a['effects']):18}" + (
+            f"{a['laws'][0][1]:.2f} {a['laws'][0][0]}" if law_told(a) else ""
+        )
     oracles = f"{a['oracle']['coefficients']:.3f}/{a['oracle']['form']:.3f}"
-    error = f"{a['force_error']:.3f}" if a["laws"] else "-"
-    text += f"true {' '.join(a['true']):9} told {' '.join(a.get('told', ['-'])) or '1':9} form {'yes' if a.get('form') else 'no':4}"
+    error = f"{a['force_error']:.3f}" if law_told(a) else "-"
+    text += f"true {' '.join(a['true']):9} told {_told(a):9} form {'yes' if a.get('form') else 'no':4}"
     text += f"error {error:6} oracle {oracles:13}"
     for what, gaps in a.get("beyond", {}).items():
         text += (
             f"{what} " + "/".join(f"{gaps[k]:.2f}" if k in gaps else "-" for k in ("before", "answer", "oracle")) + "  "
         )
-    return text + (f"{a['laws'][0][1]:.2f} {a['laws'][0][0]}" if a["laws"] else "")
+    best = f"{a['laws'][0][1]:.2f} {a['laws'][0][0]}" if a["laws"] else ""
+    return text + (best if law_told(a) or not best else f"({best})")
+
+
+def _told(a: dict[str, Any]) -> str:
+    """What it goes with; in brackets where no form is told."""
+    if law_told(a):
+        return " ".join(a["told"]) or "1"
+    where = " ".join(a.get("acts_with", [])) if a["verdict"] in ("form_open", "field") else ""
+    return f"({where})" if where else "-"
 
 
 def summary(answers: list[dict[str, Any]]) -> list[str]:
     """The must-show lines."""
     laws = [a for a in answers if "true" in a]
-    said = [a for a in laws if a["laws"]]
+    said = [a for a in laws if law_told(a)]
+    where = [a for a in laws if a["verdict"] in ("form_open", "field")]
     lines = []
     if laws:
         lines.append(
             f"laws {len(laws)}: a law told {len(said)}, variables right {sum(a['told'] == a['true'] for a in said)}, "
             f"form right {sum(a['form'] for a in said)}"
         )
+    if where:
+        right = sum(a.get("acts_with") == a["true"] for a in where)
+        lines.append(f"told without a form, or with candidates only: {len(where)}, variables right {right}")
     if said:
         errors = np.array([a["force_error"] for a in said])
         lines.append(f"force error over the range seen, where a law is told: median {np.median(errors):.3f}")
@@ -151,7 +173,7 @@ def summary(answers: list[dict[str, Any]]) -> list[str]:
         ("faults", [a for a in answers if _fault(a)]),
     ):
         if part:
-            lines.append(f"{what} {len(part)}: a law told {sum(bool(a['laws']) for a in part)}")
+            lines.append(f"{what} {len(part)}: a law told {sum(map(law_told, part))}")
     if answers:
         times = [a["seconds_law"] for a in answers]
         lines.append(f"seconds beside the diagnosis: {np.median(times):.0f} median, {max(times):.0f} at most")

@@ -13,6 +13,8 @@ from towline.blind.truth.laws import KINDS
 
 LOW_D, HIGH_D = 50.0, 5000.0
 """Of the laws, after the derivatives are refitted."""
+AHEAD_SHARE, AHEAD_KINDS = 0.15, (0, 1, 5, 10)
+"""So many laws are of surge: one term, an even power or something at a place, that holds the model back or pushes it."""
 SIDE_N = 0.02
 """First size of a term; D then says how large it is."""
 FAULTS = (
@@ -23,6 +25,10 @@ FAULTS = (
 IN_NO_LIBRARY = ("kick", "new_mass", "vibration")
 WIDER, FASTER = 1.5, 0.85
 """A tow beyond those that are fitted: its release, over the largest of them, and another's speed, over the usual one."""
+
+
+SIZES = ("side", "turn", "alon")
+"""How the names of a law's sizes begin."""
 
 
 def law_case(name: str, seed: list[int]) -> Case:
@@ -45,10 +51,18 @@ def law_case(name: str, seed: list[int]) -> Case:
             else float(rng.uniform(-0.5, 0.5)),
             f"law.phase{k}": float(rng.uniform(-np.pi, np.pi)) if kind in (5, 6) else float(rng.uniform(-0.1, 0.1)),
         }  # fmt: skip
+    surge = np.random.default_rng([*seed, 10])
+    if surge.random() < AHEAD_SHARE:
+        kind = int(surge.choice(AHEAD_KINDS))
+        numbers = {n: v for n, v in numbers.items() if n.endswith("0")} | {
+            "law.kind0": kind, "law.side0": 0.0, "law.turn0": 0.0, "law.along0": SIDE_N * float(surge.choice([-1, 1])),
+            "law.even0": 1.0, "law.a0": float(surge.uniform(0.02, 0.08)), "law.b0": float(surge.uniform(4.0, 30.0)),
+            "law.phase0": float(surge.uniform(-np.pi, np.pi) if kind == 5 else surge.uniform(-0.1, 0.1)),
+        }  # fmt: skip
     case = gentle(replace(case, kind="unknown", effects=["law"], numbers=numbers))
     target = float(np.exp(rng.uniform(np.log(LOW_D), np.log(HIGH_D))))
     by = float(np.sqrt(target / max(distances_of(case, linear(case)).strength, 1e-9)))
-    sized = {n: v * by if n[4:8] in ("side", "turn") else v for n, v in case.numbers.items()}
+    sized = {n: v * by if n[4:8] in SIZES else v for n, v in case.numbers.items()}
     case = gentle(replace(case, numbers=sized))
     # signatures are straight lines: D goes with the square of the size
     d = target if case.numbers == sized else distances_of(case, linear(case)).strength

@@ -11,9 +11,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from laws_cases import SIZES
 
 from towline.blind.truth.cases import Case, lane_of
-from towline.blind.truth.laws import TERMS, law_force
+from towline.blind.truth.laws import TERMS, law_ahead, law_force
 from towline.diagnose.effects import Effect, Parameter, Situation
 from towline.diagnose.inference.evidence import Fitted, Inference
 from towline.diagnose.inference.grams import Grams
@@ -30,8 +31,8 @@ INSIDE = {0: {"p": 0.7}, 1: {"p": 0.7}, 3: {"a": 0.02}, 4: {"a": 0.02}, 5: {"b":
 too, as its sine and cosine."""
 STEPS, TURNS, FEW_FORCES = 8, (3, 6), 0.1
 """Of the oracle's fit: Gauss-Newton steps, when the random forces are estimated, and the share of the base's they begin with."""
-OWN_STEPS = 6
-"""Steps in which a tow that is not fitted finds its own start."""
+OWN_STEPS, SHORTER = 6, 0.3
+"""Steps in which a tow that is not fitted finds its own start; one that makes the fitted tows worse is shortened to this share."""
 
 
 class _Numbers(dict):
@@ -62,26 +63,35 @@ def true_effect(case: Case, inside: bool) -> tuple[Effect, np.ndarray]:
         if f"law.kind{k}" not in fixed:
             continue
         kind = int(fixed[f"law.kind{k}"])
-        names += [name for which in ("side", "turn") if fixed.get(name := f"law.{which}{k}")]
+        names += [name for which in ("side", "turn", "along") if fixed.get(name := f"law.{which}{k}")]
         sds += [WIDE * abs(fixed[n]) for n in names[len(sds) :]]
         if inside:
             more = INSIDE.get(kind, {}) | ({"phase": 1.0} if kind in (5, 6) else {})
             names += [f"law.{which}{k}" for which in more]
             sds += more.values()
     values = np.array([fixed[n] for n in names])
-    coefficient = np.array([n[4:8] in ("side", "turn") for n in names])
+    coefficient = np.array([n[4:8] in SIZES for n in names])
 
-    def force(s: Situation, *numbers: Any) -> tuple[Any, Any]:
+    def asked(s: Situation, *numbers: Any) -> tuple[Any, Any]:
         q = _Numbers({n: np.asarray(v) for n, v in fixed.items()} | dict(zip(names, numbers, strict=True)))
         q.n = np.broadcast_shapes(np.shape(s.v_m_s), *(np.shape(v) for v in numbers))
         now = SimpleNamespace(v=s.v_m_s, r=s.r_rad_s, speed=s.speed_m_s, y_m=s.y_m, beta=s.beta_rad)
-        return law_force(q, now)  # pyright: ignore[reportArgumentType]
+        return q, now
 
+    def force(s: Situation, *numbers: Any) -> tuple[Any, Any]:
+        return law_force(*asked(s, *numbers))
+
+    def ahead(s: Situation, *numbers: Any) -> Any:
+        return law_ahead(*asked(s, *numbers))
+
+    along = any(fixed.get(f"law.along{k}") for k in range(TERMS))
     parameters = tuple(
         Parameter(n, "", float(sd), none=0.0 if c else float(v))
         for n, sd, c, v in zip(names, sds, coefficient, values, strict=True)
     )
-    return Effect("truth", "sway", parameters, "", "", force=force, sizes=(1.0,), form=0.0), values
+    return Effect(
+        "truth", "sway", parameters, "", "", force=force, ahead=ahead if along else None, sizes=(1.0,), form=0.0
+    ), values
 
 
 def oracle(case: Case, inference: Inference, base: Fitted) -> tuple[dict[str, Fitted], dict[str, dict[str, float]]]:
@@ -140,18 +150,27 @@ def _gaps(simulator: TowSimulator, first: list[int], fitted: Fitted, forces: For
     own[count:, :4] = start.own[count:, :4]
     h = Hypothesis(fitted.hypothesis.shared, own, fitted.hypothesis.effects, fitted.hypothesis.numbers, start.path)
     inference = Inference(simulator, simulator.noise(h))
-    for turn in range(OWN_STEPS + 1):
+    share, kept, best = 1.0, None, -np.inf
+    for _ in range(OWN_STEPS + 1):
         linear = inference.linear([h])[0]
         grams = Grams(linear.columns, inference.noise)
-        step = inference.solve(grams, h, forces, first).shared
+        solved = inference.solve(grams, h, forces, first)
+        if kept is None or solved.here >= best:
+            kept, best = (h, linear, grams, solved.shared), solved.here
+        else:
+            # a whole step of a coefficient and its power runs off where the two are hardly told apart
+            share *= SHORTER
+        h, linear, grams, step = kept[0], kept[1], kept[2], kept[3].copy()
+        step[: len(h.shared)] *= share
+        step[inference.fixed(h) :] *= share
         mine = inference.reduced(grams, h, forces).own_step(step)
-        if turn == OWN_STEPS:
-            break
         shared, effects = step[: len(h.shared)], step[inference.fixed(h) :]
         cuts = np.cumsum([len(n) for n in h.numbers])[:-1]
         numbers = tuple(n + e for n, e in zip(h.numbers, np.split(effects, cuts) if h.numbers else [], strict=True))
         path = linear.slopes.moved(shared, mine, effects)
         h = replace(h, shared=h.shared + shared, own=h.own + mine, numbers=numbers, path=path)
+    assert kept is not None
+    h = kept[0]
     row = []
     for run in range(count, len(simulator.runs)):
         left = inference.left(linear, forces, step, mine[run], run)[: len(inference.noise.runs[run].white)]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -16,7 +17,7 @@ from scipy.optimize import least_squares
 from towline.blind.signature import block_times
 from towline.blind.truth.cases import Case, lane_of, swum
 from towline.blind.truth.lanes import Lanes
-from towline.blind.truth.laws import TERMS, law_force
+from towline.blind.truth.laws import TERMS, law_ahead, law_force
 from towline.blind.truth.motion import B, R, U, V, Y
 from towline.blind.truth.now import Now
 
@@ -25,7 +26,7 @@ SMALL = 0.03
 """A term, or another function, that changes the force by less than this share of it is no other law."""
 VARIABLES = {0: "v", 1: "r", 2: "v r", 3: "v", 4: "v", 5: "y", 6: "beta", 7: "v y", 8: "v r", 9: "r", 10: "y"}
 """Kind of a true term -> what it depends on."""
-NAMES = ("v", "r", "y", "beta", "turn", "time")
+NAMES = ("v", "r", "y", "beta", "turn", "time", "alpha")
 
 
 @dataclass(frozen=True)
@@ -38,12 +39,14 @@ class Seen:
     now : the same for the truth's own law
     lanes : of it
     size : (2, n) rho/2 U^2 L^2 and rho/2 U^2 L^3
+    pull : (2, n) side force and moment by these, for a push ahead of 1 that a line that keeps its length answers
     """
 
     of: Mapping[str, Array]
     now: Now
     lanes: Lanes
     size: Array
+    pull: Array | None = None
 
 
 def seen_by(case: Case, runs: Sequence[int]) -> Seen:
@@ -60,16 +63,18 @@ def seen_by(case: Case, runs: Sequence[int]) -> Seen:
         lane = lane_of(case, run)
         y, b, u, v, r = path.at(t_s, run, (Y, B, U, V, R)).T
         alpha = np.arcsin(np.clip((y + lane["x_t"] * np.sin(b)) / lane["line"], -1, 1))
-        parts.append(np.array([y, b, u, v, r, np.gradient(alpha, t_s) + r, t_s / t_s[-1]]))
+        parts.append(np.array([y, b, u, v, r, np.gradient(alpha, t_s) + r, t_s / t_s[-1], alpha]))
         lanes += [lane] * len(t_s)
-    y, b, u, v, r, turn, time = np.concatenate(parts, axis=1)
+    y, b, u, v, r, turn, time, alpha = np.concatenate(parts, axis=1)
     q, length, zero = Lanes(lanes), case.hull["length_pp"], np.zeros(len(y))
     now = Now(0.0, y, b, v, r, u, zero, turn, np.zeros((4, len(y))), zero)
     of = {
         "v": v / u, "r": r * length / u, "y": y / (q["tank_width"] / 2), "beta": b, "turn": turn * length / u, "time": time,
+        "alpha": alpha,
     }  # fmt: skip
     whole = 0.5 * case.hull["density"] * u**2 * length**2
-    return Seen(of, now, q, np.array([whole, whole * length]))
+    aside = np.tan(alpha + b)
+    return Seen(of, now, q, np.array([whole, whole * length]), np.array([aside, aside * q["x_t"] / length]))
 
 
 def true_force(seen: Seen, numbers: Mapping[str, float] | None = None) -> Array:
@@ -80,10 +85,10 @@ def true_force(seen: Seen, numbers: Mapping[str, float] | None = None) -> Array:
     seen : states
     numbers : changed numbers of the law
     """
-    q = Lanes([])
-    q.n, q.values = seen.lanes.n, dict(seen.lanes.values)
-    q.values |= {name: np.full(q.n, value) for name, value in (numbers or {}).items()}
-    return np.array(law_force(q, seen.now)) / seen.size
+    q = copy(seen.lanes)
+    q.values = dict(seen.lanes.values) | {name: np.full(q.n, value) for name, value in (numbers or {}).items()}
+    found = np.array(law_force(q, seen.now)) / seen.size
+    return found if seen.pull is None else found + law_ahead(q, seen.now) / seen.size[0] * seen.pull
 
 
 def without_linear(force: Array, seen: Seen) -> Array:
@@ -102,7 +107,7 @@ def true_terms(case: Case, seen: Seen) -> list[int]:
     """Which terms of the truth's law matter: without one of the others the force is another one."""
     whole = true_force(seen)
     there = [k for k in range(TERMS) if f"law.kind{k}" in case.numbers]
-    gone = {k: true_force(seen, {f"law.side{k}": 0.0, f"law.turn{k}": 0.0}) for k in there}
+    gone = {k: true_force(seen, {f"law.{s}{k}": 0.0 for s in ("side", "turn", "along")}) for k in there}
     return [k for k in there if apart(gone[k], whole, seen) >= SMALL]
 
 
@@ -130,7 +135,7 @@ def _bump(x: Array, at: float, wide: float) -> Array:
     return np.exp(-0.5 * ((x - at) / max(abs(wide), 1e-9)) ** 2)
 
 
-_NUMBER, _NAME = r"(-?[0-9.]+(?:e-?[0-9]+)?)", r"(v|r|y|beta|turn|time)"
+_NUMBER, _NAME = r"(-?[0-9.]+(?:e-?[0-9]+)?)", r"(v|r|y|beta|turn|time|alpha)"
 
 
 def _odd(x: Array, power: float) -> Array:
@@ -203,6 +208,13 @@ def _plain(text: str) -> Callable[[Mapping[str, Array]], Array]:
     return value
 
 
+def _row(seen: Seen, row: int, value: Array) -> Array:
+    """(2, n) of a value in one row; what acts ahead is in both, by what the line answers."""
+    if row == 2 and seen.pull is not None:
+        return value * seen.pull
+    return np.array([value if k == row else 0.0 * value for k in (0, 1)])
+
+
 @dataclass(frozen=True)
 class Told:
     """A term of an answer.
@@ -210,7 +222,7 @@ class Told:
     Attributes
     ----------
     basis, inside, variables : of ``told_term``
-    acts : rows of the force, side force 0 and moment 1, that it is in
+    acts : rows of the force, side force 0 and moment 1, that it is in; 2: ahead
     numbers : coefficients by row, then by function
     """
 
@@ -226,7 +238,8 @@ class Told:
         found = np.zeros((2, len(values[0])))
         for k, row in enumerate(self.acts):
             for j, value in enumerate(values):
-                found[row] += self.numbers[k * len(values) + j] * value
+                number = self.numbers[k * len(values) + j]
+                found += number * _row(seen, row, value)
         return found
 
 
@@ -245,7 +258,7 @@ def told(terms: Sequence[Mapping]) -> list[Told]:
     for one in terms:
         basis, inside, variables = told_term(one["text"])
         values = [number["value"] if isinstance(number, Mapping) else number for number in one["numbers"].values()]
-        acts = {"Y": (0,), "N": (1,), "Y and N": (0, 1)}[one["acts"]]
+        acts = {"Y": (0,), "N": (1,), "Y and N": (0, 1), "X": (2,)}[one["acts"]]
         count = len(values) - len(inside)
         found.append(Told(basis, values[count:], variables, acts, values[:count]))
     return found
@@ -289,7 +302,13 @@ def nearest(terms: Sequence[Told], seen: Seen, target: Array) -> float:
         rest = wanted.copy()
         parts = np.split(shapes, cuts) if len(shapes) else [[] for _ in terms]
         for row in (0, 1):
-            columns = [f for one, p in zip(terms, parts, strict=True) if row in one.acts for f in one.basis(seen.of, p)]
+            columns = [
+                _row(seen, which, f)[row]
+                for one, p in zip(terms, parts, strict=True)
+                for which in one.acts
+                for f in one.basis(seen.of, p)
+            ]
+            columns = [f for f in columns if np.any(f)]
             if columns:
                 table = without_linear(np.array(columns), seen).T
                 table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-30)

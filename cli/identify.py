@@ -54,6 +54,14 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
         metavar="FILE.py",
         help="estimators of one's own; this RUNS the file as a program: name none that you would not run yourself",
     )
+    sub.add_argument(
+        "--effects",
+        nargs="+",
+        type=Path,
+        metavar="FILE",
+        help="a law of towline diagnose --law that is known beforehand: law.toml with its numbers and law.py with its terms, which "
+        "is RUN as a program: name none that you would not run yourself",
+    )
     sub.add_argument("--no-page", action="store_true", help="write no HTML page")
     sub.add_argument("-o", "--out", type=Path, help="where derivatives.json and derivatives.html go (default: RUN/out)")
 
@@ -62,16 +70,20 @@ def call(options: argparse.Namespace) -> int:
     """Run the command."""
     from ..identify.reference import compare_to_reference, comparison_lines, reference_set
     from ..pipeline.analysis import by_line, output_folder
+    from ..record.errors import TowlineError
 
     reference = None if options.reference is None else reference_set(options.reference)
     other = _other_estimator(options)
+    law = _known_law(options, other)
     batch, free = by_line(read_batch(options))
     out = options.out or output_folder(options.runs)
     if other is not None:
         return _estimate(options, other, batch, free, out)
-    if not batch.runs:
+    if not batch.runs and law is None:
         return _identify_free(options, free, out)
-    answer = fit_and_write(options, batch, out)
+    if law is not None and free.runs:
+        raise TowlineError(f"--effects: {free.runs[0].run.name} is a free run; a law goes with tows")
+    answer = fit_and_write(options, batch, out, law)
     compared = None
     if reference is not None:
         from ..report.format import SYMBOLS_TEXT
@@ -118,6 +130,23 @@ def _other_estimator(options: argparse.Namespace) -> Any:
     return estimator_of(options.estimator)
 
 
+def _known_law(options: argparse.Namespace, estimator: Any) -> Any:
+    """The law that the fit knows beforehand, or None."""
+    if options.effects is None:
+        return None
+    from ..pipeline.missing import read_law
+    from ..record.errors import TowlineError
+
+    for option, wrong in (
+        ("--estimator", estimator is not None),
+        ("--form linear", options.form == "linear"),
+        ("--noise innovations", options.noise == "innovations"),
+    ):
+        if wrong:
+            raise TowlineError(f"{option}: a law goes with the joint fit, in the full form by output error")
+    return read_law(options.effects)
+
+
 def _estimate(options: argparse.Namespace, estimator: Any, batch: Any, free: Any, out: Path) -> int:
     """By another way than the joint fit: a table and derivatives_NAME.json."""
     from ..pipeline.analysis import estimate_batch
@@ -154,7 +183,7 @@ def _check_thoroughly(options: argparse.Namespace, answer: Any, out: Path) -> No
     options.outcome.wrote(out / "thorough.json")
 
 
-def fit_and_write(options: argparse.Namespace, batch: Any, out: Path) -> Any:
+def fit_and_write(options: argparse.Namespace, batch: Any, out: Path, law: Any = None) -> Any:
     """Fit, write derivatives.json and print its table; returns ``analysis.Identified``."""
     from ..pipeline.analysis import identify_batch
     from ..record.priors import read_priors
@@ -164,7 +193,7 @@ def fit_and_write(options: argparse.Namespace, batch: Any, out: Path) -> Any:
     priors = None if options.priors is None else read_priors(options.priors)
     with show_progress() as show:
         answer = identify_batch(
-            batch, options.form, options.speed, priors, lambda text: show(text, 0, None), options.noise
+            batch, options.form, options.speed, priors, lambda text: show(text, 0, None), options.noise, law=law
         )
     write_result(out / "derivatives.json", answer.result)
     console().print(derivatives_table(answer.result))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -32,6 +34,20 @@ ASSUMED_SIGMA_BETA_RAD = np.radians(0.1)
 
 
 @dataclass(frozen=True)
+class Missing:
+    """A force on the hull that no derivative holds, known beforehand: fitted is what is beside it.
+
+    Attributes
+    ----------
+    force : (t_s from the run's begin, state (4, ...), tow, duration_s, half_width_m) -> Y N, N N m, X N; all broadcast
+    half_width_m : of the run's tank; NaN: not known
+    """
+
+    force: Callable[..., tuple[Any, Any, Any]]
+    half_width_m: float = float("nan")
+
+
+@dataclass(frozen=True)
 class RunData:
     """One run for the estimators.
 
@@ -56,6 +72,7 @@ class RunData:
     gauge : (times, N) of a load cell on a line that keeps its length: an observation of its tension
     tension_stated : R or T is known beside the motion; False: tow.tension_n is a guess of the right order
     trim_rad : of the model, or None where run.toml does not say it
+    missing : a force that is known beforehand; None: none. Of all runs of a fit or of none, with one ``force``
     """
 
     name: str
@@ -79,6 +96,7 @@ class RunData:
     gauge: tuple[Array, Array] | None = None
     tension_stated: bool = True
     trim_rad: float | None = None
+    missing: Missing | None = None
 
     @property
     def steered(self) -> bool:

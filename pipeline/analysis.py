@@ -39,6 +39,7 @@ from ..record.priors import Priors
 from ..record.results import DerivativesFile, SteadyFile, TowStability
 from ..record.run import RUN_FILE, Run, all_inputs, read_run
 from ..simulate.model import DERIVATIVE_UNITS, Hull, Line, alpha_from_y
+from .missing import KnownLaw, half_width_of, states_of
 from .progress import Progress
 from .stages import RunMotion, compute_run_motion, compute_static_motion, read_truth
 
@@ -144,6 +145,7 @@ def identify_batch(
     noise: str = "auto",
     each: Each = in_turn,
     kept: Callable[[Callable[[], Fit]], Fit] | None = None,
+    law: KnownLaw | None = None,
 ) -> Identified:
     """Joint fit of the six derivatives over the batch; ``noise`` as in ``identify.fit_with_noise``.
 
@@ -157,6 +159,7 @@ def identify_batch(
     noise : as in ``identify.fit_with_noise``
     each : does a run's share, here or by workers
     kept : gets what fits, and gives the fit: what it says, or what it said before of the same runs
+    law : a force that is known beforehand; the derivatives are those beside it
 
     Raises
     ------
@@ -164,6 +167,16 @@ def identify_batch(
     """
     data, used, failed = _prepared(batch, priors)
     remarks = _one_hull(used)
+    if law is not None:
+        if form != "full" or noise == "innovations":
+            raise EstimationError("a law is fitted beside in the full form by output error only")
+        hull = used[0].run
+        force = law.missing(hull.model.length_pp_m, hull.water.density_kg_m3, float("nan"))
+        data = [
+            replace(d, missing=replace(force, half_width_m=half_width_of(m.run)))
+            for d, m in zip(data, used, strict=True)
+        ]
+        noise = "output"
 
     def fitted_now() -> Fit:
         return fit_with_noise(data, form, speed_m_s, noise, progress, each)
@@ -176,14 +189,25 @@ def identify_batch(
         first.model,
         first.water,
         __version__,
-        all_inputs([m.run for m in used]),
+        all_inputs([m.run for m in used]) | (law.inputs if law is not None else {}),
         failed,
         _true_six(used, fit.speed_m_s),
     )
+    if law is not None:
+        remarks = [*remarks, f"fitted beside a law that is taken as known: {law.text}", *_beyond(law, fit, data, used)]
     if (cut := _cut_short(used)) or remarks:
         result = result.model_copy(update={"notes": [*result.notes, *cut, *remarks]})
     fitted = {d.name: _fitted(fit, d, m, i) for i, (d, m) in enumerate(zip(data, used, strict=True))}
     return Identified(result, fitted, fit, data, used)
+
+
+def _beyond(law: KnownLaw, fit: Fit, data: list[RunData], used: list[RunMotion]) -> list[str]:
+    """Where the fitted motions leave the law's range."""
+    return [
+        f"{m.run.name}: {text}"
+        for d, m, fitted in zip(data, used, fit.response, strict=True)
+        for text in law.beyond(states_of(d, half_width_of(m.run), *fitted.T))
+    ]
 
 
 def _prepared(batch: Batch, priors: Priors | None) -> tuple[list[RunData], list[RunMotion], dict[str, str]]:

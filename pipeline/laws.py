@@ -12,9 +12,10 @@ from ..__version__ import __version__
 from ..diagnose.effects import Effect
 from ..diagnose.gap import Diagnosed
 from ..diagnose.inference.engine import CLEAR
+from ..diagnose.law.bar import TOLD
 from ..diagnose.law.choose import Groups
 from ..diagnose.law.search import Law, Searched, searched
-from ..diagnose.law.terms import term, text_of
+from ..diagnose.law.terms import AHEAD, term, text_of
 from ..diagnose.tow.towed import TowSimulator
 from ..record.files import write_text
 from ..record.law_file import FreeForce, GoesWith, LawFile, LawRow, LawTerm
@@ -25,7 +26,12 @@ from .diagnosing import concluded_runs, write_model
 Progress = Callable[[str, int, int | None], None]
 SEEN_ONLY = ("camera", "clock")
 """Stages of faults that move nothing: no law is looked for beside them."""
-ACTING = {"Y": "a side force", "N": "a moment", "Y and N": "a side force and a moment"}
+ACTING = {
+    "Y": "a side force",
+    "N": "a moment",
+    "Y and N": "a side force and a moment",
+    AHEAD: "a resistance beyond the straight tow's",
+}
 """Where a term acts, in words."""
 UNUSED = 0.01
 """Usual size of a coefficient where a law does not act: it has none there."""
@@ -39,7 +45,7 @@ class LawAnswer:
 
     Attributes
     ----------
-    verdict : "law", "field", "no_gap", "other", "unknown" of the search, or "not_searched"
+    verdict : "law", "form_open", "field", "no_gap", "other", "unknown" of the search, or "not_searched"
     why : in words, where there is no law
     searched : the search, None where there was no reason for one
     instead_of : effects of the library that the diagnosis names, and a law explains better
@@ -73,6 +79,7 @@ def law_of(found: Diagnosed, progress: Progress | None = None) -> LawAnswer:
             names,
             lambda ranking: concluded_runs(found.diagnosis, ranking, found.library, found.held, say),
             lambda text: say(text, 0, None) if say is not None else None,
+            found.held,
         )
     return LawAnswer(answer.verdict, _no_law(answer), answer, _titled(named) if answer.verdict == "law" else "")
 
@@ -84,6 +91,8 @@ def _titled(effects: Sequence[Effect]) -> str:
 def _no_law(answer: Searched) -> str:
     if answer.verdict == "law":
         return ""
+    if answer.verdict == "form_open":
+        return _open(answer)
     if answer.verdict == "field" and answer.field is not None:
         return f"what is missing goes with {_groups(answer.field.groups)}, and no equation of the grammar says how"
     if answer.verdict == "other":
@@ -96,6 +105,19 @@ def _no_law(answer: Searched) -> str:
             f"something happens once, in {rest.run} at {rest.span_s[0]:.0f}-{rest.span_s[1]:.0f} s: an event has no law"
         )
     return "no law of one or two terms of the grammar explains these runs"
+
+
+def _open(answer: Searched) -> str:
+    """Why a law is not told though laws are the best there is."""
+    variables, share = answer.acts_with
+    first = answer.laws[0].probability
+    where = f"what is missing goes with {' and '.join(variables)} (probability {share:.2f}), and its form is not told: "
+    if first < TOLD:
+        return f"{where}no law has a probability of {TOLD:g}, the best {first:.2f}"
+    return (
+        f"{where}the best law ({first:.2f}) follows the runs kept aside less well than a force without a form, by "
+        f"{answer.worse_aside:.1f} standard errors"
+    )
 
 
 def _groups(groups: Groups) -> str:
@@ -167,7 +189,7 @@ def _row(law: Law) -> LawRow:
 
 def _sentences(laws: Sequence[Law], answer: LawAnswer) -> list[str]:
     searched = answer.searched
-    if searched is None or answer.verdict not in ("law", "field", "unknown"):
+    if searched is None or answer.verdict not in ("law", "form_open", "field", "unknown"):
         return [answer.why[:1].upper() + answer.why[1:] + "."]
     if answer.verdict == "law" and laws:
         told = _of_the_law(laws, answer)
@@ -176,13 +198,17 @@ def _sentences(laws: Sequence[Law], answer: LawAnswer) -> list[str]:
         if answer.verdict == "field" and searched.field is not None:
             told += _shrinks(searched.field.shrink)
             told += [f"The nearest equation: {law.text} (probability {law.probability:.2f})." for law in laws[:1]]
+        if answer.verdict == "form_open":
+            told.append(f"Candidates: {', '.join(f'{law.text} ({law.probability:.2f})' for law in laws)}.")
+            if searched.other:
+                told.append(f"The library's {' and '.join(searched.other)} explains these runs, too.")
     surest, share = searched.goes_with[0]
     if answer.verdict != "unknown" or _worth_saying(searched):
         told.append(f"Without any equation, the force goes with {_groups(surest)} ({share:.2f} of the evidence).")
     next_run = searched.diagnosis.file.next_run
     if next_run is not None:
         told.append(f"The run that would tell most: {next_run.why}.")
-    effects = laws[0].effects if answer.verdict == "law" and laws else _field_effects(searched)
+    effects = laws[0].effects if answer.verdict in ("law", "form_open") and laws else _field_effects(searched)
     ends = {name: f"{name} {low:.3g} to {high:.3g}" for effect in effects for name, low, high in effect.reach}
     spans = ", ".join(ends[name] for name in sorted(ends))
     if spans:
@@ -248,13 +274,14 @@ def _python(law: Law, sentences: Sequence[str]) -> str:
     for k, effect in enumerate(law.effects, start=1):
         text = text_of(effect)
         coefficients = effect.parameters[: len(effect.parameters) - len(term(text).shapes)]
-        sizes = {"y": UNUSED, "n": UNUSED} | {p.name[0]: p.sd for p in coefficients}
+        sizes = {"y": UNUSED, "n": UNUSED, "x": UNUSED} | {p.name[0]: p.sd for p in coefficients}
+        usual = [f"{sizes[channel]:.6g}" for channel in ("ynx" if effect.variant == AHEAD else "yn")]
         reach = {name: (float(f"{low:.6g}"), float(f"{high:.6g}")) for name, low, high in effect.reach}
         lines += [
             f"LAW_{k} = effect_of(",
             f"    {text!r},",
             f"    {effect.variant!r},",
-            f"    sd=({sizes['y']:.6g}, {sizes['n']:.6g}),",
+            f"    sd=({', '.join(usual)}),",
             f"    reach={reach!r},",
             ")",
         ]

@@ -107,22 +107,14 @@ def _beyond_reach(file: ScenarioFile, motion: pd.DataFrame, effects: Sequence[Ef
     if not any(effect.reach for effect in effects):
         return []
     from ..diagnose.law.terms import dimensionless
+    from .missing import beyond_reach
 
     width = file.water.tank_width_m
     columns = (motion[name].to_numpy() for name in ("v_m_s", "r_rad_s", "y_cg_m", "beta_rad"))
+    alpha = motion["alpha_rad"].to_numpy()
     own = (file.tow.speed_m_s, file.model.length_pp_m, width / 2 if width else np.nan)
     # how the line turns against the hull is in no motion's table
-    states = dimensionless(*own, *columns, turn_rad_s=np.nan, time=np.nan)
-    told = []
-    for effect in effects:
-        for name, low, high in effect.reach:
-            least, most = np.min(getattr(states, name)), np.max(getattr(states, name))
-            if least < low or most > high:
-                told.append(
-                    f"{effect.name}: found for {name} from {low:.3g} to {high:.3g}; this motion goes from "
-                    f"{least:.3g} to {most:.3g}, where nothing is known of it"
-                )
-    return told
+    return beyond_reach(effects, dimensionless(*own, *columns, turn_rad_s=np.nan, time=np.nan, alpha_rad=alpha))
 
 
 __all__ = ["render_file", "simulate_file", "simulate_noted"]

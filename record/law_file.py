@@ -13,10 +13,13 @@ class LawTerm(_Part):
     """One term of a law."""
 
     text: str = Field(description="of the grammar (docs/law.md), with the numbers that were fitted")
-    acts: Literal["Y", "N", "Y and N"] = Field(description="side force, moment, or both")
+    acts: Literal["Y", "N", "Y and N", "X"] = Field(
+        description="side force, moment, or both; X: ahead, a resistance beyond the straight tow's where it is below 0"
+    )
     effect: str = Field(description="name of the effect in law.py and law.toml")
     numbers: dict[str, Measured] = Field(
-        description="y: of a side force by rho/2 U^2 L^2; n: of a moment by rho/2 U^2 L^3; then the numbers inside"
+        description="y: of a side force by rho/2 U^2 L^2; n: of a moment by rho/2 U^2 L^3; x: ahead by rho/2 U^2 L^2; then the "
+        "numbers inside"
     )
 
 
@@ -50,8 +53,9 @@ class LawFile(ResultFile):
 
     schema_name: Literal["towline/law"] = Field(default="towline/law", alias="schema", description="this file")
     version: int = Field(default=1, description="of the schema")
-    verdict: Literal["law", "field", "no_gap", "other", "unknown", "not_searched"] = Field(
-        description="law: the rest of the file says which; field: a force without an equation; else why says why not"
+    verdict: Literal["law", "form_open", "field", "no_gap", "other", "unknown", "not_searched"] = Field(
+        description="law: the rest of the file says which; form_open: candidates only; field: a force without an equation; else "
+        "why says why not"
     )
     why: str = Field(default="", description="why there is no law, in words")
     p_law: float = Field(default=0.0, description="probability of all laws together")

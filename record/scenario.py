@@ -13,6 +13,7 @@ from .schema import (
     Depth,
     Kind,
     Length,
+    Line,
     ModelTable,
     Name,
     NotNegative,
@@ -165,6 +166,20 @@ class EffectTable(Table):
         default="",
         description="which of the effect's forms, as gap.json names it; empty: the first that has these numbers",
     )
+
+
+class LawTow(Table):
+    """What the line of a law's runs keeps."""
+
+    line: Line | None = Field(default=None, description='"surge": its length; "constant": its tension')
+
+
+class LawScenario(Table):
+    """law.toml: derivatives and law as tables of a scenario (towline diagnose --law)."""
+
+    hull: HullTable | None = Field(default=None, description="the derivatives beside the law")
+    tow: LawTow | None = Field(default=None, description="what the line keeps")
+    effect: Annotated[tuple[EffectTable, ...], Field(min_length=1)] = Field(description="the law's terms")
 
 
 class ScenarioFile(Table):

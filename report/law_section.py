@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..diagnose.law.choose import force_of
 from ..diagnose.law.field import basis_of
-from ..diagnose.law.search import Field, Searched
-from ..diagnose.law.terms import State, term, text_of
+from ..diagnose.law.search import Field, Law, Searched
+from ..diagnose.law.terms import State, parts_of, term, text_of
 from ..diagnose.tow.towed import TowSimulator
 from .draw import BLUE, GREY, VERMILION, Columns, label, new_figure, svg_image
 from .format import significant
@@ -32,6 +32,7 @@ WORDS = {
     "beta": "heading (rad)",
     "turn": "turning of the line, by L/U",
     "time": "share of the run",
+    "alpha": "line angle (rad)",
 }
 
 
@@ -57,9 +58,9 @@ def law_section(file: LawFile, searched: Searched | None) -> Html:
         if file.verdict == "law":
             parts.append(law_figure(searched))
         parts.append(table(["law", "probability", "numbers", "shrink"], rows))
-        size = "½ρU²L² for a side force Y, ½ρU²L³ for a moment N"
-        parts.append(tag("p", f"Numbers y and n times {size}; the others are those inside the terms (docs/law.md)."))
-    if searched is not None and searched.field is not None and file.verdict in ("law", "field", "unknown"):
+        size = "½ρU²L² for a side force Y or a push ahead X, ½ρU²L³ for a moment N"
+        parts.append(tag("p", f"Numbers y, x and n times {size}; the others are those inside the terms (docs/law.md)."))
+    if searched is not None and searched.field is not None and file.verdict in ("law", "form_open", "field", "unknown"):
         parts += _without_a_form(file, searched, searched.field)
     return tag("section", *parts, id="law")
 
@@ -164,12 +165,12 @@ def law_figure(searched: Searched) -> Html:
     alone = set(variables) <= {variable}
     at = _grid(variable, searched.seen.ends[variable]) if alone else states
     size = _size(simulator)
-    scale = np.array([[size], [size * simulator.runs[0].length_pp_m]])
+    scale = np.array([[size], [size * simulator.runs[0].length_pp_m], [size]])
     rng = np.random.default_rng(0)
     draws = rng.multivariate_normal(np.concatenate(law.numbers), law.covariance, DRAWS)
-    told = scale * force_of(law.effects, law.numbers, at)
-    spread = np.std([scale * force_of(law.effects, law.apart(d), at) for d in draws], axis=0)
-    shown = [k for k in range(2) if np.abs(told[k]).max() > 0] or [0]
+    told = scale * _force(law, law.numbers, at)
+    spread = np.std([scale * _force(law, law.apart(d), at) for d in draws], axis=0)
+    shown = [k for k in range(3) if np.abs(told[k]).max() > 0] or [0]
     drawing, axes = new_figure(2.8, columns=len(shown))
     x = getattr(at, variable)
     order = np.argsort(x)
@@ -185,7 +186,7 @@ def law_figure(searched: Searched) -> Html:
         low, high = ax.get_ylim()
         ax.plot(getattr(states, variable), np.full(len(states.v), low), "|", color=GREY, markersize=5, alpha=0.25)
         ax.set_ylim(low, high)
-        what = ("side force (N)", "moment (N m)")[k]
+        what = ("side force (N)", "moment (N m)", "push ahead (N)")[k]
         label(ax, x=WORDS[variable], y=what)
         data[what.split(" (")[0]] = {variable: x[order], what: force, "sd": sd}
     return figure(
@@ -193,6 +194,12 @@ def law_figure(searched: Searched) -> Html:
         f"The missing force at {simulator.speed_m_s:.2f} m/s, with two standard deviations; the marks below are where the runs "
         "have been. What is linear in drift and yaw rate is in the derivatives.",
     )
+
+
+def _force(law: Law, numbers: Sequence[np.ndarray], at: State) -> np.ndarray:
+    """(3, n) coefficients of side force, moment and push ahead."""
+    parts = [parts_of(text_of(e), e.variant, n, at) for e, n in zip(law.effects, numbers, strict=True)]
+    return np.sum(parts, axis=0)
 
 
 def _grid(variable: str, ends: tuple[float, float]) -> State:

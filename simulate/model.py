@@ -187,7 +187,8 @@ def side_by_side(kind: type[Kind], **numbers: Any) -> Kind:
 
 
 ExtraForce = Callable[..., tuple]
-"""An unmodelled effect: ``(t_s, y, beta, v, r, alpha) -> (Y, N)`` added to sway and yaw, N and N m."""
+"""An unmodelled effect: ``(t_s, y, beta, v, r, alpha) -> (Y, N)`` added to sway and yaw, N and N m, or ``(Y, N, X)`` with what is
+added to surge, N: a line that keeps its length answers that by its tension, one that keeps its tension does not (u is U)."""
 
 
 def sway_yaw_acceleration(hull: Hull, v, r, side_force, moment):
@@ -353,7 +354,8 @@ def _coasting(hull: Hull, tow: Tow, u, v, r, more):
     here = hull.at_speed(u)
     y_0, n_0 = constant_force(here, tow.rudder_rad)
     v_free, r_free = sway_yaw_acceleration(here, v, r, y_0 + more[0], n_0 + more[1])
-    return v_free, r_free, surge_force(hull, tow.resistance, u / hull.speed_m_s, v, r) + hull.mass_kg * v * r
+    push = surge_force(hull, tow.resistance, u / hull.speed_m_s, v, r) + hull.mass_kg * v * r
+    return v_free, r_free, push + more[2] if len(more) > 2 else push
 
 
 def _under_pull(hull: Hull, tow: Tow, speeds: tuple[Any, Any, Any], tension, sine, cosine, more):

@@ -18,6 +18,7 @@ from scipy.optimize import brentq
 from towline.diagnose.effects import LAWS, LIBRARY
 from towline.diagnose.gap import Diagnosis, diagnosed
 from towline.diagnose.inference.hypothesis import Hypothesis
+from towline.diagnose.law.terms import effect_of
 from towline.diagnose.simulated import effects_of, with_effects
 from towline.diagnose.tow.data import CHANNELS, Recorded, TowRun, block_step, tow_runs
 from towline.diagnose.tow.towed import TowSimulator
@@ -197,18 +198,23 @@ def test_every_stated_input_moves_the_simulated_side(name: str) -> None:
 
 STEPPED = 2e-5
 """m and rad: steps of a twelfth of a second and means by polynomials (``test_diagnose``: a twentieth of a mean's noise)."""
-PUSHED = tuple(
-    next(e for e in LIBRARY if e.label == label)
-    for label in (
-        "crossflow_drag",
-        "constant_tension",
-        "tension_variation/instead of the line's length",
-        "elastic_line",
-        "speed_drift",
-        "swivel_friction",
-        "added_mass_coupling",
-        "tow_point_offset",
-    )
+RESISTS = effect_of("|r|^2.5", "X", sd=(0.0, 0.0, 0.03))
+"""Of R's size where the yaw rate is 0.1."""
+PUSHED = (
+    *(
+        next(e for e in LIBRARY if e.label == label)
+        for label in (
+            "crossflow_drag",
+            "constant_tension",
+            "tension_variation/instead of the line's length",
+            "elastic_line",
+            "speed_drift",
+            "swivel_friction",
+            "added_mass_coupling",
+            "tow_point_offset",
+        )
+    ),
+    RESISTS,
 )
 
 
@@ -255,11 +261,12 @@ SLOPE_SHARE = 0.03
         ("constant_tension", {"share": 0.7}),
         ("tension_variation/instead of the line's length", {"share": 0.5, "power": 1.5, "late_s": 0.2}),
         ("crossflow_drag", {"drag_depth_m": 0.1, "trim_depth_m": 0.02}),
+        (RESISTS.label, {"x": -0.1, "power": 2.2}),
     ],
 )
 def test_the_saved_simulator_is_the_diagnosis_own(label: str, numbers: dict[str, float]) -> None:
     """``towline simulate`` with the model that was saved, against the motion that the diagnosis had beside the data."""
-    effect = next(e for e in LIBRARY if e.label == label)
+    effect = next(e for e in (*LIBRARY, RESISTS) if e.label == label)
     run = stated()
     model = TowSimulator([run])
     own = np.array([[0.2, 0.02, -0.02, 0.01, 0.0, 0.0, R_N, 1.548, LINE_M, 1.28, 0, 0]])
@@ -276,7 +283,7 @@ def test_the_saved_simulator_is_the_diagnosis_own(label: str, numbers: dict[str,
         "model": {"length_pp_m": 2.66, "mass_kg": 78.0},
     }
     file = check_tables(scenario, ScenarioFile, Path("scenario.toml"))
-    found = effects_of(file, Path("scenario.toml"))
+    found = effects_of(file, Path("scenario.toml"), (*LIBRARY, RESISTS))
     motion = simulate_scenario(file, Path(), lambda hull, tow: with_effects(hull, tow, found, file))
     t_s = run.data.t_s - run.start_s
     block = np.floor(t_s / run.step_s + 1e-9).astype(int)

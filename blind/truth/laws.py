@@ -1,6 +1,7 @@
 """Forces that nobody has a name for: laws drawn from a grammar of their own, of one or two terms.
 
-Each number of a term stands for itself in a lane (``law.kind0`` its kind, ``law.side0`` and ``law.turn0`` its sizes ...). Kinds:
+Each number of a term stands for itself in a lane (``law.kind0`` its kind, ``law.side0``, ``law.turn0`` and ``law.along0`` its sizes
+aside, in turning and ahead ...). Kinds:
 0 a power of the drift, 1 of the yaw rate, 2 a product of powers of both, 3 a drift that saturates, 4 a drift that works from a
 threshold on, 5 waves across the tank, 6 waves in heading, 7 a drift force that changes with the place, 8 the hull's section at a
 station, by the power of its own drift, 9 a moment of constant size against the turning, 10 a bump at a place.
@@ -24,9 +25,23 @@ def _power(x: Array, p: Array, even: Array) -> Array:
 
 def law_force(q: Lanes, now: Now) -> tuple[Array, Array]:
     """Side force and moment of all terms."""
+    side, moment = np.zeros(q.n), np.zeros(q.n)
+    for k, value in enumerate(_values(q, now)):
+        side = side + q[f"law.side{k}"] * value
+        moment = moment + q[f"law.turn{k}"] * value
+    return side, moment
+
+
+def law_ahead(q: Lanes, now: Now) -> Array:
+    """What pushes ahead, of all terms: below 0 it is a resistance beyond the straight tow's."""
+    return sum((q[f"law.along{k}"] * value for k, value in enumerate(_values(q, now))), np.zeros(q.n))
+
+
+def _values(q: Lanes, now: Now) -> list[Array]:
+    """Of all terms, by the square of the speed through the water."""
     length = q["length_pp"]
     v, r = now.v / now.speed, now.r * length / now.speed
-    side, moment = np.zeros(q.n), np.zeros(q.n)
+    values = []
     for k in range(TERMS):
         a, p, even = (q[f"law.{name}{k}"] for name in ("a", "p", "even"))
         b, phase = q[f"law.b{k}"], q[f"law.phase{k}"]
@@ -47,10 +62,8 @@ def law_force(q: Lanes, now: Now) -> tuple[Array, Array]:
             np.exp(-0.5 * ((across - phase) / scale) ** 2),
         )
         value = np.choose(q[f"law.kind{k}"].astype(int).clip(0, KINDS - 1), shapes)
-        size = (now.speed / q["speed_ref"]) ** 2
-        side = side + q[f"law.side{k}"] * size * value
-        moment = moment + q[f"law.turn{k}"] * size * value
-    return side, moment
+        values.append((now.speed / q["speed_ref"]) ** 2 * value)
+    return values
 
 
-__all__ = ["KINDS", "TERMS", "law_force"]
+__all__ = ["KINDS", "TERMS", "law_ahead", "law_force"]

@@ -19,6 +19,7 @@ from scipy.interpolate import CubicHermiteSpline
 from .carriage import push, speed_at
 from .forces import forces_of
 from .lanes import Array, Lane, Lanes
+from .laws import law_ahead
 from .lift import memory_rates
 from .line import creep_rate, pull_of, servo_anywhere, servo_command, servo_rates, stretch_at_rest
 from .now import Now
@@ -210,6 +211,8 @@ def _rates(q: Lanes, terms, t: float, s: Array, random: Array) -> tuple[Array, A
     moment = scale * (q["n_v"] * v + q["n_r"] * r) - tension * (xt * side - yt * c) + random[1]
     # the line's direction in tank axes turns with ``turn``, the hull's with r: the swivel feels the difference
     now = Now(t, y, b, v, r, u, -tension * side, r - turn, s[LAG], s[SLOSH], turn, c / length)
+    if q.has("law.along0") or q.has("law.along1"):
+        ahead = ahead + law_ahead(q, now)
     for term in terms:
         one, two = term(q, now)
         force, moment = force + one, moment + two

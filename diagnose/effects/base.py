@@ -182,6 +182,8 @@ class Effect:
     title : what is missing, in words; default: the name
     force : (situation, *numbers) -> (Y N, N N m); a line that keeps its length answers it by its tension
     by_pull : its force goes with what the line pulls with: ``tension_n`` is that then, without the effect itself
+    ahead : (situation, *numbers) -> X, N, beside the resistance of a straight tow; a line that keeps its length answers it by its
+        tension, on one that keeps its tension it does nothing
     tension : (situation, *numbers) -> change of T, N, whatever a line that keeps its length asks
     keeps : (*numbers) -> how far the line keeps its tension instead of its length, 0..1
     law : (situation, *numbers) -> what the line pulls with, N, by its length: this and the model's surge are states then. Such an
@@ -218,6 +220,7 @@ class Effect:
     source: str = ""
     force: Callable[..., tuple[Any, Any]] | None = None
     by_pull: bool = False
+    ahead: Callable[..., Any] | None = None
     tension: Callable[..., Any] | None = None
     keeps: Callable[..., Any] | None = None
     law: Callable[..., Any] | None = None

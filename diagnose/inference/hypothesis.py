@@ -106,21 +106,18 @@ def form_of(effect: Effect) -> tuple[object, ...]:
     effect : of a library, or a free form
     """
     e = effect
-    works = (
-        e.force,
-        e.by_pull,
-        e.tension,
-        e.keeps,
-        e.law,
-        e.coupling,
-        e.speed,
-        e.length,
-        e.offset,
-        e.stretch,
+    works = (e.force, e.by_pull, e.ahead, e.tension, e.keeps, e.law, e.coupling, e.speed, e.length, e.offset, e.stretch)
+    return (
+        e.name,
+        *works,
         e.clock,
         e.observe,
+        e.correct,
+        e.when,
+        e.lag_s,
+        e.remembers,
+        *((q.name, q.none) for q in e.parameters),
     )
-    return (e.name, *works, e.correct, e.when, e.lag_s, e.remembers, *((q.name, q.none) for q in e.parameters))
 
 
 __all__ = ["EFFECT_STEP", "FREE", "Hypothesis", "Path", "Slopes", "form_of", "with_effects"]

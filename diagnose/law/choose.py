@@ -17,7 +17,7 @@ from ..inference.noise import Forces
 from ..inference.ranking import Candidate
 from .field import FIELD, GROUPS, field_effect
 from .table import Choice, Table
-from .terms import ACTS, Range, State, effect_of, family, term, text_of, values_of
+from .terms import ACTS, AHEAD, AT, Range, State, effect_of, family, term, text_of, values_of, written
 
 Groups = tuple[tuple[str, ...], ...]
 """Of variables."""
@@ -27,6 +27,10 @@ ALONE, FITTED, FIELDS = 4, 9, 2
 """Hypotheses that are fitted in full: laws of one term at least, all laws, and forces without a form. Choices, for time."""
 SIMPLER = 2
 """Of so many of the best laws everything simpler is fitted, too."""
+ELSEWHERE = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 1.7, 3.0)
+"""Where a term may saturate or begin, in usual sizes of its variable: looked at anew along a fitted law's own path."""
+MOVED, RESTARTED = 1.4, 2
+"""A place counts as another one from this factor on; so many of them are fitted for each term. Choices."""
 ACTING, NEAR = 2, 12.0
 """Of one form so many are fitted, acting differently or from other starts; none that is further below the best: for time."""
 FIELD_STEPS, FIELD_TURN, FIELD_FORCES = 6, 3, 0.1
@@ -90,7 +94,7 @@ class LawTable:
     ----------
     inference, base : of the diagnosis
     free : of ``free_path``
-    terms : effects of the grammar, acting in side force and moment
+    terms : effects of the grammar, acting in side force and moment, or ahead
     fields : of each of GROUPS
     """
 
@@ -103,6 +107,9 @@ class LawTable:
         self.singles: list[tuple[int, str, Choice]] = []
         for k, effect in enumerate(self.terms):
             count, columns = term(text_of(effect)).functions, self.table.columns(k)
+            if effect.variant == AHEAD:
+                self.singles.append((k, AHEAD, Choice((k,), tuple(columns[:count]), effect.cost)))
+                continue
             for acts, part in (
                 ("Y", columns[:count]),
                 ("N", columns[count : 2 * count]),
@@ -127,7 +134,7 @@ class LawTable:
 
     def pairs(self) -> list[tuple[int, int, Choice]]:
         """The best terms with every other one, as positions in ``singles``; what lags stays alone."""
-        families = [family(text_of(self.terms[k])) for k, _, _ in self.singles]
+        families = [_family(self.terms[k]) for k, _, _ in self.singles]
         alone = [term(text_of(self.terms[k])).lag_s > 0 for k, _, _ in self.singles]
         done: set[tuple[int, int]] = set()
         found = []
@@ -168,7 +175,7 @@ def priors(laws: LawTable, names: int) -> tuple[float, float]:
     laws : the table
     names : how many effects of the library compete
     """
-    n = names + len({family(text_of(e)) for e in laws.terms})
+    n = names + len({_family(e) for e in laws.terms})
     return float(np.log(P_SINGLE / n)), float(np.log(P_PAIR / (n * (n - 1) / 2)))
 
 
@@ -194,7 +201,7 @@ def chosen(laws: LawTable, names: int) -> list[Start]:
     done: dict[frozenset[str], int] = {}
     for group, most in ((singles, ALONE), (rows, FITTED)):
         for value, prior, members, choice, force in group:
-            form = frozenset(family(text_of(laws.terms[laws.singles[m][0]])) for m in members)
+            form = frozenset(_family(laws.terms[laws.singles[m][0]]) for m in members)
             start = _start(laws, members, choice, force, prior, value - prior)
             if any(start.names == one.names for one in found):
                 continue
@@ -221,9 +228,7 @@ def _start(laws: LawTable, members: Sequence[int], choice: Choice, forces: Force
     for member in members:
         k, acts, own = laws.singles[member]
         wide, shapes = laws.terms[k], term(text_of(laws.terms[k])).shapes
-        sizes = {p.name[0]: p.sd for p in wide.parameters[: len(wide.parameters) - len(shapes)]}
-        reach = {name: (low, high) for name, low, high in wide.reach}
-        effects.append(effect_of(text_of(wide), acts, (sizes["y"], sizes["n"]), reach))
+        effects.append(effect_of(text_of(wide), acts, _sizes(wide), _reach(wide)))
         values.append(np.concatenate([numbers[at : at + len(own.columns)], [shape.value for shape in shapes]]))
         at += len(own.columns)
     return Start(tuple(effects), replace(h, effects=tuple(effects), numbers=tuple(values)), forces, prior, score)
@@ -250,6 +255,82 @@ def fits(inference: Inference, starts: Sequence[Start]) -> list[Fitted]:
     return found
 
 
+def _best(starts: Sequence[Start], fitted: Sequence[Fitted]) -> list[tuple[Start, Fitted]]:
+    """The best laws with their fits."""
+    laws = [(s, f) for s, f in zip(starts, fitted, strict=True) if not s.effects[0].name.startswith(FIELD)]
+    return sorted(laws, key=lambda one: -(one[1].log_evidence + one[0].log_prior))[:SIMPLER]
+
+
+def elsewhere(inference: Inference, starts: Sequence[Start], fitted: Sequence[Fitted], seen: Range) -> list[Start]:
+    """The best laws with what saturates or begins at another place: a fit ends at the optimum nearest to its start.
+
+    Along a law's own path all places are one table, its other term beside them; the best of them are starts.
+
+    Parameters
+    ----------
+    inference, starts, fitted : of ``fits``
+    seen : of the runs
+    """
+    found: list[Start] = []
+    for start, end in _best(starts, fitted):
+        parts = list(zip(end.hypothesis.effects, end.hypothesis.numbers, strict=True))
+        for k, (effect, numbers) in enumerate(parts):
+            own = term(text_of(effect))
+            if [shape.name for shape in own.shapes] != [AT]:
+                continue
+            usual = seen.usual[own.variables[0]]
+            places = [x for share in ELSEWHERE if not 1 / MOVED < (x := share * usual) / abs(numbers[-1]) < MOVED]
+            moved = [_at(effect, [place]) for place in places]
+            beside = [_at(e, n[len(n) - len(term(text_of(e)).shapes) :]) for j, (e, n) in enumerate(parts) if j != k]
+            along = replace(end.hypothesis, effects=(), numbers=())
+            table = Table(inference, along, [*moved, *beside], end.forces)
+            rest = [len(moved) + j for j in range(len(beside))]
+            choices = [_chosen(table, [j, *rest]) for j in range(len(moved))]
+            scores, forces = table.scores(choices)
+            for j in np.argsort(-scores)[:RESTARTED].tolist():
+                h, solved = table.solved(choices[j], forces[j])
+                effects, values, at = [moved[j], *beside], [], 0
+                for one in effects:
+                    shapes = term(text_of(one)).shapes
+                    count = len(one.parameters) - len(shapes)
+                    values.append(np.concatenate([solved[at : at + count], [shape.value for shape in shapes]]))
+                    at += count
+                begun = replace(h, effects=tuple(effects), numbers=tuple(values))
+                found.append(Start(tuple(effects), begun, forces[j], start.log_prior, float(scores[j])))
+    return found
+
+
+def _chosen(table: Table, members: Sequence[int]) -> Choice:
+    """The coefficients of these effects; the numbers inside stay."""
+    columns: list[int] = []
+    for member in members:
+        effect = table.effects[member]
+        columns += list(table.columns(member))[: len(effect.parameters) - len(term(text_of(effect)).shapes)]
+    return Choice(tuple(members), tuple(columns), sum(table.effects[m].cost for m in members))
+
+
+def _at(effect: Effect, shapes: Sequence[float] | Array) -> Effect:
+    """A term's effect that begins with other numbers inside."""
+    return effect_of(written(text_of(effect), shapes), effect.variant, _sizes(effect), _reach(effect))
+
+
+def _family(effect: Effect) -> str:
+    """Of its text; what acts ahead is another force than what acts aside."""
+    return f"{AHEAD} {family(text_of(effect))}" if effect.variant == AHEAD else family(text_of(effect))
+
+
+def _sizes(effect: Effect) -> tuple[float, float, float]:
+    """Usual sizes of a term's coefficients; where it does not act, those of where it does."""
+    count = len(effect.parameters) - len(term(text_of(effect)).shapes)
+    by = {p.name[0]: p.sd for p in effect.parameters[:count]}
+    some = next(iter(by.values()))
+    return by.get("y", some), by.get("n", some), by.get("x", some)
+
+
+def _reach(effect: Effect) -> dict[str, tuple[float, float]]:
+    return {name: (low, high) for name, low, high in effect.reach}
+
+
 def simpler(starts: Sequence[Start], fitted: Sequence[Fitted], single: float) -> list[Start]:
     """What the best laws are without one of their terms, or with a term in side force or moment alone.
 
@@ -260,11 +341,9 @@ def simpler(starts: Sequence[Start], fitted: Sequence[Fitted], single: float) ->
     starts, fitted : of ``fits``
     single : log prior of one term
     """
-    laws = [(s, f) for s, f in zip(starts, fitted, strict=True) if not s.effects[0].name.startswith(FIELD)]
-    laws.sort(key=lambda one: -(one[1].log_evidence + one[0].log_prior))
     known = {_form(s.effects) for s in starts}
     found: list[Start] = []
-    for start, end in laws[:SIMPLER]:
+    for start, end in _best(starts, fitted):
         parts = list(zip(end.hypothesis.effects, end.hypothesis.numbers, strict=True))
         ways = [[part for k, part in enumerate(parts) if k != gone] for gone in range(len(parts)) if len(parts) > 1]
         for k, (effect, numbers) in enumerate(parts):
@@ -284,10 +363,8 @@ def _acting(effect: Effect, numbers: Array, acts: str) -> tuple[Effect, Array]:
     """A term that acts in both, in one of them alone."""
     count = term(text_of(effect)).functions
     first = 0 if acts == "Y" else count
-    sizes = {p.name[0]: p.sd for p in effect.parameters[: 2 * count]}
-    reach = {name: (low, high) for name, low, high in effect.reach}
     own = np.concatenate([numbers[first : first + count], numbers[2 * count :]])
-    return effect_of(text_of(effect), acts, (sizes["y"], sizes["n"]), reach), own
+    return effect_of(text_of(effect), acts, _sizes(effect), _reach(effect)), own
 
 
 def _form(effects: Sequence[Effect]) -> frozenset[tuple[str, str]]:
@@ -322,6 +399,7 @@ __all__ = [
     "Start",
     "chosen",
     "distinct",
+    "elsewhere",
     "fields_of",
     "fits",
     "force_of",

@@ -21,6 +21,8 @@ STATIONS = (-0.4, -0.2, 0.2, 0.4)
 """Sections by whose own drift a force may go, in lengths ahead of midship."""
 LAGS_S = (0.5, 1.5, 4.0)
 """Choices, a factor of three apart."""
+SQUARES = ("v^2", "r^2", "beta^2", "y^2", "alpha^2", "|v|", "|r|", "|alpha|", "v r", "v alpha", "r alpha", "time")
+"""What a resistance may go with beside powers and places: port and starboard alike, but for a time."""
 
 
 def grammar(seen: Range, width: bool) -> list[Term]:
@@ -31,7 +33,7 @@ def grammar(seen: Range, width: bool) -> list[Term]:
     seen : of the runs
     width : whether the tank's width is known
     """
-    texts = [t.text for t in PLAIN if width or "1/(1" not in t.text]
+    texts = [t.text for t in PLAIN if (width or "1/(1" not in t.text) and "alpha" not in t.text]
     for x in ("v", "r"):
         usual = seen.usual[x]
         texts += [f"sign |{x}|^{power}" for power in ODD] + [f"|{x}|^{power}" for power in EVEN]
@@ -55,4 +57,22 @@ def grammar(seen: Range, width: bool) -> list[Term]:
     return [term(text) for text in dict.fromkeys(texts)]
 
 
-__all__ = ["grammar"]
+def resistances(seen: Range) -> list[Term]:
+    """The terms that are searched for what acts ahead.
+
+    Parameters
+    ----------
+    seen : of the runs
+    """
+    texts = [*SQUARES]
+    texts += [f"|{x}|^{power}" for x in ("v", "r", "beta", "alpha") for power in EVEN]
+    texts += [f"wave({k:g} y)" for k in WAVES]
+    texts += [
+        f"bump(y at {place * seen.usual['y']:.3g}, {wide * seen.usual['y']:.3g} wide)"
+        for place in PLACES
+        for wide in WIDE
+    ]
+    return [term(text) for text in texts]
+
+
+__all__ = ["grammar", "resistances"]

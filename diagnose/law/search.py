@@ -8,7 +8,7 @@ and with noise.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -19,13 +19,29 @@ from ..inference.engine import CONVERGED_GAIN, extended
 from ..inference.evidence import Fitted
 from ..inference.ranking import Candidate, Ranking
 from ..tow.towed import TowSimulator
-from .choose import ARM, Groups, LawTable, chosen, distinct, fields_of, fits, force_of, free_path, priors, simpler
+from .bar import CLEARLY, TOLD, worse_aside
+from .choose import (
+    ARM,
+    Groups,
+    LawTable,
+    chosen,
+    distinct,
+    elsewhere,
+    fields_of,
+    fits,
+    force_of,
+    free_path,
+    priors,
+    simpler,
+)
 from .field import FIELD
-from .grammar import grammar
-from .terms import NAME, Range, State, Term, dimensionless, effect_of, term, text_of, values_of, written
+from .grammar import grammar, resistances
+from .terms import AHEAD, NAME, Range, State, Term, dimensionless, effect_of, term, text_of, values_of, written
 
 SIDE_SHARE = 0.1
 """Usual force of a missing term: this share of the line's pull; sizes down to a thirtieth are as likely (``Effect.sizes``)."""
+AHEAD_SHARE = 0.3
+"""Usual resistance beyond a straight tow's, by that: a choice."""
 SAME_FORCE = 0.03
 """Terms whose forces over the range seen differ by less than this share of them, whatever is linear in v and r left out, are one
 law."""
@@ -117,13 +133,15 @@ class Searched:
     ----------
     laws : the most probable first
     p_law : of all laws together
-    verdict : "law", "field" (no equation: a force without a form), "no_gap", "other" (effects of the library explain it better) or
-        "unknown"
+    verdict : "law", "form_open" (laws, none of which is likely enough or follows the runs kept aside), "field" (no equation: a
+        force without a form), "no_gap", "other" (effects of the library explain it better) or "unknown"
     other : effects of the library that do, or that explain these runs about as well as a law
     states, seen : of ``seen_by``
     diagnosis : of the engine, behind it
     field : the best force without a form; None where none is missing
     goes_with : groups of variables and their share of the evidence, of forces without a form
+    worse_aside : by how many standard errors the best law leaves more of the runs kept aside than the force without a form; NaN
+        where neither is there
     """
 
     laws: tuple[Law, ...]
@@ -135,6 +153,19 @@ class Searched:
     diagnosis: Diagnosis
     field: Field | None
     goes_with: tuple[tuple[Groups, float], ...]
+    worse_aside: float = float("nan")
+
+    @property
+    def acts_with(self) -> tuple[tuple[str, ...], float]:
+        """What the missing force goes with, whatever its form, and the probability of that, of laws and forces without a form."""
+        found: dict[tuple[str, ...], float] = {}
+        for law in self.laws:
+            names = {v for effect in law.effects for v in term(text_of(effect)).variables}
+            found[tuple(sorted(names))] = found.get(tuple(sorted(names)), 0.0) + law.probability
+        if self.field is not None:
+            names = tuple(sorted({v for group in self.field.groups for v in group}))
+            found[names] = found.get(names, 0.0) + self.field.probability
+        return max(found.items(), key=lambda one: one[1]) if found else ((), 0.0)
 
 
 def seen_by(simulator: TowSimulator) -> tuple[State, Range]:
@@ -153,9 +184,12 @@ def seen_by(simulator: TowSimulator) -> tuple[State, Range]:
         v, r = np.gradient(y, t_s) - tow.speed_m_s * beta, np.gradient(beta, t_s)
         turn, time = np.gradient(alpha, t_s) + r, t_s / max(float(t_s[-1]), 1e-9)
         own = (tow.speed_m_s, run.length_pp_m, run.half_width_m)
-        parts.append(dimensionless(*own, v, r, y, beta, turn_rad_s=turn, time=time))
+        state = dimensionless(
+            *own, v, r, y, beta, turn_rad_s=turn, time=time, alpha_rad=alpha, tow_point_m=tow.tow_point_m
+        )
+        parts.append(replace(state, arm=state.arm + 0.0 * t_s))
     every = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(State)}
-    moved = {name: x for name, x in every.items() if not name.endswith("_late")}
+    moved = {name: x for name, x in every.items() if not name.endswith("_late") and name != "arm"}
     seen = Range(
         {n: float(x.min()) for n, x in moved.items()},
         {n: float(x.max()) for n, x in moved.items()},
@@ -176,28 +210,39 @@ def usual_size(simulator: TowSimulator) -> float:
     return SIDE_SHARE * float(np.mean([run.data.tow.tension_n or 0.0 for run in simulator.runs])) / size
 
 
-def law_effects(size: float, states: State, seen: Range, terms: Sequence[Term]) -> list[Effect]:
-    """The grammar's terms as effects, each for a side force and a moment.
+def law_effects(size: float, states: State, seen: Range, terms: Sequence[Term], acts: str = "Y and N") -> list[Effect]:
+    """The grammar's terms as effects, each for a side force and a moment, or ahead.
 
     Parameters
     ----------
     size : a usual side force by rho/2 U^2 L^2
     states, seen : of ``seen_by``
     terms : of the grammar
+    acts : where: "Y and N" or AHEAD
     """
     found = []
     for one in terms:
         numbers = [1.0] * one.functions + [shape.value for shape in one.shapes]
-        height = float(np.sqrt(np.mean(values_of(one.text, "Y", numbers, states)[0] ** 2)))
+        # what a resistance always has is the straight tow's
+        spread = np.std if acts == AHEAD else _root_mean_square
+        height = float(spread(values_of(one.text, "Y", numbers, states)[0]))
         # a lag's term is as large as a part of the velocity
         height = height if height > 0 else 0.3 * seen.usual[one.variables[0]]
         sd = size / max(height, 1e-9)
-        found.append(effect_of(one.text, "Y and N", (sd, ARM * sd), seen.ends))
+        found.append(effect_of(one.text, acts, (sd, ARM * sd, AHEAD_SHARE / SIDE_SHARE * sd), seen.ends))
     return found
 
 
+def _root_mean_square(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
 def searched(
-    found: Diagnosis, names: int, conclude: Callable[[Ranking], Diagnosis], say: Callable[[str], None] = lambda _: None
+    found: Diagnosis,
+    names: int,
+    conclude: Callable[[Ranking], Diagnosis],
+    say: Callable[[str], None] = lambda _: None,
+    held: Sequence[int] | None = None,
 ) -> Searched:
     """Search for the law that diagnosed runs miss.
 
@@ -207,6 +252,7 @@ def searched(
     names : how many effects compete in it
     conclude : a ranking -> what follows from it (``gap.concluded``)
     say : is told in a sentence what is done
+    held : runs kept aside; None: each in turn
     """
     inference, base = found.inference, found.ranking.base
     simulator = inference.simulator
@@ -216,11 +262,17 @@ def searched(
     size = usual_size(simulator)
     free = free_path(inference, base, seen, size)
     terms = grammar(seen, bool(np.isfinite(simulator.runs[0].half_width_m)))
-    say(f"{len(terms)} terms and their pairs")
-    table = LawTable(inference, free, base, law_effects(size, states, seen, terms), fields_of(seen, size))
+    effects = law_effects(size, states, seen, terms)
+    if any(run.data.tow.line == "surge" for run in simulator.runs):
+        effects += law_effects(size, states, seen, resistances(seen), AHEAD)
+    say(f"{len(effects)} terms and their pairs")
+    table = LawTable(inference, free, base, effects, fields_of(seen, size))
     starts = chosen(table, names)
     say("fitting " + "; ".join(start.text for start in starts))
     fitted = fits(inference, starts)
+    if more := elsewhere(inference, starts, fitted, seen):
+        say("at another place: " + "; ".join(start.text for start in more))
+        starts, fitted = [*starts, *more], [*fitted, *fits(inference, more)]
     more = simpler(starts, fitted, priors(table, names)[0])
     if more:
         say("simpler: " + "; ".join(start.text for start in more))
@@ -245,16 +297,24 @@ def searched(
             told = "law"  # a force of the library's is an equation, too: both are told
         verdict = told if p_of["law"] + p_of["field"] + p_of["other"] > ranking.p_unknown else "unknown"
     shrinks = {tuple(row.effects): row.shrink for row in answer.file.ranking}
+    told = _merged(answer, laws, states, shrinks) if verdict in ("law", "field") else []
+    worse = float("nan")
+    if verdict == "law":
+        if fields:
+            worse = worse_aside(inference, told[0].fitted, max(fields, key=_evidence_of)[0].fitted, held)
+        if told[0].probability < TOLD or worse > CLEARLY:
+            verdict = "form_open"
     return Searched(
-        tuple(_merged(answer, laws, states, shrinks)) if verdict in ("law", "field") else (),
+        tuple(told),
         p_of["law"],
         verdict,
         others[0][0].names if others and (verdict == "other" or others[0][1] > AS_WELL) else (),
         states,
         seen,
         answer,
-        _field_of(answer, fields, shrinks) if verdict in ("law", "field", "unknown") else None,
+        _field_of(answer, fields, shrinks) if verdict in ("law", "form_open", "field", "unknown") else None,
         table.goes_with(),
+        worse,
     )
 
 
@@ -265,8 +325,12 @@ def is_field(candidate: Candidate) -> bool:
 
 def is_law(candidate: Candidate) -> bool:
     """Whether all its effects are terms of the grammar."""
-    names = [effect.name for effect in candidate.effects]
-    return all(name.startswith(f"{NAME} ") and not name.startswith(FIELD) for name in names)
+    return all(is_term(effect) for effect in candidate.effects)
+
+
+def is_term(effect: Effect) -> bool:
+    """Whether it is a term of the grammar."""
+    return effect.name.startswith(f"{NAME} ") and not effect.name.startswith(FIELD)
 
 
 def _pushes(candidate: Candidate) -> bool:
@@ -279,12 +343,16 @@ def _worth(fitted: Fitted) -> float:
     return fitted.log_evidence - max(fitted.promised - CONVERGED_GAIN, 0.0)
 
 
+def _evidence_of(one: tuple[Candidate, float]) -> float:
+    return one[0].log_evidence
+
+
 def _field_of(
     found: Diagnosis, fields: Sequence[tuple[Candidate, float]], shrinks: dict[tuple[str, ...], float]
 ) -> Field | None:
     if not fields:
         return None
-    candidate, probability = max(fields, key=lambda one: one[0].log_evidence)
+    candidate, probability = max(fields, key=_evidence_of)
     fitted, at = candidate.fitted, found.inference.fixed(candidate.fitted.hypothesis)
     own = slice(at, at + fitted.hypothesis.size)
     groups = tuple(tuple(name.removeprefix(f"{FIELD} ").split(" with ")) for name in candidate.names)
@@ -353,6 +421,6 @@ def without_linear(force: Array, states: State) -> Array:
 
 
 __all__ = [
-    "Field", "Law", "Searched", "force_of", "is_field", "is_law", "law_effects", "searched", "seen_by", "usual_size",
+    "Field", "Law", "Searched", "force_of", "is_field", "is_law", "is_term", "law_effects", "searched", "seen_by", "usual_size",
     "without_linear",
 ]  # fmt: skip

@@ -1,7 +1,8 @@
 """The grammar of laws: terms of the dimensionless state, and the forces that they make.
 
-v is the drift v/U, r is r L/U, y the place across the tank by its half width, beta the heading, ``turn`` the turning between line
-and hull by L/U. A term times its coefficient is a side force by rho/2 U^2 L^2 or a moment by rho/2 U^2 L^3.
+v is the drift v/U, r is r L/U, y the place across the tank by its half width, beta the heading, alpha the line's angle, ``turn``
+the turning between line and hull by L/U. A term times its coefficient is a side force or a push ahead by rho/2 U^2 L^2, or a moment
+by rho/2 U^2 L^3.
 """
 
 from __future__ import annotations
@@ -20,10 +21,14 @@ from ..effects import Effect, Parameter, Situation
 
 NAME = "law"
 """First word of the name of a law's effect; its term follows."""
-ACTS = {"Y": ("y",), "N": ("n",), "Y and N": ("y", "n")}
-"""Where a term may act -> its coefficients."""
+AHEAD = "X"
+"""Where a term acts that is a resistance beyond the straight tow's, or less."""
+ACTS = {"Y": ("y",), "N": ("n",), "Y and N": ("y", "n"), AHEAD: ("x",)}
+"""Where a term may act -> its coefficients. What acts ahead a line that keeps its length answers by its tension."""
 WIDE = "wide"
 """Name of a bump's width, which has no sign."""
+AT = "at"
+"""Name of the one number of what saturates or begins somewhere."""
 WALL = 0.9
 """Of the way to the wall: what grows towards it grows no more beyond."""
 
@@ -37,6 +42,8 @@ class State:
     v, r, y, beta, turn : as the module says
     v_late, r_late : v and r behind by a term's lag
     time : share of the run that has gone
+    alpha : the line's angle
+    arm : the tow point ahead of LCG by the length
     """
 
     v: Any
@@ -47,6 +54,8 @@ class State:
     v_late: Any
     r_late: Any
     time: Any
+    alpha: Any = 0.0
+    arm: Any = 0.0
 
 
 @dataclass(frozen=True)
@@ -101,7 +110,7 @@ def state_of(s: Situation) -> State:
     return dimensionless(
         s.speed_m_s, s.length_pp_m, s.half_width_m, s.v_m_s, s.r_rad_s, s.y_m, s.beta_rad,
         turn_rad_s=s.alpha_rate + s.r_rad_s, time=s.t_s / s.duration_s + 0.0 * s.v_m_s, v_late_m_s=s.v_lag,
-        r_late_rad_s=s.r_lag,
+        r_late_rad_s=s.r_lag, alpha_rad=s.alpha_rad, tow_point_m=s.tow_point_m,
     )  # fmt: skip
 
 
@@ -118,6 +127,8 @@ def dimensionless(
     time: Any,
     v_late_m_s: Any = None,
     r_late_rad_s: Any = None,
+    alpha_rad: Any = 0.0,
+    tow_point_m: Any = 0.0,
 ) -> State:
     """The state of a motion.
 
@@ -126,6 +137,7 @@ def dimensionless(
     speed_m_s, length_m, half_width_m : of the tow, the model and the tank (NaN: not known, y is then by the length)
     v_m_s, r_rad_s, y_m, beta_rad, turn_rad_s, time : of the motion; turn: between line and hull
     v_late_m_s, r_late_rad_s : v and r behind by a lag; None: no lag
+    alpha_rad, tow_point_m : the line's angle, and where it holds; 0: what acts ahead is not asked
     """
     by_turn = length_m / speed_m_s
     v, r = v_m_s / speed_m_s, r_rad_s * by_turn
@@ -138,6 +150,8 @@ def dimensionless(
         v if v_late_m_s is None else v_late_m_s / speed_m_s,
         r if r_late_rad_s is None else r_late_rad_s * by_turn,
         time,
+        alpha_rad,
+        tow_point_m / length_m,
     )
 
 
@@ -193,12 +207,16 @@ PLAIN = (
     Term("time", ("time",), 1, lambda s: (s.time - 0.5,)),
     Term("v time", ("v", "time"), 2, lambda s: (s.v * (s.time - 0.5),)),
     Term("r time", ("r", "time"), 2, lambda s: (s.r * (s.time - 0.5),)),
+    Term("alpha^2", ("alpha",), 2, lambda s: (s.alpha**2,)),
+    Term("|alpha|", ("alpha",), 2, lambda s: (np.abs(s.alpha),)),
+    Term("v alpha", ("v", "alpha"), 2, lambda s: (s.v * s.alpha,)),
+    Term("r alpha", ("r", "alpha"), 2, lambda s: (s.r * s.alpha,)),
 )
 """Powers, moduli and products whose numbers are the usual ones of the field (Abkowitz, Norrbin), and two of a wall."""
 _LEAST = 1e-6
 """Of a variable whose power is taken: the slope of a power below 1 has no end at 0."""
-_POWER = re.compile(r"(sign )?\|(v|r|y|beta)\|\^([0-9.]+)")
-_SCALED = re.compile(r"(tanh|beyond)\((v|r|y|beta|turn)/([0-9.e-]+)\)")
+_POWER = re.compile(r"(sign )?\|(v|r|y|beta|alpha)\|\^([0-9.]+)")
+_SCALED = re.compile(r"(tanh|beyond)\((v|r|y|beta|turn|alpha)/([0-9.e-]+)\)")
 _WAVE = re.compile(r"wave\(([0-9.]+) (y|beta|time)\)")
 _BUMP = re.compile(r"bump\((y|beta|time) at (-?[0-9.e-]+), ([0-9.e-]+) wide\)")
 _STATION = re.compile(r"\(v\+(-?[0-9.]+) r\)\|v\+-?[0-9.]+ r\|")
@@ -275,7 +293,7 @@ def _scaled(text: str, found: re.Match[str]) -> Term:
         return (np.tanh(x) if saturates else beyond(x),)
 
     form = f"{found[1]}({found[2]}/{{:.4g}})"
-    return Term(text, (found[2],), 3, basis, (Shape("at", scale, 0.5 * scale),), form=form)
+    return Term(text, (found[2],), 3, basis, (Shape(AT, scale, 0.5 * scale),), form=form)
 
 
 def _wave(text: str, found: re.Match[str]) -> Term:
@@ -420,7 +438,7 @@ DRY = 0.05
 def effect_of(
     text: str,
     acts: str = "Y and N",
-    sd: tuple[float, float] = (0.01, 0.01),
+    sd: Sequence[float] = (0.01, 0.01, 0.01),
     reach: Mapping[str, tuple[float, float]] | None = None,
 ) -> Effect:
     """The effect that a term of the grammar is.
@@ -428,8 +446,8 @@ def effect_of(
     Parameters
     ----------
     text : of the term
-    acts : one of ACTS: side force, moment or both
-    sd : usual size of the coefficients of side force and moment
+    acts : one of ACTS: side force, moment or both, or ahead
+    sd : usual size of the coefficients of side force and moment, and of a push ahead
     reach : variable -> smallest and largest value where it was found; simulating beyond is said
 
     Raises
@@ -444,17 +462,21 @@ def effect_of(
     if acts not in ACTS:
         raise TowlineError(f"{acts!r}: a law acts in one of {', '.join(ACTS)}")
     found, channels = term(text), ACTS[acts]
-    sizes, count = dict(zip("yn", sd, strict=True)), found.functions
+    if acts == AHEAD and len(sd) < 3:
+        raise TowlineError(f"{text!r}: {AHEAD!r} needs a third usual size")
+    sizes, count = dict(zip("ynx", sd, strict=False)), found.functions
 
     def force(s: Situation, *numbers: Any) -> tuple[Any, Any]:
-        y, n = _coefficients(found, channels, numbers, state_of(s))
-        size = 0.5 * s.density_kg_m3 * s.speed_m_s**2 * s.length_pp_m**2
-        return y * size, n * size * s.length_pp_m
+        by = _coefficients(found, channels, numbers, state_of(s))
+        return by["y"] * _whole(s), by["n"] * _whole(s) * s.length_pp_m
+
+    def ahead(s: Situation, *numbers: Any) -> Any:
+        return _coefficients(found, channels, numbers, state_of(s))["x"] * _whole(s)
 
     names = [f"{channel}{k + 1}" if count > 1 else channel for channel in channels for k in range(count)]
     return Effect(
         f"{NAME} {text}",
-        "yaw" if acts == "N" else "sway",
+        {"N": "yaw", AHEAD: "line"}.get(acts, "sway"),
         (
             *(Parameter(name, "", sizes[name[0]]) for name in names),
             *(Parameter(shape.name, "", shape.sd, none=shape.value) for shape in found.shapes),
@@ -462,18 +484,26 @@ def effect_of(
         f"A force that goes with {text}, found in these runs and in no book.",
         "Put the term into the simulator (law.toml, law.py), or find what makes it.",
         "towline diagnose --law",
-        force=force,
+        force=None if acts == AHEAD else force,
+        ahead=ahead if acts == AHEAD else None,
         lag_s=found.lag_s,
         variant=acts,
         form=0.0,
         cost=float(np.log(2.0)) * found.parts,
-        title=f"a force that goes with {text}",
+        title=f"a {'resistance' if acts == AHEAD else 'force'} that goes with {text}",
         reach=tuple((name, reach[name][0], reach[name][1]) for name in found.variables if reach and name in reach),
     )
 
 
+def _whole(s: Situation) -> Any:
+    return 0.5 * s.density_kg_m3 * s.speed_m_s**2 * s.length_pp_m**2
+
+
 def values_of(text: str, acts: str, numbers: Sequence[float] | Array, states: State) -> Array:
     """(2, ...) side force and moment coefficients of a term in states; a lagged one is not counted (0).
+
+    What acts ahead is there by what the line answers: X tan(alpha + beta) aside, at the tow point. (The line also has to move the
+    model that this pushes aside; that changes the answer by the square of the angle.)
 
     Parameters
     ----------
@@ -481,25 +511,42 @@ def values_of(text: str, acts: str, numbers: Sequence[float] | Array, states: St
     numbers : of its effect
     states : where
     """
+    side, moment, ahead = parts_of(text, acts, numbers, states)
+    aside = ahead * np.tan(states.alpha + states.beta)
+    return np.array([side + aside, moment + aside * states.arm])
+
+
+def parts_of(text: str, acts: str, numbers: Sequence[float] | Array, states: State) -> Array:
+    """(3, ...) coefficients of side force, moment and push ahead of a term in states; a lagged one is not counted (0).
+
+    Parameters
+    ----------
+    text, acts, numbers, states : as of ``values_of``
+    """
     found = term(text)
     if found.lag_s:
-        return np.zeros((2, *np.shape(states.v)))
-    return np.array(_coefficients(found, ACTS[acts], numbers, states))
+        return np.zeros((3, *np.shape(states.v)))
+    by = _coefficients(found, ACTS[acts], numbers, states)
+    return np.array([by[channel] for channel in "ynx"])
 
 
-def _coefficients(found: Term, channels: Sequence[str], numbers: Sequence[Any] | Array, states: State) -> list[Any]:
-    """Of side force and moment, by a term's effect's numbers: its functions' in each channel, then its shapes."""
+def _coefficients(
+    found: Term, channels: Sequence[str], numbers: Sequence[Any] | Array, states: State
+) -> dict[str, Any]:
+    """By a term's effect's numbers: its functions' in each channel, then its shapes; what no channel has is 0."""
     count = found.functions
     values = found.basis(states, *numbers[len(channels) * count :])
-    by = {"y": 0.0 * states.v, "n": 0.0 * states.v}
+    by = dict.fromkeys("ynx", 0.0 * states.v)
     for k, channel in enumerate(channels):
         for number, value in zip(numbers[k * count : (k + 1) * count], values, strict=True):
             by[channel] = by[channel] + number * value
-    return [by["y"], by["n"]]
+    return by
 
 
 __all__ = [
     "ACTS",
+    "AHEAD",
+    "AT",
     "DRY",
     "NAME",
     "PLAIN",
@@ -511,6 +558,7 @@ __all__ = [
     "dimensionless",
     "effect_of",
     "family",
+    "parts_of",
     "state_of",
     "term",
     "text_of",

@@ -309,7 +309,7 @@ class TowModel:
 
     def _pushes(self, group: Variations, path: Array, lags: tuple[float, ...], by_force: Array, change: Array) -> None:
         """Put in how the numbers of effects that push or pull change the rates."""
-        pushing = [(e, n, at) for e, n, at in group.each() if e.force is not None or e.tension is not None]
+        pushing = [(e, n, at) for e, n, at in group.each() if e.force or e.tension or e.ahead]
         if not pushing:
             return
         numbers, _ = joined([group.columns((), 0)], lags)

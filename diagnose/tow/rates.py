@@ -267,6 +267,7 @@ class TowRates:
         self._lawful = [a for a in numbers.active if a.effect.law is not None]
         self._first = PAID_STATES if self._lawful else STATES
         self._pushing = [a for a in numbers.active if a.effect.force is not None]
+        self._surging = [a for a in numbers.active if a.effect.ahead is not None]
         self._pulling = [a for a in numbers.active if a.effect.tension is not None]
         # a line that is stated to keep its tension does so already
         self._keeping = [a for a in numbers.active if a.effect.keeps is not None and fields.surge.any()]
@@ -301,8 +302,8 @@ class TowRates:
             whole = whole + self._change(t, state, now, taut)
         return taut.tension_n - now.tow.tension_n, whole
 
-    def pushes(self, t: Any, state: Array, effect: Effect, numbers: Array) -> tuple[Array, Array, Array]:
-        """Side force, moment and change of T of an effect along one column's motion (states, times, runs, 1).
+    def pushes(self, t: Any, state: Array, effect: Effect, numbers: Array) -> tuple[Array, Array, Array, Array]:
+        """Side force, moment, change of T and push ahead of an effect along one column's motion (states, times, runs, 1).
 
         Parameters
         ----------
@@ -314,7 +315,7 @@ class TowRates:
         """
         now = self._now(t, state)
         shape = (*state.shape[1:-1], numbers.shape[1])
-        side, moment, change = 0.0, 0.0, 0.0
+        side, moment, change, ahead = 0.0, 0.0, 0.0, 0.0
         base = self._lagging(self._situation(t, now), effect, state)
         held = base
         if effect.tension is not None or effect.by_pull:
@@ -323,7 +324,9 @@ class TowRates:
             side, moment = effect.force(held if effect.by_pull else base, *numbers)
         if effect.tension is not None:
             change = effect.tension(held, *numbers)
-        return tuple(np.broadcast_to(one, shape) for one in (side, moment, change))  # pyright: ignore
+        if effect.ahead is not None:
+            ahead = effect.ahead(base, *numbers)
+        return tuple(np.broadcast_to(one, shape) for one in (side, moment, change, ahead))  # pyright: ignore
 
     def _now(self, t: Any, state: Array) -> _Moment:
         hull, tow, fields = self._hull, self._tow, self._fields
@@ -389,9 +392,15 @@ class TowRates:
                     one, two = a.effect.force(part, *a.numbers)
                     side[..., a.columns] += one
                     moment[..., a.columns] += two
-            return side, moment
+            if not self._surging:
+                return side, moment
+            ahead = self._zeros(v)
+            for a, part in self._parts(self._surging, base, state):
+                assert a.effect.ahead is not None
+                ahead[..., a.columns] += a.effect.ahead(part, *a.numbers)
+            return side, moment, ahead
 
-        pushed = extra if plain or by_pull else None
+        pushed = extra if plain or by_pull or self._surging else None
         if self._lawful:
             return paid_state(t, (*now.core, now.paid[1]), self._law(t, state, now), self._hull, now.tow, pushed)
         lines = ("surge", "constant") if self._keeping else self._fields.lines

@@ -25,9 +25,11 @@ PROBE_N = 1e-3
 _PROBE = Effect("probe", "sway", (), "", "", force=lambda s, side, moment: (side + 0.0 * s.v_m_s, moment))
 """The force and the moment ..."""
 _PULL = Effect("pull", "line", (), "", "", tension=lambda s, change: change + 0.0 * s.v_m_s)
-"""... and the tension, as effects."""
-PROBES = 3
-"""A force and a moment of PROBE_N (m) each, and as much more tension."""
+"""... the tension ..."""
+_AHEAD = Effect("ahead", "line", (), "", "", ahead=lambda s, push: push + 0.0 * s.v_m_s)
+"""... and the push ahead, as effects."""
+PROBES = 4
+"""A force and a moment of PROBE_N (m) each, as much more tension, and as much push ahead."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,8 @@ class Variations:
             works = (effect.length, effect.offset, effect.stretch, effect.observe, effect.clock, effect.cell)
             if self._celled:
                 # a load cell shows at once what pulls, and what pushes a model that the line holds
-                works += (effect.force, effect.tension, effect.keeps, effect.law, effect.coupling, effect.speed)
+                works += (effect.force, effect.ahead, effect.tension, effect.keeps, effect.law)
+                works += (effect.coupling, effect.speed)
             if any(work is not None for work in works):
                 found += range(at, at + len(numbers))
         return tuple(found)
@@ -149,8 +152,9 @@ class Variations:
             if end > begin:
                 active.append(Active(effect, slice(begin, end), table))
         if probed:
-            active.append(Active(_PROBE, slice(width - 3, width - 1), PROBE_N * np.eye(2)))
-            active.append(Active(_PULL, slice(width - 1, width), np.full((1, 1), PROBE_N)))
+            active.append(Active(_PROBE, slice(width - 4, width - 2), PROBE_N * np.eye(2)))
+            active.append(Active(_PULL, slice(width - 2, width - 1), np.full((1, 1), PROBE_N)))
+            active.append(Active(_AHEAD, slice(width - 1, width), np.full((1, 1), PROBE_N)))
         return Block(shared, own, tuple(active))
 
     def start(self, lags_s: tuple[float, ...]) -> tuple[Array, Array]:

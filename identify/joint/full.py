@@ -226,8 +226,9 @@ def _one_by_one(setting: Setting, values: Array) -> Array:
         at = [setting.at(part, slice(begin, begin + 1)) for part in (0, COARSE, 2 * COARSE)]
 
         def rates(part: int, here: Array, at=at) -> Array:
-            t, hull, tow = at[part]
-            return full_rates(t, here[:, None], hull, tow)[:, 0]
+            (t, hull, tow), now = at[part], here[:, None]
+            more = None if setting.missing is None else setting.missing(t, now, tow)
+            return full_rates(t, now, hull, tow, None if more is None else lambda *_: more)[:, 0]
 
         k1 = rates(0, state)
         k2 = rates(1, state + h / 2 * k1)

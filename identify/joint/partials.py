@@ -5,7 +5,8 @@ Rates, tension and forward speed themselves come from ``full_state``; a test com
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,10 @@ TURN, SWAY, YAW, PULL = range(4)
 """Rows of the slopes: alpha', v', r' and T."""
 TURNING = (TOW_POINT, LINE_LENGTH, SPEED)
 """Parameters that move alpha' at a state that stands; the others move it with the state only."""
+MOVED = 1e-5
+"""A missing force is differentiated over so much of rad, m/s and rad/s, and of a parameter, to either side."""
+Force = Callable[[Any, Array, Tow], tuple[Any, Any, Any]]
+"""A force that is known beforehand: (t_s, state, tow) -> Y, N, X."""
 Column = dict[int, Any]
 """How the rows change with one thing; rows that do not change are left out."""
 
@@ -100,7 +105,14 @@ class Linearised:
 
 
 def linearise(
-    t_s, state: Array, hull: Hull, tow: Tow, wanted: tuple[int, ...], reference: float, pulled: bool = True
+    t_s,
+    state: Array,
+    hull: Hull,
+    tow: Tow,
+    wanted: tuple[int, ...],
+    reference: float,
+    pulled: bool = True,
+    missing: Force | None = None,
 ) -> Linearised:
     """``full_state`` and its partial derivatives at ``state`` (4, ...).
 
@@ -113,17 +125,22 @@ def linearise(
     wanted : parameters (indices of ``RUN_PARAMETERS``) whose partials are asked for
     reference : speed at which the derivatives are quoted; d/dU counts the damping's growth with U
     pulled : T's own derivatives are asked for as well (of a line that keeps its length)
+    missing : a force beside the hull's; its slopes are differences
     """
-    taut = full_state(t_s, state, hull, tow)
+    more = (0.0, 0.0, 0.0) if missing is None else missing(t_s, state, tow)
+    taut = full_state(t_s, state, hull, tow, None if missing is None else lambda *_: more)
     if tow.line == "surge":
-        return _Kept(t_s, state, hull, tow, taut, pulled).linearised(wanted, reference)
-    return _Pulled(t_s, state, hull, tow, taut).linearised(wanted, reference)
+        line = _Kept(t_s, state, hull, tow, taut, more, pulled)
+    else:
+        line = _Pulled(t_s, state, hull, tow, taut, more)
+    found = line.linearised(wanted, reference)
+    return found if missing is None else line.beside(found, missing, t_s, wanted)
 
 
 class _Pulled:
     """A line of given tension: u = U(t)."""
 
-    def __init__(self, t_s, state: Array, hull: Hull, tow: Tow, taut: Taut) -> None:
+    def __init__(self, t_s, state: Array, hull: Hull, tow: Tow, taut: Taut, more: tuple[Any, Any, Any]) -> None:
         alpha, beta, v, r = state
         self.state, self.hull, self.tow, self.taut = state, hull, tow, taut
         self.post_rate = tow.post_motion(t_s)[1]
@@ -138,11 +155,44 @@ class _Pulled:
         delta = tow.rudder_rad
         self.steady = (hull.y_delta * delta + hull.y_bias_n, hull.n_delta * delta + hull.n_bias_n_m)
         self.ratio: Any = 1.0  # of the speed in the forces to the hull's own
+        self.more = more  # what is missing: Y, N, X
 
     def linearised(self, wanted: tuple[int, ...], reference: float) -> Linearised:
         columns = {index: self._column(index, reference) for index in wanted if not 6 <= index < 10}
         states = self._by_alpha(), self._by_beta(), self._by_v(), self._by_r()
         return Linearised(self.taut.rates, self.tension, states, columns)
+
+    def beside(self, found: Linearised, missing: Force, t_s: Any, wanted: tuple[int, ...]) -> Linearised:
+        """The same with what a missing force adds as the state moves, and the parameters that it goes with."""
+
+        def slope(ends: list[tuple[Array, Tow]], size: Any) -> Column:
+            up, down = (missing(t_s, *end) for end in ends)
+            side, moment, ahead = ((a - b) / (2 * size) for a, b in zip(up, down, strict=True))
+            return self._forced(side, moment, -ahead)
+
+        def added(column: Column, more: Column) -> Column:
+            return {row: column.get(row, 0.0) + more.get(row, 0.0) for row in {*column, *more}}
+
+        states = []
+        for i, column in enumerate(found.by_state):
+            ends = [self.state.copy(), self.state.copy()]
+            for end, sign in zip(ends, (1, -1), strict=True):
+                end[i] += sign * MOVED
+            states.append(added(column, slope([(end, self.tow) for end in ends], MOVED)))
+        parameters = dict(found.parameters)
+        named = {TOW_POINT: "tow_point_m", LINE_LENGTH: "line_length_m", SPEED: "speed_m_s"}
+        for index in named.keys() & set(wanted):
+            here = getattr(self.tow, named[index])
+            tows = [replace(self.tow, **{named[index]: here + sign * MOVED}) for sign in (1, -1)]
+            more = slope([(self.state, tow) for tow in tows], MOVED)
+            if index == SPEED:
+                more = {row: by * self._of_nominal() for row, by in more.items()}
+            parameters[index] = added(parameters.get(index, {}), more)
+        return Linearised(found.rates, found.tension_n, tuple(states), parameters)
+
+    def _of_nominal(self) -> Any:
+        """By how much the carriage is faster now where it is so by its nominal speed; a history is counted elsewhere."""
+        return 1.0
 
     def _forced(self, side: Any, moment: Any, push: Any = 0.0, stiffer: Any = 0.0, faster: Any = None) -> Column:
         """Rows of a change that adds a side force and a moment; the rest matters to a line that keeps its length."""
@@ -203,22 +253,25 @@ class _Kept(_Pulled):
     newtons of the numerator), of D (``stiffer``), of u (``faster``) or of Y and N at T = 0.
     """
 
-    def __init__(self, t_s, state: Array, hull: Hull, tow: Tow, taut: Taut, pulled: bool) -> None:
-        super().__init__(t_s, state, hull, tow, taut)
+    def __init__(
+        self, t_s, state: Array, hull: Hull, tow: Tow, taut: Taut, more: tuple[Any, Any, Any], pulled: bool
+    ) -> None:
+        super().__init__(t_s, state, hull, tow, taut, more)
         r = state[3]
         assert hull.mass_kg is not None
         self.mass = hull.mass_kg - hull.x_udot_kg
         self.u, self.ratio = taut.u_m_s, taut.u_m_s / hull.speed_m_s
         self.by_r = tow.tow_point_m * self.by_v + tow.tow_point_offset_m
         sway_mass, inertia = hull.m_minus_y_vdot, hull.i_minus_n_rdot
-        self.free = tuple(self.ratio * (a + self.ratio * b) for a, b in zip(self.linear, self.steady, strict=True))
+        parts = zip(self.linear, self.steady, more[:2], strict=True)
+        self.free = tuple(self.ratio * (a + self.ratio * b) + c for a, b, c in parts)
         self.yields = self.sine**2 / sway_mass + self.arm**2 / inertia
         self.stiffness = self.cosine + self.mass * self.per_cosine * self.yields
         size = np.abs(self.ratio) ** (hull.resistance_exponent - 1)
         self.drag = tow.resistance * hull.resistance_exponent * size / hull.speed_m_s  # -dX/du
         self.drag_shape = self.ratio * size
-        more = [(a + 2 * self.ratio * b) / hull.speed_m_s for a, b in zip(self.linear, self.steady, strict=True)]
-        self.faster_side, self.faster_moment = more
+        gains = [(a + 2 * self.ratio * b) / hull.speed_m_s for a, b in zip(self.linear, self.steady, strict=True)]
+        self.faster_side, self.faster_moment = gains
         self.post_gust = tow.post_acceleration(t_s)
         self.speed_rate = tow.speed_rate_m_s2
         self.turns = self.turn + r
@@ -345,10 +398,13 @@ class _Kept(_Pulled):
         return super()._column(index, reference)
 
     def _push(self) -> Any:
-        """X of ``surge_force``."""
+        """X of ``surge_force``, and what is missing."""
         hull, (_, _, v, r) = self.hull, self.state
         side = v * (hull.x_vv_kg_m * v + hull.x_vr_kg * r) + hull.x_rr_kg_m * r * r
-        return side - self.tow.resistance * self.drag_shape
+        return side - self.tow.resistance * self.drag_shape + self.more[2]
+
+    def _of_nominal(self) -> Any:
+        return self.tow.speed_m_s / self.hull.speed_m_s
 
     def _by_speed(self) -> Column:
         """U moves the carriage's whole history; R and the hull stay what they are at that U: u/U_0 falls as u stands still."""

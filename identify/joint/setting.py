@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...record.errors import EstimationError
 from ...simulate.model import Array, Hull, Tow
 from ..data import RunData
 from .linear import system_matrices
 from .parameters import LINE_LENGTH, SPEED, TENSION, TOW_POINT, hull_from
-from .partials import Linearised, linearise
+from .partials import Force, Linearised, linearise
 
 FULL_STEP_S = 0.05
 """Largest Runge-Kutta step; smaller ones are halves of it."""
@@ -32,6 +33,7 @@ class Setting:
     tension, speed : histories at every half step, (2 count + 2, runs), relative to their means; None where constant
     speed_rate : slope of ``speed``, 1/s
     rudder : rudder angles at every half step, rad; None where they stand still
+    missing : a force beside the hull's, or None
     reference : speed at which the derivatives are quoted
     step, count : length s and number of the steps
     """
@@ -45,6 +47,7 @@ class Setting:
     count: int
     speed_rate: Array | None = None
     rudder: Array | None = None
+    missing: Force | None = None
 
     def at(self, part: int, select: slice) -> tuple[Array, Hull, Tow]:
         """Times, hull and tow at the steps ``select``, ``part`` half steps later."""
@@ -69,7 +72,7 @@ class Setting:
     ) -> Linearised:
         """Rates with their partial derivatives at ``state`` (4, steps, runs), and T, with its own where ``pulled``."""
         t, hull, tow = self.at(part, select)
-        found = linearise(t, state, hull, tow, wanted, self.reference, pulled)
+        found = linearise(t, state, hull, tow, wanted, self.reference, pulled, self.missing)
         if self.tow.line == "constant" and not (self.tension is None and self.speed is None):
             index = np.minimum(2 * np.arange(self.count + 1)[select] + part, 2 * self.count + 1)
             for name, history in ((TENSION, self.tension), (SPEED, self.speed)):
@@ -118,7 +121,20 @@ def setting_of(runs: list[RunData], values: Array, reference: float, rough: bool
     if speed is None or tow.line == "surge":
         hull = hull.at_speed(tow.speed_m_s)
     rate = None if speed is None else np.gradient(speed, step / 2, axis=0)
-    return Setting(hull, tow, tension, speed, reference, step, count, rate, rudder)
+    return Setting(hull, tow, tension, speed, reference, step, count, rate, rudder, _missing(runs))
+
+
+def _missing(runs: list[RunData]) -> Force | None:
+    """The force that all runs miss, side by side."""
+    known = [d.missing for d in runs if d.missing is not None]
+    if not known:
+        return None
+    force = known[0].force
+    if len(known) < len(runs) or any(m.force is not force for m in known):
+        raise EstimationError("the runs of one fit miss one force, or none")
+    duration_s = np.array([d.t_s[-1] - d.t_s[0] for d in runs])
+    half_width_m = np.array([m.half_width_m for m in known])
+    return lambda t_s, state, tow: force(t_s, state, tow, duration_s, half_width_m)
 
 
 def _step(runs: list[RunData], values: Array, reference: float) -> float:

@@ -1,0 +1,89 @@
+"""When a law is told: beside a force without a form on runs kept aside; and where what saturates is looked for anew."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+
+from towline.diagnose.effects import Effect, Parameter
+from towline.diagnose.inference.evidence import Fitted, Inference
+from towline.diagnose.inference.hypothesis import with_effects
+from towline.diagnose.inference.noise import Forces
+from towline.diagnose.law.bar import CLEARLY, worse_aside
+from towline.diagnose.law.choose import MOVED, Start, elsewhere, fits
+from towline.diagnose.law.terms import Range, State, effect_of, term, text_of
+from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
+
+T_S = 0.1 * np.arange(72)
+NOISE = 0.02
+SIZES = (1.0, 0.7, 1.3)
+"""Of the missing part, one run's over another's."""
+
+
+def inference_of(missing: Callable[[np.ndarray], np.ndarray], part: Callable[..., np.ndarray]) -> Inference:
+    """Runs x = x0 + k t + size x missing(t), and a simulator whose effects are ``part``(effect's name, numbers, t)."""
+    rng = np.random.default_rng(8)
+    runs = [
+        UsersRun(
+            f"run-{k}", T_S, (0.5 * T_S + size * missing(T_S) + NOISE * rng.normal(size=len(T_S)))[:, None],
+            NOISE**2 * np.eye(len(T_S))[None],
+        )
+        for k, size in enumerate(SIZES)
+    ]  # fmt: skip
+
+    def simulate(run: UsersRun, n: dict, effects: dict) -> np.ndarray:
+        found = n["x0"] + n["k"] * T_S[:, None, None]
+        for name, numbers in effects.items():
+            found = found + SIZES[int(run.name[-1])] * part(name, numbers, T_S[:, None])[:, None]
+        return found
+
+    simulator = UsersSimulator(
+        runs, simulate, [UsersNumber("k", 0.5, size=0.5)], [UsersNumber("x0", [0.0] * 3)], usual_force=1e-3
+    )
+    return Inference(simulator, simulator.noise(simulator.starts()[0]))
+
+
+def fitted(inference: Inference, effects: Sequence[Effect]) -> Fitted:
+    start = with_effects(inference.simulator.starts()[0], effects)
+    return inference.fit([start], [Forces()], 4, (1,))[0]
+
+
+def test_a_wrong_law_leaves_more_of_the_runs_kept_aside_than_the_right_one() -> None:
+    """A wave is missing; a law of a square is refused beside a wave, and not the other way round. Twins are neither."""
+    shapes = {"square": lambda t: t**2, "wave": lambda t: np.sin(3 * t), "twin": lambda t: np.sin(3 * t)}
+    inference = inference_of(lambda t: 0.1 * np.sin(3 * t), lambda name, n, t: n[0] * shapes[name](t))
+    square, wave, twin = (
+        fitted(inference, [Effect(name, "tank", (Parameter("size", "", 0.1),), "", "", sizes=(1.0,))])
+        for name in shapes
+    )
+    assert worse_aside(inference, square, wave, None) > CLEARLY
+    assert worse_aside(inference, wave, square, None) < -CLEARLY
+    assert worse_aside(inference, wave, square, [1]) < -CLEARLY
+    assert not worse_aside(inference, wave, twin, None) > CLEARLY
+    assert np.isnan(worse_aside(inference, square, wave, [0, 1, 2]))
+
+
+def test_what_saturates_is_found_from_a_start_at_another_place() -> None:
+    """tanh(v/0.03) is missing, along v = sin t / 10, and a fit begins at tanh(v/0.003): a place looked at anew is near 0.03."""
+    place, seen = 0.03, Range({"v": -0.1}, {"v": 0.1}, {"v": 0.07})
+
+    def states(t: np.ndarray) -> State:
+        return State(0.1 * np.sin(t), *[0.0 * t] * 7)
+
+    def part(name: str, numbers: tuple[np.ndarray, ...], t: np.ndarray) -> np.ndarray:
+        return numbers[0] * term(name.removeprefix("law ")).basis(states(t), *numbers[1:])[0]
+
+    inference = inference_of(lambda t: 0.2 * np.tanh(0.1 * np.sin(t) / place), part)
+    effect = effect_of("tanh(v/0.003)", "Y", (0.2, 0.2))
+    start = with_effects(inference.simulator.starts()[0], [effect])
+    begun = [Start((effect,), start, Forces(), 0.0, 0.0)]
+    ended = fits(inference, begun)
+    more = elsewhere(inference, begun, ended, seen)
+    assert all(text_of(one.effects[0]).startswith("tanh(v/") for one in more)
+    near = [one for one in more if abs(np.log(term(text_of(one.effects[0])).shapes[0].value / place)) < np.log(MOVED)]
+    assert near
+    best = max(fits(inference, more), key=lambda f: f.log_evidence)
+    assert best.hypothesis.numbers[0][-1] == pytest.approx(place, rel=0.2)
+    assert best.log_evidence > ended[0].log_evidence

@@ -101,7 +101,10 @@ class Hull:
         damping = {name: getattr(self, name) * ratio for name in ("y_v", "y_r_minus_mu", "n_v", "n_r")}
         force = {name: getattr(self, name) for name in ("y_delta", "n_delta", "y_bias_n", "n_bias_n_m")}
         force = {name: value * ratio**2 for name, value in force.items() if not _nothing(value)}
-        return replace(self, speed_m_s=speed_m_s, **damping, **force)
+        # a force law asks for this at every step of an integration: dataclasses.replace would take a third of its time
+        here = object.__new__(type(self))
+        here.__dict__.update(self.__dict__, speed_m_s=speed_m_s, **damping, **force)
+        return here
 
 
 @dataclass(frozen=True)
@@ -454,7 +457,7 @@ def spring_tension(t_s, state, tow: Tow):
     tension = 0.0 * away
     if tow.stiffness_n_m is not None:
         pull = tow.stiffness_n_m * (away - tow.line_length_m) + tow.line_damping_n_s_m * rate
-        tension = np.where(away > tow.line_length_m, np.maximum(pull, 0.0), 0.0)
+        tension = np.maximum(pull, 0.0) * (away > tow.line_length_m)
     return tension, np.sin(angle), np.cos(angle), alpha
 
 

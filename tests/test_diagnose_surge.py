@@ -145,8 +145,10 @@ FORM = 0.05
 def test_a_planted_effect_is_named_on_top_of_surge(
     cases: ModuleType, write_runs: Callable[[list, Path], list[Path]], planted: str, tmp_path: Path
 ) -> None:
-    """Filmed campaigns: a camera's fault, a hull's force, a line that does not keep its length."""
-    runs = cases.campaign(planted, np.random.default_rng([11, 5]), line="surge").runs
+    """Filmed campaigns: a camera's fault, a hull's force, a line that does not keep its length. Four tows, the short line and the
+    slow speed among them, have less to tell it by than all six.
+    """
+    runs = cases.campaign(planted, np.random.default_rng([11, 5]), line="surge").runs[-4:]
     file = diagnose_folders(write_runs(runs, tmp_path)).diagnosis.file
     assert file.verdict == ("no_gap" if planted == "none" else "effect")
     if planted != "none":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Callable, Iterator
+from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -35,16 +36,16 @@ HOSTILE = "<script>alert(1)</script>"
 IMAGE = '"><img src=x onerror=alert(2)>'
 
 
-def modules() -> Iterator[tuple[str, ast.AST]]:
+@cache
+def trees() -> dict[str, ast.AST]:
     """Every module of the package: its path and its tree."""
+    found = {}
     left_out = ("tests", "benchmarks", "build", "docs", "examples")
     for path in sorted(ROOT.rglob("*.py")):
         parts = path.relative_to(ROOT).parts
         if not any(part.startswith(".") for part in parts) and parts[0] not in left_out:
-            yield "/".join(parts), ast.parse(path.read_text(encoding="utf-8"))
-
-
-TREES = dict(modules())
+            found["/".join(parts)] = ast.parse(path.read_text(encoding="utf-8"))
+    return found
 
 
 # code ----------------------------------------------------------------------------------------------------------------
@@ -75,8 +76,8 @@ def running(tree: ast.AST) -> Iterator[str]:
 
 
 def test_nothing_runs_code_from_a_file_but_what_is_listed() -> None:
-    assert len(TREES) > 150
-    found = {f"{path}: {what}" for path, tree in TREES.items() for what in running(tree)}
+    assert len(trees()) > 150
+    found = {f"{path}: {what}" for path, tree in trees().items() for what in running(tree)}
     assert found == set(ALLOWED), "each use needs its reason here"
 
 
@@ -96,7 +97,7 @@ def test_the_search_for_code_finds_it() -> None:
 
 def test_arrays_are_read_without_pickles() -> None:
     seen = 0
-    for path, tree in TREES.items():
+    for path, tree in trees().items():
         for node in ast.walk(tree):
             if (
                 isinstance(node, ast.Call)
@@ -338,11 +339,11 @@ def test_a_stated_length_that_is_no_number_is_refused(length: str) -> None:
 
 
 def test_the_app_listens_on_this_machine_only() -> None:
-    tree = TREES["app/server.py"]
+    tree = trees()["app/server.py"]
     hosts = [k.value for node in ast.walk(tree) if isinstance(node, ast.Call) for k in node.keywords if k.arg == "host"]
     named = {
         target.id: node.value.value
-        for node in [*ast.walk(TREES["app/address.py"]), *ast.walk(tree)]
+        for node in [*ast.walk(trees()["app/address.py"]), *ast.walk(tree)]
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant)
         for target in node.targets
         if isinstance(target, ast.Name)

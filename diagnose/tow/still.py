@@ -97,7 +97,7 @@ def _together(records: Sequence[Sequence[tuple[Array, Array]]], sizes: Array) ->
         [(t, values / np.sqrt(size)) for parts, size in zip(records, sizes, strict=True) for t, values in parts]
     )
     squares, freedoms = np.array(
-        [np.sum([_whitened(t, values[None], colour)[::2] for t, values in parts], axis=0) for parts in records]
+        [np.sum([_Turned(t, values[None]).whitened(colour)[::2] for t, values in parts], axis=0) for parts in records]
     ).T
     return colour, _sizes(squares, freedoms)
 
@@ -137,8 +137,10 @@ def _colour(stretches: Sequence[tuple[Array, Array]]) -> StillNoise:
             parts.append(size[:, None] * (root @ root.T) * size)
         return StillNoise(parts[0], parts[1], float(np.exp(at[-1])))
 
+    turned = [_Turned(t, values) for t, values in groups]
+
     def cost(colour: StillNoise) -> float:
-        found = [_whitened(t, values, colour) for t, values in groups]
+        found = [group.whitened(colour) for group in turned]
         return 0.5 * sum(square + log for square, log, _ in found)
 
     edge = (np.log(LEAST), np.log(MOST))
@@ -157,19 +159,35 @@ def _colour(stretches: Sequence[tuple[Array, Array]]) -> StillNoise:
     return noise(best.x) if best.fun + len(lower[0]) + 1 < cost(plain) else plain
 
 
-def _whitened(t: Array, values: Array, noise: StillNoise) -> tuple[float, float, int]:
-    """Of records (m, n, k) at the same times (in the noise's unit): sum of squares in white units, log determinant of the
-    covariance, and how many numbers are free beside the levels, of which nothing is known.
+class _Turned:
+    """Records (m, n, k) at the same times, turned to where a colour of one time constant is diagonal.
+
+    A search steps every number of a colour in turn: only one of them is the time constant, and the turn is kept until that moves.
     """
-    records, n, channels = values.shape
-    apart = helmert(n)  # differences that no level changes
-    lasting = np.exp(-np.abs(t[:, None] - t[None, :]) / max(noise.time_s, 1e-3))
-    power, turn = np.linalg.eigh(apart @ lasting @ apart.T)
-    numbers = (turn.T @ apart) @ values
-    covariance = noise.white + np.maximum(power, 0.0)[:, None, None] * noise.slow
-    square = np.einsum("mnk,nkl,mnl->", numbers, np.linalg.inv(covariance), numbers)
-    log = float(np.log(np.linalg.det(covariance)).sum())
-    return float(square), records * log, records * channels * (n - 1)
+
+    def __init__(self, t: Array, values: Array) -> None:
+        self._lag, self._apart = np.abs(t[:, None] - t[None, :]), helmert(len(t))  # differences that no level changes
+        self._values = values
+        self._kept: tuple[float, Array, Array] | None = None
+
+    def _at(self, time_s: float) -> tuple[Array, Array]:
+        """Powers (n - 1,), and the records there."""
+        if self._kept is None or self._kept[0] != time_s:
+            lasting = np.exp(-self._lag / max(time_s, 1e-3))
+            power, turn = np.linalg.eigh(self._apart @ lasting @ self._apart.T)
+            self._kept = (time_s, np.maximum(power, 0.0), (turn.T @ self._apart) @ self._values)
+        return self._kept[1:]
+
+    def whitened(self, noise: StillNoise) -> tuple[float, float, int]:
+        """In the noise's unit: sum of squares in white units, log determinant of the covariance, and how many numbers are free
+        beside the levels, of which nothing is known.
+        """
+        power, numbers = self._at(noise.time_s)
+        records, n, channels = self._values.shape
+        covariance = noise.white + power[:, None, None] * noise.slow
+        square = np.einsum("mnk,nkl,mnl->", numbers, np.linalg.inv(covariance), numbers)
+        log = float(np.log(np.linalg.det(covariance)).sum())
+        return float(square), records * log, records * channels * (n - 1)
 
 
 def _sizes(squares: Array, freedoms: Array) -> Array:

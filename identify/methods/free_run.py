@@ -153,13 +153,15 @@ def fit_free_run(
     for where in (*at.modes.values(), *(w for w in at.bias if w is not None)):
         prior[where] = 1.0
 
+    grids = [_grid(run) for run in runs]
+
     def predict(theta: Array) -> tuple[list[Array], list[Array]]:
         six = hull.six + shape @ theta[: at.free]
         force = np.zeros(4)
         force[:extra] = theta[at.rudder] * unit
         responses, slopes = [], []
         for index, run in enumerate(runs):
-            response, slope = _run(run, six, force, theta[at.own(index)], hull.speed_m_s)
+            response, slope = _run(run, grids[index], six, force, theta[at.own(index)], hull.speed_m_s)
             whole = np.zeros((len(run.t_s), 2, at.size))
             whole[:, :, : at.free] = slope[:, :, :6] @ shape
             whole[:, :, at.rudder] = slope[:, :, 6 : 6 + extra] * unit
@@ -286,7 +288,7 @@ def _start(run: FreeRecord) -> tuple[float, float, float, float]:
     return float(y[0]), float(beta[0]), float(y[1] - run.speed_m_s * beta[0]), float(beta[1])
 
 
-def _run(run: FreeRecord, six: Array, force: Array, own: Array, speed: float) -> tuple[Array, Array]:
+def _run(run: FreeRecord, grid: _Grid, six: Array, force: Array, own: Array, speed: float) -> tuple[Array, Array]:
     """(y, beta), (n, 2), and its slope by (six, rudder, own), (n, 2, 14): complex step.
 
     Without a line nothing of y comes back into beta, v and r, which are linear in each other and in the rudder: they go from
@@ -304,33 +306,24 @@ def _run(run: FreeRecord, six: Array, force: Array, own: Array, speed: float) ->
         y_bias_n=columns[8],  # pyright: ignore[reportArgumentType]
         n_bias_n_m=columns[9],  # pyright: ignore[reportArgumentType]
     )
-    edges, sampled = _steps(run)
-    half = np.empty(2 * len(edges) - 1)
-    half[::2], half[1::2] = edges, (edges[1:] + edges[:-1]) / 2
-    speeds, rudder = run.speeds(half), run.rudder(half)
-    there = hull.at_speed(speeds[:, None])  # pyright: ignore[reportArgumentType]
-    pushed = np.zeros((len(half), 15, 3), dtype=complex)
-    pushed[:, :, 1], pushed[:, :, 2] = accelerated(there, *constant_force(there, rudder[:, None]))  # pyright: ignore
-    steps, which = np.unique(np.round(np.diff(half), 12), return_inverse=True)
-    if run.speed is not None:
-        steps, which = np.diff(half), np.arange(len(half) - 1)
-        there = hull.at_speed((speeds[1:, None] + speeds[:-1, None]) / 2)  # pyright: ignore[reportArgumentType]
-    else:
-        there = hull.at_speed(run.speed_m_s)
-    matrix = _rates_matrix(there)[:, :7]
-    over, first, second = (one[:, SIX_THEN_BASE] for one in _exponential(matrix, steps))
+    there = hull.at_speed(grid.speeds[:, None])  # pyright: ignore[reportArgumentType]
+    pushed = np.zeros((len(grid.half), 15, 3), dtype=complex)
+    pushed[:, :, 1], pushed[:, :, 2] = accelerated(there, *constant_force(there, grid.rudder[:, None]))  # pyright: ignore
+    there = hull.at_speed(run.speed_m_s if grid.between is None else grid.between[:, None])  # pyright: ignore
+    matrix, which = _rates_matrix(there)[:, :7], grid.which
+    over, first, second = (one[:, SIX_THEN_BASE] for one in _exponential(matrix, grid.steps))
     gain = np.einsum("kcij,kcj->kci", first[which], pushed[:-1]) + np.einsum(
         "kcij,kcj->kci", second[which], np.diff(pushed, axis=0)
     )
-    state = np.empty((len(half), 15, 3), dtype=complex)
+    state = np.empty((len(grid.half), 15, 3), dtype=complex)
     state[0] = columns[11:14].T
     for k, i in enumerate(which):
         state[k + 1] = np.matmul(over[i], state[k][:, :, None])[:, :, 0] + gain[k]
     beta = state[:, :, 0]
-    rate = speeds[:, None] * np.sin(beta) + state[:, :, 1] * np.cos(beta)
-    way = np.diff(edges)[:, None] / 6 * (rate[:-1:2] + 4 * rate[1::2] + rate[2::2])
+    rate = grid.speeds[:, None] * np.sin(beta) + state[:, :, 1] * np.cos(beta)
+    way = np.diff(grid.half[::2])[:, None] / 6 * (rate[:-1:2] + 4 * rate[1::2] + rate[2::2])
     y = columns[10] + np.concatenate([np.zeros((1, 15)), np.cumsum(way, axis=0)])
-    path = np.stack([y[sampled], beta[::2][sampled]], axis=1)
+    path = np.stack([y[grid.sampled], beta[::2][grid.sampled]], axis=1)
     return np.real(path[:, :, 0]), np.imag(path[:, :, 1:]) / COMPLEX_STEP
 
 
@@ -345,20 +338,59 @@ def _rates_matrix(hull: Hull) -> Array:
 
 
 def _exponential(matrix: Array, steps: Array) -> tuple[Array, Array, Array]:
-    """e^M and h (e^M - 1)/M, h (e^M - 1 - M)/M^2 with M = A h: x, a constant push and one that grows over the step; Taylor."""
-    h = steps[:, None, None, None]
-    grown, unit = matrix * h, np.eye(3)
-    second = unit / math.factorial(TERMS + 2)
-    for k in range(TERMS + 1, 1, -1):
-        second = unit / math.factorial(k) + np.matmul(grown, second)
-    first = unit + np.matmul(grown, second)
-    return unit + np.matmul(grown, first), h * first, h * second
+    """e^M and h (e^M - 1)/M, h (e^M - 1 - M)/M^2 with M = A h: x, a constant push and one that grows over the step; Taylor.
+
+    beta only follows r: with B of v and r alone, a series in M is the same series in B, and one power later in beta's row. By
+    Cayley and Hamilton a series in B is a + b B with two numbers: c + B (a + b B) = (c - b det B) + (a + b tr B) B.
+    """
+    h = steps[:, None]
+    block = matrix[..., 1:, 1:] * h[..., None, None]
+    trace = block[..., 0, 0] + block[..., 1, 1]
+    determinant = block[..., 0, 0] * block[..., 1, 1] - block[..., 0, 1] * block[..., 1, 0]
+    one, by_block = np.full(trace.shape, 1 / math.factorial(TERMS + 2), dtype=complex), np.zeros_like(trace)
+    series: list[tuple[Array, Array]] = []
+    for k in range(TERMS + 1, -1, -1):
+        one, by_block = 1 / math.factorial(k) - by_block * determinant, one + by_block * trace
+        series.append((one, by_block))
+    found = []
+    for power in range(3):
+        a, b = series[-1 - power]
+        whole = np.zeros((*trace.shape, 3, 3), dtype=complex)
+        whole[..., 1:, 1:] = b[..., None, None] * block
+        whole[..., 1, 1] += a
+        whole[..., 2, 2] += a
+        a, b = series[-2 - power]
+        whole[..., 0, 0] = 1 / math.factorial(power)
+        whole[..., 0, 1] = h * b * block[..., 1, 0]
+        whole[..., 0, 2] = h * (a + b * block[..., 1, 1])
+        found.append(whole)
+    return found[0], h[..., None, None] * found[1], h[..., None, None] * found[2]
 
 
-def _steps(run: FreeRecord) -> tuple[Array, Array]:
-    """Times between which the scheme steps, and where among them the samples stand.
+@dataclass(frozen=True)
+class _Grid:
+    """The times of a run, and what no parameter changes there.
 
-    Samples, corners of a rudder history that has few of them (within a step the rudder is taken as linear), and what divides
+    Attributes
+    ----------
+    half : (2 n - 1,), the times between which the scheme steps and their middles
+    sampled : where among the n times the samples stand
+    speeds, rudder : (2 n - 1,), U and delta at ``half``
+    steps, which : the lengths of the steps from one ``half`` to the next, and which of them each has
+    between : U in the middle of each step; None: it is constant
+    """
+
+    half: Array
+    sampled: Array
+    speeds: Array
+    rudder: Array
+    steps: Array
+    which: Array
+    between: Array | None
+
+
+def _grid(run: FreeRecord) -> _Grid:
+    """Samples, corners of a rudder history that has few of them (within a step the rudder is taken as linear), and what divides
     long steps.
     """
     edges = run.t_s
@@ -368,7 +400,13 @@ def _steps(run: FreeRecord) -> tuple[Array, Array]:
     parts = np.maximum(1, np.ceil(np.diff(edges) / LARGEST_STEP_S - 1e-9)).astype(int)
     fine = [np.linspace(a, b, p, endpoint=False) for a, b, p in zip(edges[:-1], edges[1:], parts, strict=True)]
     edges = np.concatenate([*fine, edges[-1:]])
-    return edges, np.searchsorted(edges, run.t_s)
+    half = np.empty(2 * len(edges) - 1)
+    half[::2], half[1::2] = edges, (edges[1:] + edges[:-1]) / 2
+    speeds, between = run.speeds(half), None
+    steps, which = np.unique(np.round(np.diff(half), 12), return_inverse=True)
+    if run.speed is not None:
+        steps, which, between = np.diff(half), np.arange(len(half) - 1), (speeds[1:] + speeds[:-1]) / 2
+    return _Grid(half, np.searchsorted(edges, run.t_s), speeds, run.rudder(half), steps, which, between)
 
 
 def _result(

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from ..record.errors import InputError
-from ..record.files import TOML_BYTES, read_bytes, write_text
+from ..record.files import TOML_BYTES, name_on_disk, read_bytes, write_text
 from ..record.run import RUN_FILE, Run, leads_out, named_files
 from ..record.schema import RunFile
 from ..record.toml import check_tables
@@ -22,8 +23,14 @@ def next_tow(day: Path) -> Path:
     ----------
     day : where the day's tows lie
     """
-    numbers = [int(path.name.removeprefix(TOW)) for path in tows_of(day)]
+    numbers = [_number(path) for path in day.glob(f"{TOW}*") if _number(path)]
     return day / f"{TOW}{max(numbers, default=0) + 1:02d}"
+
+
+def _number(path: Path) -> int:
+    """Of a tow's folder; 0: it is none."""
+    said = path.name.removeprefix(TOW)
+    return int(said) if said.isdecimal() else 0
 
 
 def tows_of(day: Path) -> list[Path]:
@@ -33,12 +40,12 @@ def tows_of(day: Path) -> list[Path]:
     ----------
     day : where they lie; need not be there
     """
-    found = [p for p in day.glob(f"{TOW}*") if p.name.removeprefix(TOW).isdecimal() and (p / RUN_FILE).is_file()]
-    return sorted(found, key=lambda path: int(path.name.removeprefix(TOW)))
+    found = [path for path in day.glob(f"{TOW}*") if _number(path) and (path / RUN_FILE).is_file()]
+    return sorted(found, key=_number)
 
 
 def make_folder(setup: Run, folder: Path, recording: str) -> Run:
-    """Write the run folder of a tow: an ordinary one, as soon as the recording is in it.
+    """Write the run folder of a tow: an ordinary one, as soon as the recording is in it. It appears whole, under its name.
 
     What the set-up's run.toml names beside its recording (a lens, a static record) is copied.
 
@@ -59,13 +66,26 @@ def make_folder(setup: Run, folder: Path, recording: str) -> Run:
     document["name"] = f"{setup.name} {folder.name}"
     document["source"] = _source(setup, recording)
     checked = check_tables(document.unwrap(), RunFile, source)
-    folder.mkdir(parents=True)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as hidden:
+        made = Path(hidden) / folder.name
+        made.mkdir()
+        _fill(made, setup, checked, tomlkit.dumps(document))
+        made.rename(folder)
+    name_on_disk(folder)
+    return Run(folder, checked)
+
+
+def _fill(folder: Path, setup: Run, checked: RunFile, text: str) -> None:
+    """Copy what the set-up names, and write run.toml."""
     for key, name in named_files(checked):
         if key == "source.video":
             continue
         if leads_out(name):
             raise InputError(
-                source, key, f"{name!r} leads out of the run folder; for a live tow it must lie beside run.toml"
+                setup.folder / RUN_FILE,
+                key,
+                f"{name!r} leads out of the run folder; for a live tow it must lie beside run.toml",
             )
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -73,8 +93,7 @@ def make_folder(setup: Run, folder: Path, recording: str) -> Run:
             shutil.copytree(setup.folder / name, target)
         else:
             shutil.copyfile(setup.folder / name, target)
-    write_text(folder / RUN_FILE, tomlkit.dumps(document))
-    return Run(folder, checked)
+    write_text(folder / RUN_FILE, text, lasting=True)
 
 
 def _source(setup: Run, recording: str) -> dict[str, object]:

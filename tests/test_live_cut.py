@@ -19,7 +19,7 @@ import pytest
 from clips import film, number_of, pieces
 
 from towline.cli import main
-from towline.live.folder import make_folder, next_tow, tows_of
+from towline.live.folder import make_folder, next_of, tows_of
 from towline.live.pieces import Packet
 from towline.live.recorder import Recorder
 from towline.record.run import read_run
@@ -184,7 +184,7 @@ def test_a_killed_tow_is_an_ordinary_run_and_the_day_goes_on(samples: Path, tmp_
     kept = [f.t_s for f in read_frames(day / "tow-01" / "film.ts")]
     assert kept[-1] - kept[0] >= arrived[-1] - arrived[0] - LOST_S
     assert main(["motion", str(day / "tow-01")]) == 0
-    assert next_tow(day).name == "tow-02"
+    assert next_of(day).name == "tow-02"
     assert [path.name for path in tows_of(day)] == ["tow-01"]
 
 
@@ -193,7 +193,7 @@ def test_a_folder_that_was_begun_and_not_finished_stops_no_later_tow(samples: Pa
     setup = read_run(samples / "mariner" / "x1446")
     (tmp_path / "tow-01").mkdir()
     assert tows_of(tmp_path) == []
-    made = make_folder(setup, next_tow(tmp_path), "film.ts")
+    made = make_folder(setup, next_of(tmp_path), "film.ts")
     assert [path.name for path in tows_of(tmp_path)] == [made.folder.name]
 
 
@@ -208,5 +208,5 @@ def test_a_run_folder_appears_whole_or_not_at_all(
 
     monkeypatch.setattr("towline.live.folder.write_text", fails)
     with pytest.raises(OSError, match="disk is full"):
-        make_folder(setup, next_tow(tmp_path), "film.ts")
+        make_folder(setup, next_of(tmp_path), "film.ts")
     assert list(tmp_path.iterdir()) == []

@@ -10,7 +10,6 @@ from ..__version__ import __version__
 from ..record.day_file import DayFile, DayNext, DayWish
 from ..record.priors import DERIVATIVE_NAMES
 from ..record.results import DerivativesFile, Measured, read_result, write_result
-from ..simulate.model import DERIVATIVE_UNITS
 from .tows import Standing, percent_of, standing_lines
 
 DAY = "day.json"
@@ -32,7 +31,7 @@ def day_file(standing: Standing) -> DayFile:
         table[name] = DayWish(
             value=None if known is None else known.value,
             std=None if known is None else known.std,
-            unit=DERIVATIVE_UNITS[name],
+            unit="" if known is None else known.unit,
             percent=None if known is None else percent_of(known.value, known.std),
             wished_percent=None if wish is None else wish.wished,
             met=None if wish is None else wish.met,

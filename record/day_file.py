@@ -14,7 +14,7 @@ class DayWish(_Part):
 
     value: float | None = Field(description="dimensional, SI, at the day's speed; null: not determined")
     std: float | None = Field(description="standard deviation of value")
-    unit: str = Field(description="unit of value")
+    unit: str = Field(description="unit of value; empty where there is none")
     percent: float | None = Field(description="half-width of the 95 % interval, % of value")
     wished_percent: float | None = Field(description="of plan.toml; null: no plan was given")
     met: bool | None = Field(description="percent is no more than what is wished; null: nothing is wished")

@@ -570,8 +570,8 @@ def test_a_day_without_a_tow_names_the_first_one(tmp_path: Path) -> None:
 
 
 def test_where_the_day_stands_is_kept_and_read_again(samples: Path, tmp_path: Path) -> None:
-    """Two tows, their motions noisy; in one the camera was named to have moved: it is fitted, and said to be looked at. X_v against the truth,
-    by its own standard deviation (5 of them: one in two million is farther)."""
+    """Two tows, their motions noisy; in one the camera was named to have moved: it is fitted, and said to be looked at. X_v against the
+    truth, by its own standard deviation (5 of them: one in two million is farther)."""
     import shutil
 
     folders, rng = [], np.random.default_rng(30)

@@ -301,23 +301,21 @@ def judge(scratch: Path, count: int, seed: int) -> None:
             flush=True,
         )
     said = [one for one in made if one.said_at is not None]
-    late = [(one.said_at or MOST + 1) - (one.true_at or MOST + 1) for one in made]
-    print("said after minus true after, tows:", ", ".join(f"{d:+d}: {late.count(d)}" for d in sorted(set(late))))
-    print(f"at most one tow after it is true: {sum(d <= 1 for d in late)} of {count}")
-    early = [one for one, d in zip(made, late, strict=True) if d < 0]
+    never = MOST + 1
+    early = [one for one in said if one.true_at is None]
+    late = [(one.said_at or never) - (one.true_at or never) for one in made if one not in early]
+    print("after it is true, tows:", ", ".join(f"{d}: {late.count(d)}" for d in sorted(set(late))), end="; ")
+    print(f"before it is true by the bound: {len(early)} ({', '.join(map(_over, early))})")
+    print(f"at most one tow after it is true: {sum(d <= 1 for d in late) + len(early)} of {count}")
     off = [one for one in said if (one.off > one.wish).any()]
-    print(f"before it is true by the bound: {len(early)} of {count} ({', '.join(_over(one) for one in early)})")
-    print(
-        f"said while one of the six is off by more than the wish: {len(off)} of {len(said)}; before it is true and so: ",
-        end="",
-    )
-    print(f"{sum((one.off > one.wish).any() for one in early)}")
+    print(f"said while one of the six is off by more than the wish, by the truth: {len(off)} of {len(said)}; ", end="")
+    print(f"of those said before it is true by the bound: {sum((one.off > one.wish).any() for one in early)}")
     each = np.concatenate([one.off / one.wish for one in said])
-    print(f"derivatives off by more than the wish when it was said: {(each > 1).sum()} of {len(each)}")
+    print(f"of the derivatives, {(each > 1).sum()} of {len(each)}")
 
 
 def _over(one: Sequence) -> str:
-    return f"{one.bound:.2f} for {one.wish:.2f}"
+    return f"{one.bound:.2f} %, wished {one.wish:.2f} %"
 
 
 __all__ = ["judge", "sequence"]

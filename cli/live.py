@@ -65,18 +65,18 @@ def call(options: argparse.Namespace) -> int:
         with show_progress() as show:
             day.prepare(show)
     seconds = STATIC_S if options.static and options.seconds is None else options.seconds
-    stop = _Stop(seconds)
+    stop, terminal = _Stop(seconds), _Terminal()
 
     def told(folder: Path) -> None:
         print(f"{options.source} -> {folder}; Ctrl+C ends the {'static record' if options.static else 'tow'}")
 
     with stop:
         if options.static:
-            folder, counts = film_static(setup, options.source, options.day, _Terminal(), stop, told)
+            folder, counts = film_static(setup, options.source, options.day, terminal, stop, told)
         else:
             wall_m = WALL_M if day.wall_m is None else day.wall_m
             folder, counts = film_tow(
-                setup, options.source, options.day, _Terminal(), stop, wall_m, not options.no_fit, told
+                setup, options.source, options.day, terminal, stop, wall_m, not options.no_fit, told
             )
     print(counts.words)
     options.outcome.result["static" if options.static else "tow"] = folder.name
@@ -84,12 +84,11 @@ def call(options: argparse.Namespace) -> int:
     options.outcome.wrote(folder / RUN_FILE)
     if not fits:
         return EXIT_OK
-    began = time.monotonic()
     with show_progress():
         standing = day.after(tows_of(options.day))
         kept = keep_day(options.day, standing)
     print("\n".join(standing_lines(standing)))
-    print(f"({time.monotonic() - began:.1f} s after the tow's end)")
+    print(f"({time.monotonic() - terminal.ended_s:.1f} s after the tow's end)")
     options.outcome.wrote(kept)
     options.outcome.result["standing"] = standing
     options.outcome.result["enough"] = standing.enough
@@ -131,6 +130,11 @@ class _Terminal:
 
     def __init__(self) -> None:
         self._console, self._said_s, self._was_ready = console(), float("-inf"), False
+        self.ended_s = float("nan")
+
+    def ended(self) -> None:
+        """The film is whole."""
+        self.ended_s = time.monotonic()
 
     def frame(self, seen: Any, latency_s: float) -> None:
         """A frame's values."""

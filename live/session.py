@@ -55,6 +55,10 @@ class Telling(Protocol):
         """What is to be said before the tow; again and again, as it changes."""
         ...
 
+    def ended(self) -> None:
+        """The film is whole; its tracks may not be."""
+        ...
+
 
 @dataclass
 class Counts:
@@ -191,6 +195,7 @@ def live_tow(
         hearing.stop()
         hearing.join()
         scribe.close()
+    telling.ended()
     if aside is not None:
         aside.end()
     counts = Counts() if tow is None else tow.counted(recorder.packets)

@@ -14,7 +14,7 @@ window.addEventListener("keydown", (e) => {
   else if (key === "ArrowRight") name = e.shiftKey ? "on25" : "on";
   else if (key === "Home") name = "first";
   else if (key === "End") name = "last";
-  else if ("1234567".includes(key)) name = "step" + key;
+  else if ("12345678".includes(key)) name = "step" + key;
   else if (key === "+" || key === "=") name = "zoomin";
   else if (key === "-") name = "zoomout";
   else if (key === "0") name = "fit";

@@ -43,7 +43,7 @@ class RunStep(Step):
             self._todo()
         ui.html("<h3>Keys</h3>", sanitize=False)
         keys_line(
-            ("1 ... 7", "steps"), ("Ctrl+S", "save"), ("Ctrl+Z", "undo"), ("Ctrl+Y", "redo"), ("Esc", "leave a field")
+            ("1 ... 8", "steps"), ("Ctrl+S", "save"), ("Ctrl+Z", "undo"), ("Ctrl+Y", "redo"), ("Esc", "leave a field")
         )
         keys_line(
             ("← →", "frame"),

@@ -76,6 +76,7 @@ def serve(
     finally:
         ways.close()
         session.worker.close()
+        session.filming.close()
         session.close()
 
 
@@ -113,6 +114,7 @@ def _run(session: Session, port: int, ways: WaysIn, started: Callable[[], None],
     from .page_datum import DatumStep
     from .page_facts import FactsStep
     from .page_hand import HandStep
+    from .page_live import LiveStep
     from .page_marks import MarksStep
     from .page_results import ResultsStep
     from .page_run import RunStep
@@ -122,7 +124,7 @@ def _run(session: Session, port: int, ways: WaysIn, started: Callable[[], None],
     add_routes(app, session)
 
     def root() -> None:
-        Window(session, [RunStep, FactsStep, DatumStep, MarksStep, HandStep, TrackStep, ResultsStep]).build()
+        Window(session, [RunStep, FactsStep, DatumStep, MarksStep, HandStep, TrackStep, ResultsStep, LiveStep]).build()
 
     def begin() -> None:
         threading.Thread(target=started, daemon=True).start()

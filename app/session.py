@@ -20,7 +20,9 @@ from ..vision.recording import Frame
 from .byhand import FILE, ByHand, begun
 from .correcting import Correcting
 from .document import Document
+from .filming import Filming
 from .frames import EXACT, Frames
+from .live_view import Live
 from .motion_view import Shown, read_shown
 from .places import Place, inside, page_file, place
 from .sight import Detected, Sight, detected, sight, view_of
@@ -39,6 +41,8 @@ class Session:
     ----------
     start : folder that the command was given
     worker : does the long jobs
+    filming : films tows
+    live : what the live page shows; None until it was looked at with this run
     document : of the open run; None = none is open
     frames : of its recording; None where it has none, ``video_problem`` says why
     index : the frame that is shown
@@ -53,6 +57,8 @@ class Session:
 
     start: Path
     worker: Worker = field(default_factory=Worker)
+    filming: Filming = field(default_factory=Filming)
+    live: Live | None = None
     document: Document | None = None
     frames: Frames | None = None
     video: str = ""
@@ -102,7 +108,7 @@ class Session:
         """Put the open run away."""
         if self.frames is not None:
             self.frames.close()
-        self.document = self.frames = self.by_hand = self.corrections = None
+        self.document = self.frames = self.by_hand = self.corrections = self.live = None
         self.index, self.video, self.video_problem = 0, "", ""
         self.selected = {"datum": -1, "marker": -1}
         self._sight = self._shown = self._view = None

@@ -1,6 +1,6 @@
 """``towline live`` on the loopback, its provisional values, and faults planted in live tows.
 
-    python benchmarks/live.py [--seconds 180] [--tows 60] [--only loopback values planted]
+    python benchmarks/live.py [--seconds 180] [--tows 60] [--sequences 40] [--only loopback values planted enough]
 
 Loopback: a rendered tow (720p at 30 frames/s, and 1080p at 60) is played forwards and backwards and sent by ffmpeg's libraries
 over UDP (H.264 in MPEG-TS), by a server over RTSP (where rtsp-server-perl of Debian is installed), and as MJPEG over HTTP, by
@@ -9,6 +9,7 @@ system until its values were there; which picture is which is told by y against 
 frame, as fast as they are read; provisional values against the tracks that are made later of the same film and against the
 truth, z by the stated standard deviation. Planted: windows of 20 s of the sample films with a fault from a random moment on,
 and as many without; a fault is named when an event of its kind comes within 2 s of the film's time, and nothing else counts.
+Enough: days of simulated tows with a wish (``live_enough``).
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from live_enough import judge
 from live_planted import KINDS, bases, planted
 
 from towline.geometry import motion_from_tracks
@@ -56,8 +58,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=180.0)
     parser.add_argument("--tows", type=int, default=60)
+    parser.add_argument("--sequences", type=int, default=40)
     parser.add_argument("--seed", type=int, default=30)
-    parser.add_argument("--only", nargs="+", default=["loopback", "values", "planted"])
+    parser.add_argument("--only", nargs="+", default=["loopback", "values", "planted", "enough"])
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         if "loopback" in options.only:
@@ -66,6 +69,8 @@ def main() -> None:
             values()
         if "planted" in options.only:
             plant(options.tows, options.seed)
+        if "enough" in options.only:
+            judge(Path(scratch), options.sequences, options.seed)
 
 
 # sources on the loopback ----------------------------------------------------------------------------------------------

@@ -133,14 +133,15 @@ def rigid_tows(
     Parameters
     ----------
     numbers : name -> ``(n,)``: the six of ``NAMES``, speed_ref, mass_kg, x_udot, x_vr, x_vv, x_rr, power, resistance_n, speed_m_s,
-        line_m, tow_point_m, release_rad (alpha); and, where not zero, offset_m (of the tow point to starboard), y_delta, n_delta
+        line_m, tow_point_m, release_rad (alpha); and, where not zero, offset_m (of the tow point to starboard), y_delta, n_delta,
+        and of the release, which is then none at rest: release_beta_rad, release_v_m_s, release_r_rad_s
     times_s : ``(k,)`` evenly spaced
     rudder_rad : ``(n, k)``, straight between the samples
     speed_m_s, speed_rate_m_s2 : ``(n, 2 (k - 1) substeps + 1)`` carriage speed and its rate at every half step; None: the number's
     """
     q = {name: np.asarray(value, float) for name, value in numbers.items()}
     n, k = len(q["line_m"]), len(times_s)
-    for name in ("offset_m", "y_delta", "n_delta"):
+    for name in ("offset_m", "y_delta", "n_delta", "release_beta_rad", "release_v_m_s", "release_r_rad_s"):
         q.setdefault(name, np.zeros(n))
     step, still = float(times_s[1] - times_s[0]) / substeps, np.zeros(n)
 
@@ -173,9 +174,16 @@ def rigid_tows(
 
 def _released(q: Mapping[str, Array], speed: Array) -> Array:
     state = np.zeros((6, len(speed)))
-    state[X] = -q["line_m"] * np.cos(q["release_rad"]) - q["tow_point_m"]
-    state[Y] = q["line_m"] * np.sin(q["release_rad"]) - q["offset_m"]
-    state[U] = speed
+    alpha, state[B], state[V], state[R] = (
+        q[name] for name in ("release_rad", "release_beta_rad", "release_v_m_s", "release_r_rad_s")
+    )
+    cb, sb, ahead, aside = np.cos(state[B]), np.sin(state[B]), q["tow_point_m"], q["offset_m"]
+    state[X] = -q["line_m"] * np.cos(alpha) - (ahead * cb - aside * sb)
+    state[Y] = q["line_m"] * np.sin(alpha) - (ahead * sb + aside * cb)
+    # along the line the tow point goes as the carriage does
+    nx, ny = -np.cos(alpha), np.sin(alpha)
+    across = state[V] + state[R] * ahead
+    state[U] = (nx * speed - (ny * cb - nx * sb) * across) / (nx * cb + ny * sb) + state[R] * aside
     return state
 
 
@@ -351,7 +359,7 @@ def _gentler(one: _Drawn, wild: Array) -> None:
 def _draw(rng: Rng, k: int, options: SurgeOptions, times: Array) -> _Drawn:
     while True:
         six = {name: value * (1 + options.scatter * float(rng.uniform(-1, 1))) for name, value in MARINER.items()}
-        if max(_growth(six, x) for x in (POINTS_M[0], POINTS_M[-1])) < GROWTH_1_S:
+        if max(growth(six, x) for x in (POINTS_M[0], POINTS_M[-1])) < GROWTH_1_S:
             break
     weighed = MASS_KG
     mass = weighed * (1 + options.mass_sd_rel * float(rng.normal()))
@@ -426,7 +434,7 @@ def _draw(rng: Rng, k: int, options: SurgeOptions, times: Array) -> _Drawn:
     return _Drawn(numbers, stated, truth, _rudder(rng, k, options, times), swell, drift)
 
 
-def _growth(six: Mapping[str, float], x_t: float) -> float:
+def growth(six: Mapping[str, float], x_t: float) -> float:
     """The largest real part of the roots of the linear tow with constant T (theory.md 2), 1/s."""
     m, i, y_v, y_r, n_v, n_r = (six[name] for name in NAMES)
     pull = np.array([RESISTANCE_N / LINE_M, RESISTANCE_N * (1 + x_t / LINE_M)])

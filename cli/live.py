@@ -41,61 +41,55 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--seconds", type=float, metavar="S", help="end the tow after so long (default: Ctrl+C, or the source's end)"
     )
+    sub.add_argument(
+        "--static",
+        action="store_true",
+        help="film the model held still (20 s): the static record of the tows that come, which gives the measurement's noise",
+    )
     sub.add_argument("--no-fit", action="store_true", help="film and watch only; no track, no derivatives afterwards")
 
 
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
-    from ..live.folder import make_folder, next_tow, tows_of
-    from ..live.session import live_tow
+    from ..live.filming import STATIC_S, film_static, film_tow, setup_of
+    from ..live.folder import tows_of
+    from ..live.kept import keep_day
     from ..live.tows import Day, standing_lines
     from ..live.watch import WALL_M
-    from ..pipeline.mistaken import named
-    from ..record.errors import InputError
-    from ..record.run import RUN_FILE, Run, read_run, refuse_two_cameras
+    from ..record.run import RUN_FILE
 
-    setup = read_run(options.like)
-    refuse_two_cameras(setup, "towline live")
-    if setup.file.source.motion is not None or not setup.file.marker or not setup.file.datum:
-        raise InputError(
-            setup.folder / RUN_FILE, "source", "a run with marks and a datum is expected, one that was filmed"
-        )
+    setup = setup_of(options.like)
     day = Day(options.plan)
-    if not options.no_fit:
+    fits = not options.no_fit and not options.static
+    if fits:
         with show_progress() as show:
             day.prepare(show)
-    folder = next_tow(options.day)
+    seconds = STATIC_S if options.static and options.seconds is None else options.seconds
+    stop, terminal = _Stop(seconds), _Terminal()
 
-    def begin(recording: str, size_px: tuple[int, int]) -> tuple[Run, Any]:
-        from ..geometry import run_datum
+    def told(folder: Path) -> None:
+        print(f"{options.source} -> {folder}; Ctrl+C ends the {'static record' if options.static else 'tow'}")
 
-        stated = setup.file.camera
-        if stated is not None and stated.image_size_px != size_px:
-            raise InputError(
-                setup.folder / RUN_FILE,
-                "camera.image_size_px",
-                f"{list(stated.image_size_px)}, but the source's picture is {size_px[0]} x {size_px[1]}; the lens would be another",
-            )
-        with named(setup):
-            fit = run_datum(setup, size_px)
-        return make_folder(setup, folder, recording), fit
-
-    stop = _Stop(options.seconds)
-    print(f"{options.source} -> {folder}; Ctrl+C ends the tow")
     with stop:
-        wall_m = WALL_M if day.wall_m is None else day.wall_m
-        counts = live_tow(options.source, folder, begin, _Terminal(), stop, wall_m, not options.no_fit)
+        if options.static:
+            folder, counts = film_static(setup, options.source, options.day, terminal, stop, told)
+        else:
+            wall_m = WALL_M if day.wall_m is None else day.wall_m
+            folder, counts = film_tow(
+                setup, options.source, options.day, terminal, stop, wall_m, not options.no_fit, told
+            )
     print(counts.words)
-    options.outcome.result["tow"] = folder.name
+    options.outcome.result["static" if options.static else "tow"] = folder.name
     options.outcome.result["frames"] = vars(counts)
     options.outcome.wrote(folder / RUN_FILE)
-    if options.no_fit:
+    if not fits:
         return EXIT_OK
-    began = time.monotonic()
     with show_progress():
         standing = day.after(tows_of(options.day))
+        kept = keep_day(options.day, standing)
     print("\n".join(standing_lines(standing)))
-    print(f"({time.monotonic() - began:.1f} s after the tow's end)")
+    print(f"({time.monotonic() - terminal.ended_s:.1f} s after the tow's end)")
+    options.outcome.wrote(kept)
     options.outcome.result["standing"] = standing
     options.outcome.result["enough"] = standing.enough
     return EXIT_OK
@@ -135,7 +129,12 @@ class _Terminal:
     """Prints what is seen, a line a second, and what is named at once."""
 
     def __init__(self) -> None:
-        self._console, self._said_s = console(), float("-inf")
+        self._console, self._said_s, self._was_ready = console(), float("-inf"), False
+        self.ended_s = float("nan")
+
+    def ended(self) -> None:
+        """The film is whole."""
+        self.ended_s = time.monotonic()
 
     def frame(self, seen: Any, latency_s: float) -> None:
         """A frame's values."""
@@ -159,7 +158,10 @@ class _Terminal:
         sys.stdout.flush()
 
     def ready(self, lines: list[Any]) -> None:
-        """What is to be said before the tow."""
+        """What is to be said before the tow, once; ``live.jsonl`` has it as it changes."""
+        if self._was_ready:
+            return
+        self._was_ready = True
         for line in lines:
             style = COLOURS["good" if line.good else "warning"]
             self._console.print(f"  {line.what}: {line.words}", style=style, markup=False)

@@ -27,6 +27,8 @@ EVERY = 3
 """Frames from one look to the next: ten looks a second of usual film."""
 LEARN_LOOKS = 10
 """Looks by which a point's patch is learnt, and then as many by which its scatter is."""
+LEARNT_FRAMES = EVERY * 2 * LEARN_LOOKS
+"""Frames after which it is known how each point looks and scatters."""
 LIKE = 0.7
 """Correlation with its patch below which a point is hidden: a choice."""
 LEAST_TEXTURE_DN = 4.0
@@ -172,4 +174,4 @@ class DatumWatch:
         return Turn(angle, spread, float(np.median(np.linalg.norm(moved[seen], axis=1))), int(seen.sum()), able)
 
 
-__all__ = ["DatumWatch", "Turn"]
+__all__ = ["EVERY", "LEARNT_FRAMES", "DatumWatch", "Turn"]

@@ -11,6 +11,7 @@ import numpy as np
 from ..geometry import DatumFit
 from ..record.run import Run
 from .arrivals import ArrivalWatch
+from .datum_watch import EVERY, LEARNT_FRAMES
 from .seen import Seen, Valued
 
 LAST_S = 2.0
@@ -49,10 +50,12 @@ class Ready:
     def __init__(self, run: Run, fit: DatumFit) -> None:
         self._run, self._fit = run, fit
         self._last: deque[Seen] = deque()
+        self._count = 0
 
     def step(self, seen: Seen) -> None:
         """Take a frame."""
         self._last.append(seen)
+        self._count += not seen.damaged
         while seen.t_s - self._last[0].t_s > LAST_S:
             self._last.popleft()
 
@@ -114,9 +117,11 @@ class Ready:
         words = f"{len(ratio)} points, off by {self._fit.rms_px:.2f} px rms, {off:.1f} of their standard deviations"
         return Line("datum", words, off < DATUM_SD)
 
-    @staticmethod
-    def _camera(frames: list[Seen]) -> Line:
+    def _camera(self, frames: list[Seen]) -> Line:
         turns = [f.turn for f in frames if f.turn is not None]
+        if not turns and self._count <= LEARNT_FRAMES + EVERY:
+            words = f"it is not known yet whether it stands still ({self._count} of {LEARNT_FRAMES} pictures were looked at)"
+            return Line("camera", words, False)
         if not turns:
             return Line(
                 "camera",

@@ -1,7 +1,7 @@
 """What comes is written as it comes, whole: into a container that a power cut ends but does not spoil.
 
 H.264 and its like go into an MPEG transport stream, in which every packet stands by itself; all else into Matroska without an
-index, whose clusters are complete every second. Nothing is coded anew.
+index, whose clusters are complete four times a second. Nothing is coded anew.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..record.errors import VideoError
+from ..record.files import name_on_disk
 from ..vision.recording.clock import ON_ARRIVAL, STAMPED
 from .clock import OneClock, Times
 from .pieces import ARRIVAL_BASE, Ended, Opened, Packet, Piece
@@ -22,11 +23,12 @@ STREAM_NAMES = {True: "film.ts", False: "film.mkv"}
 """Of the recording, in a transport stream or not."""
 START_CODES = b"\0\0\1", b"\0\0\0\1"
 """How units begin in a transport stream (H.264, annex B)."""
-SAFE_S = 0.5
-"""The file is put on the disk so often: what a power cut may cost, with what the container holds back."""
+SAFE_S = 0.25
+"""The file is put on the disk so often. A power cut costs this, what the container holds back (``CLUSTER_MS``), and a picture: a
+second of film is what it may cost."""
 MATROSKA_TICKS = 90
 """Of ``ARRIVAL_BASE`` in a millisecond, which is what Matroska counts in."""
-CLUSTER_MS = "500"
+CLUSTER_MS = "250"
 """Length of Matroska's clusters: what is written at once."""
 
 
@@ -36,6 +38,7 @@ class _Disk:
     def __init__(self, path: Path) -> None:
         self._file = path.open("xb", buffering=0)
         self._safe_s = time.monotonic()
+        name_on_disk(path)
 
     def write(self, data: bytes) -> int:
         """Write bytes."""

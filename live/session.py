@@ -20,6 +20,7 @@ from .aside import TrackingAside
 from .clock import Times
 from .decoding import Decoding
 from .event import Event
+from .log import LOG
 from .pieces import Ended, Opened, Packet, Piece
 from .ready import Line, Ready
 from .recorder import Recorder
@@ -28,8 +29,6 @@ from .source import Hearing
 from .stamped import Stamped
 from .watch import WALL_M, Watch
 
-LOG = "live.jsonl"
-"""In out/: a line for every frame and for everything that was named, written as it happens."""
 TICK_S = 0.1
 """How often a silent source is looked at."""
 LATE_S = 0.1
@@ -37,8 +36,8 @@ LATE_S = 0.1
 BEHIND_S, CAUGHT_UP = 1.0, 2
 """Who looks is so far behind what comes: frames are decoded and recorded, and not looked at, until no more than so many wait.
 Old values help nobody."""
-READY_S = 3.0
-"""From the first frame on until what is said before a tow rests on enough of them."""
+READY_S, READY_EVERY_S = 3.0, 2.0
+"""From the first frame on until what is said before a tow rests on enough of them; it is said again so often."""
 
 
 class Telling(Protocol):
@@ -53,7 +52,11 @@ class Telling(Protocol):
         ...
 
     def ready(self, lines: list[Line]) -> None:
-        """What is to be said before the tow."""
+        """What is to be said before the tow; again and again, as it changes."""
+        ...
+
+    def ended(self) -> None:
+        """The film is whole; its tracks may not be."""
         ...
 
 
@@ -192,6 +195,7 @@ def live_tow(
         hearing.stop()
         hearing.join()
         scribe.close()
+    telling.ended()
     if aside is not None:
         aside.end()
     counts = Counts() if tow is None else tow.counted(recorder.packets)
@@ -224,11 +228,12 @@ class _Beginning(Recorder):
 
 
 class _Tow:
-    """The loop's body: a piece in, what is said out; ``said``: so is what is to be said before a tow."""
+    """The loop's body: a piece in, what is said out."""
 
     def __init__(self, decoding: Decoding, looking: Looking, scribe: _Scribe) -> None:
         self.decoding, self._looking, self._scribe = decoding, looking, scribe
-        self._counts, self.said = Counts(), False
+        self._counts = Counts()
+        self._said_s: float | None = None
         self._behind = False
         self._began_s: float | None = None
 
@@ -248,6 +253,11 @@ class _Tow:
             else:
                 self._look(stamped)
 
+    @property
+    def said(self) -> bool:
+        """What is to be said before a tow was said."""
+        return self._said_s is not None
+
     def _look(self, stamped: Stamped) -> None:
         seen, events = self._looking.step(stamped)
         latency_s = time.monotonic() - stamped.arrived_s
@@ -259,9 +269,9 @@ class _Tow:
             self._counts.late += latency_s > LATE_S
         t_s = stamped.frame.t_s
         self._began_s = t_s if self._began_s is None else self._began_s
-        if not self.said and t_s - self._began_s >= READY_S:
-            self.said = True
-            self._scribe.ready(self._looking.ready.lines(self._looking.arrivals))
+        if t_s - (self._began_s if self._said_s is None else self._said_s) >= (READY_EVERY_S if self.said else READY_S):
+            self._said_s = t_s
+            self._scribe.ready(t_s, self._looking.ready.lines(self._looking.arrivals))
         self._looking.settle()
 
     def counted(self, packets: int) -> Counts:
@@ -291,9 +301,9 @@ class _Scribe:
         self._write({"event": event.kind, "t_s": round(event.t_s, 6), "level": event.level, "words": event.words})
         self._telling.event(event)
 
-    def ready(self, lines: list[Line]) -> None:
+    def ready(self, t_s: float, lines: list[Line]) -> None:
         for line in lines:
-            self._write({"ready": line.what, "good": line.good, "words": line.words})
+            self._write({"ready": line.what, "t_s": round(t_s, 6), "good": line.good, "words": line.words})
         self._telling.ready(lines)
 
     def close(self) -> None:
@@ -340,4 +350,4 @@ def _plain(value: float, digits: int) -> float | None:
     return round(float(value), digits) if np.isfinite(value) else None
 
 
-__all__ = ["LOG", "Counts", "Looking", "Telling", "frame_record", "live_tow"]
+__all__ = ["Counts", "Looking", "Telling", "frame_record", "live_tow"]

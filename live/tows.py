@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,7 @@ from ..record.plan_file import PlanRequest
 from ..record.priors import DERIVATIVE_NAMES
 from ..record.results import DerivativesFile
 from ..record.toml import read_toml
+from .log import LOG, spoiling
 
 RELEASE_FRAMES = 15
 """The release is where the model stood in the median of so many first frames: a choice, half a second of usual film."""
@@ -66,6 +67,7 @@ class Standing:
     failed : tows that cannot be used, and why: they are to be repeated
     wishes : by derivative; empty without a plan
     next_tow : None: the wish is met, or there is no plan, or no tow is possible
+    named : by tow, what was named while it was filmed and may spoil it
     """
 
     tows: tuple[str, ...]
@@ -74,6 +76,7 @@ class Standing:
     failed: dict[str, str] = field(default_factory=dict)
     wishes: tuple[Wish, ...] = ()
     next_tow: Next | None = None
+    named: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def enough(self) -> bool:
@@ -124,29 +127,32 @@ class Day:
         """
         batch = compute_motions(folders)
         used = [m for m in batch.runs if m.run.file.kind == "tow"]
-        if not used:
-            return Standing((), None, "no tow can be used", batch.failed)
-        result, problem, failed = None, "", batch.failed
-        try:
-            result = identify_batch(Batch(used, batch.failed)).result
-            failed = result.failed
-        except TowlineError as error:
-            problem = str(error)
-        wishes = self._wishes(result)
+        result, problem, failed = None, "no tow can be used" if folders else "no tow yet", batch.failed
+        if used:
+            try:
+                result, problem = identify_batch(Batch(used, batch.failed)).result, ""
+                failed = result.failed
+            except TowlineError as error:
+                problem = str(error)
+        used = [m for m in used if m.run.name not in failed]
+        named = {m.run.name: tuple(spoiling(m.run.out / LOG)) for m in batch.runs}
         standing = Standing(
-            tuple(m.run.name for m in used if m.run.name not in failed), result, problem, failed, wishes
+            tuple(m.run.name for m in used),
+            result,
+            problem,
+            failed,
+            self._wishes(result),
+            None,
+            {name: words for name, words in named.items() if words},
         )
-        if standing.enough:
-            return standing
-        next_tow = self._next([m for m in used if m.run.name not in failed])
-        return Standing(standing.tows, result, problem, failed, wishes, next_tow)
+        return standing if standing.enough else replace(standing, next_tow=self._next(used))
 
     def _wishes(self, result: DerivativesFile | None) -> tuple[Wish, ...]:
         if self._request is None:
             return ()
         known = {} if result is None else result.derivatives
         return tuple(
-            Wish(name, _percent(known[name].value, known[name].std) if name in known else None, wished)
+            Wish(name, percent_of(known[name].value, known[name].std) if name in known else None, wished)
             for name, wished in zip(DERIVATIVE_NAMES, self._request.wish.percents, strict=True)
         )
 
@@ -172,7 +178,13 @@ class Day:
         return Next(found.plans[best], percent)
 
 
-def _percent(value: float, std: float) -> float:
+def percent_of(value: float, std: float) -> float:
+    """Half-width of the 95 % interval, % of the value.
+
+    Parameters
+    ----------
+    value, std : of a derivative
+    """
     return abs(100 * NORMAL_95 * std / value)
 
 
@@ -201,6 +213,11 @@ def standing_lines(standing: Standing) -> list[str]:
     many = len(standing.tows)
     lines = [f"{many} tow{'s' if many != 1 else ''} fitted: {', '.join(standing.tows) or 'none'}"]
     lines += [f"repeat {name}: {why}" for name, why in standing.failed.items()]
+    lines += [
+        f"look at {name} before it counts, or repeat it: {'; '.join(words)}"
+        for name, words in standing.named.items()
+        if name not in standing.failed
+    ]
     if standing.problem:
         lines.append(f"no derivatives yet: {standing.problem}")
     known = {} if standing.result is None else standing.result.derivatives
@@ -212,7 +229,7 @@ def standing_lines(standing: Standing) -> list[str]:
             lines.append(f"  {SHORT[name]:4} not determined by these tows{wished}" if known or wish else "")
             continue
         value, std = known[name].value, known[name].std
-        lines.append(f"  {SHORT[name]:4} {value:10.3f} +- {std:.3f}  (95 %: +- {_percent(value, std):.2f} %{wished})")
+        lines.append(f"  {SHORT[name]:4} {value:10.3f} +- {std:.3f}  (95 %: +- {percent_of(value, std):.2f} %{wished})")
     if standing.enough:
         lines.append("enough: every wish is met")
     if standing.next_tow is not None:
@@ -225,4 +242,4 @@ def standing_lines(standing: Standing) -> list[str]:
     return [line for line in lines if line]
 
 
-__all__ = ["Day", "Next", "Standing", "Wish", "standing_lines"]
+__all__ = ["Day", "Next", "Standing", "Wish", "percent_of", "standing_lines"]

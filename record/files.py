@@ -204,8 +204,7 @@ def replacing(path: str | Path, lasting: bool = False) -> Iterator[Path]:
         os.chmod(temporary, _mode(target))
         os.replace(temporary, target)
         if lasting:
-            with suppress(OSError):  # a folder cannot be opened everywhere
-                _to_disk(target.parent, os.O_RDONLY)
+            name_on_disk(target)
     except OSError as error:
         raise _of_the_target(error, temporary, target) from None
     finally:
@@ -218,6 +217,17 @@ def _mode(target: Path) -> int:
         return stat.S_IMODE(target.stat().st_mode) & 0o777
     except OSError:
         return 0o666 & ~_UMASK
+
+
+def name_on_disk(path: Path) -> None:
+    """A file that is new, or was renamed, is found under its name after a power cut.
+
+    Parameters
+    ----------
+    path : of the file
+    """
+    with suppress(OSError):  # a folder cannot be opened everywhere
+        _to_disk(path.parent, os.O_RDONLY)
 
 
 def _to_disk(path: Path, how: int) -> None:
@@ -235,15 +245,16 @@ def _of_the_target(error: OSError, temporary: Path, target: Path) -> OSError:
     return OSError(error.errno, error.strerror or str(error) or "cannot be written", str(target))
 
 
-def write_text(path: str | Path, text: str) -> None:
+def write_text(path: str | Path, text: str, lasting: bool = False) -> None:
     """Write ``text`` as UTF-8 atomically.
 
     Parameters
     ----------
     path : of the file
     text : what is written
+    lasting : as for ``replacing``
     """
-    with replacing(path) as temporary:
+    with replacing(path, lasting) as temporary:
         temporary.write_text(text, encoding="utf-8", errors=BYTES_SHOWN, newline="\n")
 
 

@@ -14,6 +14,7 @@ from .cameras_file import CamerasFile
 from .check_file import CheckFile
 from .corrected_file import CorrectedFile
 from .corrections import Corrections
+from .day_file import DayFile
 from .gap_file import GapFile
 from .law_file import LawFile
 from .lens_file import LensFile
@@ -50,6 +51,7 @@ _PAGES: tuple[tuple[str, type[BaseModel], str], ...] = (
     ("lens.json", LensFile, "Written by `towline lens`."),
     ("plan.toml", PlanRequest, "What `towline plan` is asked."),
     ("plan.json", PlanFile, "Written by `towline plan`."),
+    ("day.json", DayFile, "Written by `towline live` after a tow, beside the day's tows."),
     ("truth/derivatives.json", TruthFile, "Written by `towline render`."),
 )
 

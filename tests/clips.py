@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -69,6 +69,35 @@ def remux(source_path: Path, target_path: Path, change: Callable[[int, Any], obj
                 packet.stream = copy
                 target.mux(packet)
     return target_path
+
+
+def pieces(
+    codec: str, count: int, step: Fraction, first: int = 0, planes: Callable[[int], np.ndarray] = drawn
+) -> Iterator[Any]:
+    """A source's answer and its packets; it stamps and sends one every ``step``, drawn by ``planes``."""
+    import io
+
+    import av
+
+    from towline.live.pieces import Opened, Packet
+
+    with av.open(io.BytesIO(), "w", format="matroska") as target:
+        stream = target.add_stream(codec, rate=1 / step)
+        rows, stream.width = planes(0).shape
+        stream.height = rows * 2 // 3
+        stream.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
+        if codec == "libx264":
+            stream.options = {"tune": "zerolatency", "preset": "veryfast"}
+        stream.codec_context.time_base = step
+        target.start_encoding()
+        extra = stream.codec_context.extradata
+        yield Opened("h264" if codec == "libx264" else codec, stream, True, False, (stream.width, stream.height), extra)
+        for number in range(count):
+            frame = av.VideoFrame.from_ndarray(planes(number), format="yuv420p").reformat(format=stream.pix_fmt)
+            frame.pts, frame.time_base = number, step
+            for packet in stream.encode(frame):
+                stamp = first + number
+                yield Packet(bytes(packet), stamp, stamp, step, packet.is_keyframe, False, float(number * step))
 
 
 def notes_of(frames: Iterable[Frame]) -> str:

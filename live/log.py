@@ -1,0 +1,59 @@
+"""live.jsonl read again while it is written: by the page, after a crash, after the day."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+LOG = "live.jsonl"
+"""In out/ of a tow: a line for every frame and for everything that was named, written as it happens."""
+SPOILING = ("mark", "camera", "line", "source")
+"""Kinds of what is named that may spoil a tow for the fit."""
+MOST_BYTES = 1 << 24
+"""Read at once: more than half an hour's lines; the rest comes with the next reading."""
+
+
+class LogReader:
+    """Reads what was written since it was asked last; a line that is not whole yet waits, one that never will be is left out.
+
+    Parameters
+    ----------
+    path : of live.jsonl; need not be there yet
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._at, self._begun = path, 0, b""
+
+    def records(self) -> Iterator[dict[str, Any]]:
+        """The new ones, in their order."""
+        try:
+            with self._path.open("rb") as stream:
+                stream.seek(self._at)
+                new = stream.read(MOST_BYTES)
+        except OSError:
+            return
+        self._at += len(new)
+        *lines, self._begun = (self._begun + new).split(b"\n")
+        for line in lines:
+            try:
+                record = json.loads(line)
+            except ValueError:  # of a machine that died while it wrote
+                continue
+            if isinstance(record, dict):
+                yield record
+
+
+def spoiling(path: Path) -> list[str]:
+    """What was named in a tow that may spoil it, a line each, at its time.
+
+    Parameters
+    ----------
+    path : of live.jsonl; [] where there is none
+    """
+    found = [r for r in LogReader(path).records() if r.get("event") in SPOILING and r.get("level") != "good"]
+    return [f"{float(r.get('t_s', 0.0)):.1f} s: {r.get('words', '')}" for r in found]
+
+
+__all__ = ["LOG", "LogReader", "spoiling"]

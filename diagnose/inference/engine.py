@@ -31,9 +31,9 @@ from .spread import Spread, one_by_one
 
 P_NO_GAP, P_SINGLE, P_PAIR, P_UNKNOWN = 0.5, 0.36, 0.07, 0.07
 """Prior shares."""
-TRIED_SINGLE, TRIED_PAIR, SIBLINGS = 6, 3, 3
-"""How many are fitted in full, the best by their scores: single effects, second effects of a pair, and further variants of the best
-effect. Choices, for time."""
+TRIED_SINGLE, TRIED_PAIR, SIBLINGS, RIVALS = 6, 3, 3, 2
+"""How many are fitted in full, the best by their scores: single effects, second effects of a pair, and further variants of each of
+so many best effects. Choices, for time."""
 BASE_STEPS, OPEN_STEPS, REFIT_STEPS, GROSS_STEPS = 8, 3, 3, 5
 """Gauss-Newton steps: of the base fit, those of it in which paths may stay open, of a refinement, and of the first fit of an effect
 where scores are very large."""
@@ -216,14 +216,21 @@ def _siblings(
     scores: dict[str, float],
     gross: bool,
 ) -> list[Candidate]:
-    """Other variants of the best effect: a score is one step's, and they are near to one another."""
-    best = max(candidates, key=lambda c: c.log_evidence, default=None)
-    if best is None or best.log_evidence < CLEAR:
-        return []
-    others = [e for e in usable if e.name == best.names[0] and e.label != best.effects[0].label]
-    others = sorted(others, key=lambda e: -scores[e.label])[:SIBLINGS]
-    fitted = _fit_all(inference, base, [(e,) for e in others], gross) if others else []
-    return [Candidate(effects, f, _worth(f) - base.log_evidence, best.log_prior) for effects, f in fitted]
+    """Other variants of the best effects: a score is one step's, and they are near to one another; where two effects are near to
+    one another, neither is told by the form that happened to be fitted.
+    """
+    order = sorted(candidates, key=lambda c: -c.log_evidence)
+    near = [c for c in order[:RIVALS] if c.log_evidence > max(CLEAR, order[0].log_evidence - WORTH_PAIRS_BELOW)]
+    others: dict[str, tuple[Effect, float]] = {}
+    for best in near:
+        alike = [e for e in usable if e.name == best.names[0] and e.label != best.effects[0].label]
+        for effect in sorted(alike, key=lambda e: -scores[e.label])[:SIBLINGS]:
+            others[effect.label] = effect, best.log_prior
+    fitted = _fit_all(inference, base, [(e,) for e, _ in others.values()], gross) if others else []
+    return [
+        Candidate(effects, f, _worth(f) - base.log_evidence, prior)
+        for (effects, f), (_, prior) in zip(fitted, others.values(), strict=True)
+    ]
 
 
 def _converged(inference: Inference, candidates: list[Candidate], base: Fitted) -> list[Candidate]:

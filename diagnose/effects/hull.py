@@ -39,11 +39,12 @@ def _cubic(s: Situation, y_vvv, n_vvv, n_rrr):
     return y_vvv * v3, n_vvv * v3 + n_rrr * r3
 
 
-def _cubic_mixed(s: Situation, y_vvv, n_vvv, n_rrr, y_vvr, n_vvr, n_vrr):
-    """Abkowitz's cubic with its mixed terms; Y_vrr is N_vvr's like, and no tow tells the two."""
+def _cubic_mixed(s: Situation, y_vvv, n_vvv, n_rrr, y_vvr, n_vvr, y_vrr, n_vrr, y_rrr):
+    """Abkowitz's cubic with all of its mixed terms."""
     side, moment = _cubic(s, y_vvv, n_vvv, n_rrr)
     v, r = s.v_m_s, s.r_rad_s
-    return side + y_vvr * v * v * r, moment + n_vvr * v * v * r + n_vrr * v * r * r
+    side = side + y_vvr * v * v * r + y_vrr * v * r * r + y_rrr * r**3
+    return side, moment + n_vvr * v * v * r + n_vrr * v * r * r
 
 
 def _cubic_by_angle(s: Situation, y_vvv, n_vvv, n_rrr):
@@ -202,10 +203,12 @@ CUBIC_FORMS = (
             *CUBIC.parameters,
             Parameter("y_vvr", "N s3/m2", 2000.0),
             Parameter("n_vvr", "N s3/m", 2000.0),
+            Parameter("y_vrr", "N s3/m", 2000.0),
             Parameter("n_vrr", "N s3", 2000.0),
+            Parameter("y_rrr", "N s3", 2000.0),
         ),
         force=_cubic_mixed,
-        members=with_some(["y_vvv", "n_vvv", "n_rrr"], ["y_vvr", "n_vvr", "n_vrr"], 1),
+        members=with_some(["y_vvv", "n_vvv", "n_rrr"], [("y_vvr", "n_vvr"), ("y_vrr", "n_vrr"), "y_rrr"], 1),
         variant="with mixed terms",
     ),
     replace(

@@ -13,13 +13,13 @@ Members = tuple[tuple[str, ...], ...]
 """Names of the numbers that each member has; the others are at their ``none``."""
 
 
-def with_some(always: Sequence[str], others: Sequence[str], least: int = 0) -> Members:
+def with_some(always: Sequence[str], others: Sequence[str | tuple[str, ...]], least: int = 0) -> Members:
     """Every member that has some of the other numbers beside those that it always has.
 
     Parameters
     ----------
     always : names
-    others : names
+    others : names, or groups of names that come together
     least : so many of the others at least
 
     Examples
@@ -28,8 +28,15 @@ def with_some(always: Sequence[str], others: Sequence[str], least: int = 0) -> M
     (('share',), ('share', 'level'))
     >>> with_some([], ["ahead_m", "aside_m"], 1)
     (('ahead_m',), ('aside_m',), ('ahead_m', 'aside_m'))
+    >>> with_some(["y_vvv"], [("y_vvr", "n_vvr")])
+    (('y_vvv',), ('y_vvv', 'y_vvr', 'n_vvr'))
     """
-    some = chain.from_iterable(combinations(others, count) for count in range(least, len(others) + 1))
+    groups = [(other,) if isinstance(other, str) else other for other in others]
+    some = (
+        tuple(chain.from_iterable(chosen))
+        for count in range(least, len(groups) + 1)
+        for chosen in combinations(groups, count)
+    )
     return tuple((*always, *chosen) for chosen in some)
 
 

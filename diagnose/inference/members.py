@@ -7,7 +7,6 @@ data's part is the same for all, so that a hundred priors cost as little as one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import product
 
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
@@ -23,8 +22,10 @@ def shares_of(effects: Sequence[Effect]) -> Array:
     ----------
     effects : with p numbers together
     """
-    each = [_shares(effect) for effect in effects]
-    return np.array([np.concatenate(parts) for parts in product(*each)])
+    every = np.zeros((1, 0))
+    for own in map(_shares, effects):
+        every = np.hstack([np.repeat(every, len(own), axis=0), np.tile(own, (len(every), 1))])
+    return every
 
 
 def _shares(effect: Effect) -> Array:

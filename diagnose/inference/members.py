@@ -56,8 +56,9 @@ def log_evidence(data: Array, pull: Array, shares: Array, sided: Sequence[int] |
     there = np.linalg.inv(scaled)
     mean = np.einsum("mij,mj->mi", there, pulled)
     logs = 0.5 * (pulled * mean).sum(axis=1) - 0.5 * np.linalg.slogdet(scaled)[1]
-    for k in sided:
-        logs = logs + on_its_side(mean[:, k] / np.sqrt(there[:, k, k]))
+    with np.errstate(invalid="ignore"):  # of a fit that has run off a variance may be below zero: it has no evidence
+        for k in sided:
+            logs = logs + on_its_side(mean[:, k] / np.sqrt(there[:, k, k]))
     return logs
 
 

@@ -33,7 +33,7 @@ USUAL_RESISTANCE = 7e-4
 UNKNOWN_REL, GAUGED_REL = 1.0, 0.1
 """Of R where nothing is stated, and where a load cell's mean over a swinging tow stands for it."""
 SHAKEN = 4.0
-"""Marks count as shaken where y and heading both scatter by this many times their stated noise."""
+"""Marks count as shaken where y or heading scatters by this many times its stated noise."""
 
 
 def straight_pull(run: TowRun) -> tuple[float, float]:
@@ -96,7 +96,7 @@ def base_hypotheses(runs: Sequence[TowRun], speed_m_s: float) -> list[Hypothesis
     nodes = 2 * (max(len(r.centre_s) for r in runs) + BEYOND) + 1
     found = _along(runs, sixes, np.stack([measured_path(run, nodes) for run in runs], axis=-1))
     scatter = [excess_scatter(run) for run in runs]
-    if any((wider > SHAKEN).all() for wider in scatter):
+    if any((wider > SHAKEN).any() for wider in scatter):
         # marks that shake are no motion: followed no closer than they scatter
         smooth = [measured_path(run, nodes, np.maximum(wider, 1.0)) for run, wider in zip(runs, scatter, strict=True)]
         found += _along(runs, sixes, np.stack(smooth, axis=-1))

@@ -6,6 +6,7 @@ import ast
 import json
 from collections import Counter
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 
@@ -77,6 +78,7 @@ GOLDEN = {
 FREE_LINE = {"tension_variation", "constant_tension"}
 
 
+@cache
 def _case(effect: str, seed: int = 3, coloured: bool = False, **numbers: float) -> Case:
     """A case with numbers of one's own, on the thesis's hull."""
     for k in range(100):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import importlib.util
+import os
 import re
 import shutil
 import sys
@@ -22,6 +23,40 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared"
+DEAREST = (
+    "blind",
+    "docs",
+    "diagnose_surge",
+    "surge_fit",
+    "effect_seam",
+    "diagnose",
+    "campaign",
+    "app_browser",
+    "law",
+    "end_to_end",
+    "rough",
+    "app",
+    "identify_page",
+    "budget",
+    "free_command",
+    "identify_noise",
+    "blind_forms",
+    "live",
+    "plan",
+    "static_noise",
+    "random_forces",
+    "own_model",
+    "load_cell",
+)
+"""Of the files that were timed (November 2026), those whose tests take longest: 17 to 200 s of CPU each. They begin, whole files
+as their fixtures are shared, so that the last minute of several workers (``--dist worksteal``) is shared out in small pieces.
+"""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The dearest files first, all others in their order."""
+    place = {f"test_{name}.py": k for k, name in enumerate(DEAREST)}
+    items.sort(key=lambda item: place.get(item.path.name, len(place)))
 
 
 @pytest.fixture(scope="session")
@@ -39,6 +74,31 @@ def shared() -> Path:
     if not SHARED.is_dir():
         pytest.skip("the reference data (../shared) does not stand beside this checkout")
     return SHARED
+
+
+@pytest.fixture(scope="session")
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], None]], Path]:
+    """(name, what makes a folder's content) -> the folder: made by the first worker that asks, for all of them."""
+    own = tmp_path_factory.getbasetemp()
+    # a worker's own folder stands in the session's; where no file can be locked so, each makes its own
+    alone = "PYTEST_XDIST_WORKER" not in os.environ or sys.platform == "win32"
+    base = own if alone else own.parent
+
+    def made(name: str, make: Callable[[Path], None]) -> Path:
+        folder, done = base / f"once-{name}", base / f"once-{name}.done"
+        with (base / f"once-{name}.lock").open("w") as lock:
+            if not alone:
+                import fcntl
+
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            if not done.exists():
+                shutil.rmtree(folder, ignore_errors=True)  # of one that failed here
+                folder.mkdir()
+                make(folder)
+                done.touch()
+        return folder
+
+    return made
 
 
 def _cases(root: Path, name: str) -> ModuleType:

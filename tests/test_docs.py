@@ -19,6 +19,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -225,18 +226,22 @@ def test_a_table_of_no_schema_would_be_seen() -> None:
 
 
 @pytest.fixture(scope="session")
-def worked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def worked(made_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
     """A folder with sample recordings, six of the eight, tracked and fitted."""
-    folder = tmp_path_factory.mktemp("docs")
-    for name in SAMPLES:
-        shutil.copytree(
-            ROOT / "sample_videos" / name, folder / "sample_videos" / name, ignore=shutil.ignore_patterns("out")
-        )
-    with contextlib.chdir(folder):
-        mariner, leander = ([f"sample_videos/{n}" for n in SAMPLES if n.startswith(kind)] for kind in ("mar", "lea"))
-        assert main(["identify", "--no-page", *mariner]) == 0
-        assert main(["steady", *leander]) == 0
-    return folder
+
+    def make(folder: Path) -> None:
+        for name in SAMPLES:
+            shutil.copytree(
+                ROOT / "sample_videos" / name, folder / "sample_videos" / name, ignore=shutil.ignore_patterns("out")
+            )
+        with contextlib.chdir(folder):
+            mariner, leander = (
+                [f"sample_videos/{n}" for n in SAMPLES if n.startswith(kind)] for kind in ("mar", "lea")
+            )
+            assert main(["identify", "--no-page", *mariner]) == 0
+            assert main(["steady", *leander]) == 0
+
+    return made_once("docs", make)
 
 
 RUNNABLE = [

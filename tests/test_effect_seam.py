@@ -33,11 +33,17 @@ def sag(root: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def folders(
-    write_runs: Callable[[list, Path], list[Path]], cases: ModuleType, tmp_path_factory: pytest.TempPathFactory
+    write_runs: Callable[[list, Path], list[Path]],
+    cases: ModuleType,
+    made_once: Callable[[str, Callable[[Path], None]], Path],
 ) -> list[Path]:
     """Tows at several speeds, so at several tensions, of a chain that hangs as a catenary: no parabola, no effect's formula."""
-    campaign = cases.campaign("sagging line", np.random.default_rng([25, 4]), size=WEIGHT_N_M, line="surge")
-    return write_runs(campaign.runs, tmp_path_factory.mktemp("sagging"))
+
+    def make(folder: Path) -> None:
+        campaign = cases.campaign("sagging line", np.random.default_rng([25, 4]), size=WEIGHT_N_M, line="surge")
+        write_runs(campaign.runs, folder)
+
+    return sorted(path.parent for path in made_once("sagging", make).glob("*/run.toml"))
 
 
 def test_a_sagging_line_is_named_by_its_own_file(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -261,15 +262,17 @@ def test_a_choice_of_the_table_has_the_evidence_of_its_fit() -> None:
 
 
 @pytest.fixture(scope="module")
-def bump(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def bump(made_once: Callable[[str, Callable[[Path], None]], Path]) -> tuple[Path, Path]:
     """Runs with a side force at one place of the tank, and what the command wrote of them."""
-    folder = tmp_path_factory.mktemp("bump")
-    case = planted({"law.kind0": 10.0, "law.side0": 0.02, "law.a0": 0.04, "law.phase0": 0.05}, 12, 1500.0)
-    write_cases(folder, [case])
-    runs = sorted((folder / CASES / "law").glob("run-*"))
-    out = folder / "out"
-    assert main(["diagnose", *map(str, runs), "--law", "-o", str(out)]) == 0
-    return folder, out
+
+    def make(folder: Path) -> None:
+        case = planted({"law.kind0": 10.0, "law.side0": 0.02, "law.a0": 0.04, "law.phase0": 0.05}, 12, 1500.0)
+        write_cases(folder, [case])
+        runs = sorted((folder / CASES / "law").glob("run-*"))
+        assert main(["diagnose", *map(str, runs), "--law", "-o", str(folder / "out")]) == 0
+
+    folder = made_once("bump", make)
+    return folder, folder / "out"
 
 
 def test_a_force_at_one_place_is_written_down_as_one(bump: tuple[Path, Path]) -> None:

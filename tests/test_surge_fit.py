@@ -30,7 +30,7 @@ POINTS_M = (1.446, 1.548, 1.649, 1.751)
 T = np.arange(0, 60, 0.08)
 FULL_T = np.arange(0, 60, 0.04)
 SHORT_T = np.arange(0, 30, 0.16)
-"""For what is refused: a fit against data that contradict it goes a long way, and a fourth of the samples contradict it no less."""
+"""For fits that go a long way against data that contradict them: a fourth of the samples contradict them no less."""
 SIGMA = 1e-3, float(np.radians(0.1))
 KNOWN = Priors(tension_common_sd_rel=0.005)
 Made = Callable[..., list[RunData]]
@@ -281,9 +281,9 @@ def test_a_history_that_the_motion_contradicts_is_refused() -> None:
         refuse_impossible(fit, wrong, tension_from_motion(fit, wrong))
 
 
-@pytest.mark.parametrize("mass_kg", [780.0, 7.8])
-def test_a_mass_ten_times_off_is_refused(mass_kg: float) -> None:
-    runs = [replace(d, mass_kg=mass_kg) for d in tows(3.0, t_s=SHORT_T)]
+@pytest.mark.parametrize(("mass_kg", "t_s"), [(780.0, SHORT_T), (7.8, T)])
+def test_a_mass_ten_times_off_is_refused(mass_kg: float, t_s: np.ndarray) -> None:
+    runs = [replace(d, mass_kg=mass_kg) for d in tows(3.0, t_s=t_s)]
     fit = fit_runs(runs)
     with pytest.raises(EstimationError, match=r"model\.mass_kg: "):
         refuse_impossible(fit, runs, tension_from_motion(fit, runs))

@@ -116,9 +116,9 @@ class TowModel:
             path = np.clip(courses[k].path + moved[:, k, ..., 0].transpose(2, 0, 1), -BLOW_UP, BLOW_UP)
             changes = moved[:, k, ..., 1 : 1 + group.size]
             rows = []
-            for (value, slope), run, measured in zip(
-                self._seen.slopes(group, path, changes, lags), self.runs, self.measured(h), strict=True
-            ):
+            with np.errstate(all="ignore"):  # a motion that has run off is told by what is not finite
+                seen = self._seen.slopes(group, path, changes, lags)
+            for (value, slope), run, measured in zip(seen, self.runs, self.measured(h), strict=True):
                 self._camera_slopes(h, run, slope)
                 rows.append((measured - value, slope))
             result.append(Slopes(rows, Path(lags, path), changes))

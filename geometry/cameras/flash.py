@@ -2,7 +2,8 @@
 
 A flash is light between two moments, as bright all the while. A frame gets of it what falls into its exposure: its share tells
 where in the exposure the light began or ended. What cannot be told, as within a frame that got all of it or between two exposures,
-is as likely here as there: offset and standard deviation are those of the whole posterior, on a grid, of begin and length flat.
+is as likely here as there: offset and standard deviation are those of the whole posterior, on a grid, of begin and the length's
+logarithm flat.
 """
 
 from __future__ import annotations
@@ -92,7 +93,9 @@ def flash_offset(first: Lit, second: Lit) -> tuple[float, float]:
     spans = [lit.t_s[-1] - lit.t_s[0] + lit.step_s for lit in (first, second)]
     lengths = np.arange(0.5, min(spans) / fine * FINE_LENGTHS / FINE) * fine * FINE / FINE_LENGTHS
     likely = [_likely(lit, lengths, fine) for lit in (first, second)]
-    total = sum(np.correlate(a, b, "full") for a, b in zip(likely[0][1], likely[1][1], strict=True))
+    # a tube's millisecond is as likely as a hand's tenth of a second: lengths are flat in their logarithm
+    each = zip(likely[0][1], likely[1][1], lengths, strict=True)
+    total = sum(np.correlate(a, b, "full") / length for a, b, length in each)
     total = np.asarray(total) / np.sum(total)
     # entry j is begin_first - begin_second = (j - (n_second - 1)) steps, from the grids' own beginnings
     shift = likely[0][0] - likely[1][0] + (np.arange(len(total)) - (likely[1][1].shape[1] - 1)) * fine

@@ -107,9 +107,8 @@ class Tail:
 
 
 def _scaled(value: list[float | None] | None, place: int, factor: float) -> float | None:
-    if value is None or value[place] is None:
-        return None
-    return float(f"{factor * value[place]:.5g}")  # pyright: ignore[reportOptionalOperand]
+    number = None if value is None else value[place]
+    return None if number is None else float(f"{factor * number:.5g}")
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,7 @@ TABLES = {
         "-m towline blind {out}/blind --cases 600 --nulls 300 --seed 2029 --workers 2 --html", "blind/score.txt", 75,
         "600 campaigns whose truth is sealed",
     ),
-    "live": Table("benchmarks/live.py --seconds 60", "live.txt", 25, "sources on the loopback, provisional values, planted faults"),
+    "live": Table("benchmarks/live.py --seconds 60", "live.txt", 40, "towline live: sources, values, faults, when it is enough"),
     "mutants": Table("benchmarks/mutants.py {out}/mutants --seed 3", "mutants.txt", 120, "300 random mutants against the tests"),
 }  # fmt: skip
 

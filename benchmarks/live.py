@@ -1,6 +1,6 @@
 """``towline live`` on the loopback, its provisional values, and faults planted in live tows.
 
-    python benchmarks/live.py [--seconds 180] [--tows 60] [--sequences 40] [--only loopback values planted enough]
+    python benchmarks/live.py [--seconds 180] [--tows 60] [--sequences 40] [--only loopback work values planted enough]
 
 Loopback: a rendered tow (720p at 30 frames/s, and 1080p at 60) is played forwards and backwards and sent by ffmpeg's libraries
 over UDP (H.264 in MPEG-TS), by a server over RTSP (where rtsp-server-perl of Debian is installed), and as MJPEG over HTTP, by
@@ -9,7 +9,8 @@ system until its values were there; which picture is which is told by y against 
 frame, as fast as they are read; provisional values against the tracks that are made later of the same film and against the
 truth, z by the stated standard deviation. Planted: windows of 20 s of the sample films with a fault from a random moment on,
 and as many without; a fault is named when an event of its kind comes within 2 s of the film's time, and nothing else counts.
-Enough: days of simulated tows with a wish (``live_enough``).
+Work: processor time of a frame, until its values are out and after them, which the load of the machine does not move as it
+moves latencies. Enough: days of simulated tows with a wish (``live_enough``).
 """
 
 from __future__ import annotations
@@ -51,6 +52,8 @@ SERVER = "rtsp-server-perl"
 SETTLED_S = 2.0
 """Frames after the first so many seconds count for latency: before, what was read to learn the format comes at once."""
 NAMED_S = 2.0
+WORK_S = 12.0
+"""Of a sample film whose frames' work is timed."""
 
 
 def main() -> None:
@@ -60,11 +63,13 @@ def main() -> None:
     parser.add_argument("--tows", type=int, default=60)
     parser.add_argument("--sequences", type=int, default=40)
     parser.add_argument("--seed", type=int, default=30)
-    parser.add_argument("--only", nargs="+", default=["loopback", "values", "planted", "enough"])
+    parser.add_argument("--only", nargs="+", default=["loopback", "work", "values", "planted", "enough"])
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         if "loopback" in options.only:
             loopback(Path(scratch), options.seconds)
+        if "work" in options.only:
+            work()
         if "values" in options.only:
             values()
         if "planted" in options.only:
@@ -232,6 +237,31 @@ def first_sent(frames: list[dict[str, Any]], folder: Path, sent: dict[int, float
     most = min(len(there), max(sent) + 1)
     off = [np.mean((there[(index + shift) % len(there)] - y) ** 2) for shift in range(most)]
     return int(np.argmin(off))
+
+
+# work of a frame ------------------------------------------------------------------------------------------------------
+
+
+def work() -> None:
+    """Processor time of a frame's work, once the marks were learnt (two seconds)."""
+    run = read_run(SAMPLES / "mariner" / "x1446")
+    looking = Looking(run, fit_run_datum(run), "h264")
+    spent = []
+    for frame in list(read_frames(run.source_path, (0.0, WORK_S))):
+        times = [time.thread_time()]
+        looking.step(Stamped(frame, frame.t_s))
+        times.append(time.thread_time())
+        looking.settle()
+        spent.append(1e3 * np.diff([*times, time.thread_time()]))
+    until, after = np.array(spent)[round(SETTLED_S * 30) :].T
+    print(
+        f"processor time of a frame, ms, 800x600, {len(until)} frames: until its values are out median {np.median(until):.1f}, ",
+        end="",
+    )
+    print(
+        f"99 % {np.percentile(until, 99):.1f}; after that mean {after.mean():.1f}, largest {after.max():.0f}\n",
+        flush=True,
+    )
 
 
 # provisional values ---------------------------------------------------------------------------------------------------

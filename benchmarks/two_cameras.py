@@ -1,6 +1,6 @@
 """Two cameras over one tow, not synchronised: clocks, motion, hand-over, roll and heave against truth.
 
-    python benchmarks/two_cameras.py [OUT] [--tows 60] [--only level rolling films]
+    python benchmarks/two_cameras.py [OUT] [--tows 60] [--only level rolling films flash]
 
 Writes a table to standard output; benchmarks/two_cameras.txt is a run of it. The tows are pixel tracks of known noise through two
 cameras of OpenCV's (two_cameras_cases.py); the films are rendered, coded and tracked (two_cameras_films.py), into OUT.
@@ -17,7 +17,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from two_cameras_cases import AXIS_M, MARKS, NAMES, Case, random_case
 from two_cameras_films import film_two
+from two_cameras_flash import flash_rows, tied_rows
 
+from towline.geometry.cameras.flash import Lit
 from towline.geometry.cameras.motion import AFLOAT, JointMotion, joint_motion
 from towline.geometry.motion import run_datum
 from towline.geometry.poses import poses_from_tracks
@@ -39,14 +41,14 @@ POSES = (
 )
 
 
-def joined(case: Case) -> JointMotion:
-    """What the product makes of a case."""
+def joined(case: Case, lit: tuple[list[Lit], list[Lit]] = ((), ())) -> JointMotion:  # pyright: ignore
+    """What the product makes of a case; ``lit``: flashes that each camera saw."""
     poses, mappings = [], []
     for view, tracks in zip(cameras_of(case.run), case.tracks, strict=True):
         fit = run_datum(view, None)
         mappings.append(fit.mapping)
         poses.append(poses_from_tracks(view, tracks, fit.mapping, fit, None, pulled=True))
-    return joint_motion(case.run, poses, mappings)
+    return joint_motion(case.run, poses, mappings, lit)
 
 
 def quoted(case: Case, t_s: np.ndarray, marks: tuple[str, ...]) -> np.ndarray:
@@ -228,7 +230,10 @@ def main() -> None:
     parser.add_argument("out", nargs="?", type=Path, default=Path(tempfile.gettempdir()) / "towline-two-cameras")
     parser.add_argument("--tows", type=int, default=60)
     parser.add_argument(
-        "--only", nargs="+", choices=("level", "rolling", "films"), default=["level", "rolling", "films"]
+        "--only",
+        nargs="+",
+        choices=("level", "rolling", "films", "flash"),
+        default=["level", "rolling", "films", "flash"],
     )
     given = parser.parse_args()
     if "level" in given.only:
@@ -237,6 +242,10 @@ def main() -> None:
         rolling(given.tows)
     if "films" in given.only:
         films(given.out)
+    if "flash" in given.only:
+        flash_rows(100, 30)
+        pulls = [PULLS_PX_RAD[k % len(PULLS_PX_RAD)] for k in range(given.tows // 2)]
+        tied_rows([random_case(100 + k, LEVEL, pull_px_rad=pull) for k, pull in enumerate(pulls)], joined, 30)
 
 
 if __name__ == "__main__":

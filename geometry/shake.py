@@ -63,12 +63,46 @@ def camera_shake(tracks: pd.DataFrame, points: Sequence[DatumPoint], mapping: Pr
     inner = _inner(mapping)
     picked = np.array([named[name].pixel_px for name in rows["marker"]]).reshape(-1, 2)
     rays = _rays(mapping, inner, picked)
-    seen, per_px = mapping.lens.normalise(rows[["u_px", "v_px"]].to_numpy())
-    spread = per_px * rows[["sigma_u_px", "sigma_v_px"]].to_numpy()[:, None, :]
+    pixel_px, sigma_px = rows[["u_px", "v_px"]].to_numpy(), rows[["sigma_u_px", "sigma_v_px"]].to_numpy()
+    return _fitted(frames, row, inner, rays, pixel_px, sigma_px, mapping)
+
+
+class StillView:
+    """Points that are looked at again and again: their rays are worked out once.
+
+    Parameters
+    ----------
+    points : the datum
+    mapping : of the datum
+    """
+
+    def __init__(self, points: Sequence[DatumPoint], mapping: ProjectiveMapping) -> None:
+        self._mapping, self._inner = mapping, _inner(mapping)
+        picked = np.array([point.pixel_px for point in points], dtype=float).reshape(-1, 2)
+        self._rays = _rays(mapping, self._inner, picked)
+
+    def turn(self, which: Array, pixel_px: Array, sigma_px: Array) -> Shake:
+        """The camera's turn in one frame, as ``camera_shake`` has it.
+
+        Parameters
+        ----------
+        which : (k,) numbers of the points that are seen
+        pixel_px, sigma_px : (k, 2), where, and how well that is known
+        """
+        row = np.zeros(len(which), dtype=int)
+        return _fitted(np.zeros(1, int), row, self._inner, self._rays[which], pixel_px, sigma_px, self._mapping)
+
+
+def _fitted(
+    frames: Array, row: Array, inner: Array, rays: Array, pixel_px: Array, sigma_px: Array, mapping: ProjectiveMapping
+) -> Shake:
+    """The turns of ``frames``, whose points stand in ``row``."""
+    seen, per_px = mapping.lens.normalise(pixel_px)
+    spread = per_px * sigma_px[:, None, :]
     weight = np.linalg.inv(spread @ spread.swapaxes(1, 2))
     turn = np.zeros((len(frames), 3))
     normal = np.zeros((len(frames), 3, 3))
-    gap = np.zeros((len(rows), 2))
+    gap = np.zeros((len(row), 2))
     for _ in range(STEPS):
         gap, slope = _linearised(turn[row], rays, inner, seen)
         normal = np.zeros((len(frames), 3, 3))

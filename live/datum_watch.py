@@ -10,12 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from ..geometry.camera import Array
 from ..geometry.mapping import ProjectiveMapping
-from ..geometry.shake import LEAST_POINTS, camera_shake
+from ..geometry.shake import LEAST_POINTS, StillView
 from ..record.schema import DatumPoint
 from ..vision import Frame
 from ..vision.spots.live import vertex
@@ -65,8 +64,8 @@ class DatumWatch:
     """
 
     def __init__(self, points: Sequence[DatumPoint], mapping: ProjectiveMapping) -> None:
-        self._points, self._mapping = list(points), mapping
-        self._names = [point.name or f"point {i + 1}" for i, point in enumerate(self._points)]
+        self._points, self._view = list(points), StillView(points, mapping)
+        self._places = np.array([point.pixel_px for point in self._points], dtype=float).reshape(-1, 2)
         self._picked = np.rint([point.pixel_px for point in self._points]).astype(int).reshape(-1, 2)
         self._sums: list[list[NDArray[np.float32]]] = [[] for _ in self._points]
         self._patches: list[NDArray[np.float32] | None] | None = None
@@ -87,7 +86,7 @@ class DatumWatch:
         if self._rest is None:
             self._settle(places)
             return None
-        return self._turn(frame, places)
+        return self._turn(places)
 
     @property
     def known(self) -> int:
@@ -141,7 +140,7 @@ class DatumWatch:
         sigma = [np.std(seen, axis=0) if good else [np.nan] * 2 for seen, good in zip(self._first, whole, strict=True)]
         self._sigma = np.maximum(np.array(sigma), LEAST_SIGMA_PX)
 
-    def _turn(self, frame: Frame, places: Array) -> Turn | None:
+    def _turn(self, places: Array) -> Turn | None:
         assert self._rest is not None
         moved = places - self._rest
         seen = np.isfinite(moved).all(axis=1)
@@ -156,19 +155,7 @@ class DatumWatch:
         seen &= off < max(3 * float(np.median(off[seen])), 1.0)
         if seen.sum() < LEAST_POINTS:
             return Turn(np.nan, np.nan, np.nan, int(seen.sum()), able)
-        there = np.array([point.pixel_px for point in self._points])[seen] + moved[seen]
-        rows = pd.DataFrame(
-            {
-                "frame": frame.index,
-                "marker": np.array(self._names)[seen],
-                "u_px": there[:, 0],
-                "v_px": there[:, 1],
-                "sigma_u_px": self._sigma[seen, 0],
-                "sigma_v_px": self._sigma[seen, 1],
-                "status": "measured",
-            }
-        )
-        shake = camera_shake(rows, self._points, self._mapping)
+        shake = self._view.turn(np.flatnonzero(seen), self._places[seen] + moved[seen], self._sigma[seen])
         spread = float(np.sqrt(np.trace(shake.covariance[0]) / 3))
         angle = float(np.linalg.norm(shake.turn_rad[0]))
         return Turn(angle, spread, float(np.median(np.linalg.norm(moved[seen], axis=1))), int(seen.sum()), able)

@@ -25,7 +25,16 @@ class CamerasFile(ResultFile):
     cameras: tuple[str, str] = Field(description="names, the first one's clock is the run's")
     offset_s: Measured = Field(description="what the first one's clock shows when the second one's shows 0")
     rate: Measured = Field(description="how much faster the first one's clock runs than the second one's, relative")
-    offset_stated: bool = Field(description="run.toml states offset_s; false: it is from the motion alone")
+    offset_stated: bool = Field(
+        description="run.toml states offset_s; false: it is from the motion, and from flashes where both saw any"
+    )
+    flash_s: Measured | None = Field(
+        default=None,
+        description="how much more the first one's clock shows than the second one's, by flashes that both saw; null: none",
+    )
+    flash_used: bool = Field(
+        default=False, description="flash_s counts in offset_s by its weight; false: none, or it contradicts the motion"
+    )
     together: int = Field(description="rows that both cameras see")
     rows: dict[str, int] = Field(
         description="rows of motion.csv by camera, as its column camera has them; lost: by neither"

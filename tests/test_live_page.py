@@ -127,7 +127,7 @@ def hall(tmp_path: Path, samples: Path) -> Path:
     setup = tmp_path / "set-up"
     shutil.copytree(mariner / "x1446", setup, ignore=shutil.ignore_patterns("out", "truth"))
     remux(setup / "video.mp4", tmp_path / "film.mp4", lambda index, _: index < FILM_FRAMES)
-    from test_live import PLAN
+    from test_live_day import PLAN
 
     (tmp_path / "plan.toml").write_text(PLAN.format(percent=0.1))
     tow = tmp_path / "today" / "tow-01"

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from towline.geometry.camera import Camera, Lens
 from towline.geometry.datum import fit_datum
 from towline.geometry.motion import motion_from_tracks
-from towline.geometry.shake import camera_shake, turned_back
+from towline.geometry.shake import StillView, camera_shake, turned_back
 from towline.record.run import Run
 from towline.record.schema import CameraTable, DatumPoint, RunFile
 from towline.record.toml import check_tables
@@ -65,6 +65,21 @@ def test_the_turn_and_its_uncertainty_are_true() -> None:
     assert abs(z.std() - 1) < 0.09
     left = 0.05 * np.sqrt(1 - 3 / (2 * len(POINTS_M)))  # three numbers of sixteen are fitted
     assert abs(shake.residual_px / left - 1) < 0.06  # 3200 coordinates, some hidden
+
+
+def test_a_frame_by_itself_has_the_turn_that_it_has_among_all() -> None:
+    """The turn is the same number; its covariance too, where no frame's misfit widens it."""
+    _, fit, points, tracks, *_ = scene(5, 0.008)
+    view = StillView(points, fit.mapping)
+    names = [point.name for point in points]
+    every = camera_shake(tracks, points, fit.mapping)
+    for frame in (0, 1, 50):
+        rows = tracks[(tracks["frame"] == frame) & (tracks["status"] == "measured")]
+        which = np.array([names.index(name) for name in rows["marker"]])
+        one = view.turn(which, rows[["u_px", "v_px"]].to_numpy(), rows[["sigma_u_px", "sigma_v_px"]].to_numpy())
+        assert one.turn_rad[0] == pytest.approx(every.turn_rad[frame], rel=1e-9)
+        alone = camera_shake(tracks[tracks["frame"] == frame], points, fit.mapping)
+        assert one.covariance[0] == pytest.approx(alone.covariance[0], rel=1e-9)
 
 
 def test_marks_are_turned_back_to_where_the_picked_camera_saw_them() -> None:

@@ -116,10 +116,13 @@ class Match:
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of the second camera's offset beforehand: value and standard deviation, s."""
+    """What is known of the second camera's clock beforehand: how much more the first one shows when the second one shows ``at_s``,
+    and its standard deviation, s.
+    """
 
     offset_s: float
     sd_s: float
+    at_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -155,7 +158,10 @@ def match_views(
     ------
     GeometryError : both never see the model long enough, or the motion does not tell the clock; says what would
     """
-    within = None if known is None else (known.offset_s - 5 * known.sd_s, known.offset_s + 5 * known.sd_s)
+    within = None
+    if known is not None:
+        reach = 5 * known.sd_s + LARGEST_RATE * abs(known.at_s)
+        within = known.offset_s - reach, known.offset_s + reach
     tried = starts(*(rough or (first, second)), within) if near_s is None else [Start(near_s, 0.0)]
     if not tried:
         raise GeometryError(
@@ -258,8 +264,8 @@ def _clock_prior(offset_s: float, rate: float, middle: float, span: float, known
     """
     rows, values = [[0.0, 1.0 / span]], [-rate]
     if known is not None:
-        rows.append([1.0 / known.sd_s, -middle / span / known.sd_s])
-        values.append((known.offset_s - offset_s) / known.sd_s)
+        rows.append([1.0 / known.sd_s, (known.at_s - middle) / span / known.sd_s])
+        values.append((known.offset_s - offset_s - rate * known.at_s) / known.sd_s)
     return np.array(rows), np.array(values)
 
 

@@ -15,6 +15,7 @@ from ..mapping import Mapping
 from ..motion import motion_table
 from ..poses import Poses
 from .afloat import afloat_view, tells_roll
+from .flash import Lit, Tie, tie_of
 from .join import BOTH, FIRST, SECOND, Joined, join_views
 from .match import Known, Match, match_views
 from .view import view_of
@@ -42,6 +43,7 @@ class JointMotion:
     afloat : poses with heave, roll and pitch, at the same times; None where the marks do not tell them
     rolls : the model rolls, heaves or pitches by more than noise; y and heading are then told with these taken out
     untold : why there is no roll, in words; None where there is
+    flash : what flashes say of the second camera's clock; None: none was seen by both
     """
 
     motion: pd.DataFrame
@@ -52,23 +54,49 @@ class JointMotion:
     afloat: Joined | None
     rolls: bool
     untold: str | None
+    flash: Tie | None = None
 
 
-def joint_motion(run: Run, poses: Sequence[Poses], mappings: Sequence[Mapping]) -> JointMotion:
+def joint_motion(
+    run: Run,
+    poses: Sequence[Poses],
+    mappings: Sequence[Mapping],
+    lit: tuple[Sequence[Lit], Sequence[Lit]] = ((), ()),
+) -> JointMotion:
     """Join what two cameras say of one tow.
 
     Parameters
     ----------
     run : with two ``[[camera]]``
     poses, mappings : of each, as ``poses_from_tracks`` and ``run_mapping`` give for each of ``cameras_of(run)``
+    lit : flashes that each saw; what they say of the clock counts beside the motion, by its weight, where the two do not contradict
+        one another
 
     Raises
     ------
-    InputError : the motion does not tell the second camera's clock, or both never see the model long enough
+    InputError : neither motion nor flash tell the second camera's clock, or both never see the model long enough
     """
-    views = cameras_of(run)
     camera = run.file.cameras[1]
-    known = None if camera.offset_s is None else Known(camera.offset_s, camera.offset_sd_s)
+    if camera.offset_s is not None:
+        return _joined_with(run, poses, mappings, Known(camera.offset_s, camera.offset_sd_s))
+    found = None
+    try:
+        found = _joined_with(run, poses, mappings, None)
+    except InputError:
+        tie = tie_of(*lit, None)
+        if tie is None:
+            raise
+    else:
+        tie = tie_of(*lit, found.match.clock)
+    if tie is None or (found is not None and not tie.agrees):
+        assert found is not None
+        return replace(found, flash=tie)
+    return replace(_joined_with(run, poses, mappings, tie.known), flash=tie)
+
+
+def _joined_with(run: Run, poses: Sequence[Poses], mappings: Sequence[Mapping], known: Known | None) -> JointMotion:
+    """The joint motion with what is known of the clock beforehand."""
+    views, camera = cameras_of(run), run.file.cameras[1]
     one, two = (view_of(view, found) for view, found in zip(views, poses, strict=True))
     untold, risen, afloat, rolls, near_s = tells_roll(run), None, None, False, None
     if untold is None:

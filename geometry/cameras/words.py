@@ -7,6 +7,7 @@ import numpy as np
 from ...record.cameras_file import CamerasFile, Difference
 from ...record.results import Measured
 from ...record.run import Run
+from .flash import Tie
 from .join import BOTH
 from .motion import AFLOAT, CAMERA_COLUMN, JointMotion
 
@@ -46,6 +47,8 @@ def cameras_file(run: Run, found: JointMotion, tool: str, inputs: dict[str, str]
         offset_s=Measured(value=match.clock.offset_s, std=match.clock.offset_sd_s),
         rate=Measured(value=match.clock.rate, std=match.clock.rate_sd),
         offset_stated=run.file.cameras[1].offset_s is not None,
+        flash_s=None if found.flash is None else Measured(value=found.flash.known.offset_s, std=found.flash.known.sd_s),
+        flash_used=found.flash is not None and found.flash.agrees,
         together=len(match.rows),
         rows={str(name): int(count) for name, count in rows.items()},
         agree=match.agree,
@@ -81,6 +84,8 @@ def _sentences(
         f"both see the model in {len(match.rows)} frames: "
         + "; ".join(_difference(*item) for item in differences.items()),
     ]
+    if found.flash is not None:
+        said.append(_flash(names, found.flash))
     if match.agree:
         said.append(
             f"the two cameras agree: what is stated of datum, lens and marks lets them differ so (p {match.probability:.2g})"
@@ -108,6 +113,20 @@ def _sentences(
     elif found.untold:
         said.append(found.untold)
     return said
+
+
+def _flash(names: tuple[str, str], tie: Tie) -> str:
+    many = "a flash" if tie.flashes == 1 else f"{tie.flashes} flashes"
+    said = f"{many} that both cameras saw: {names[0]}'s clock shows {tie.known.offset_s:+.4f} +- {tie.known.sd_s:.4f} s more"
+    if tie.by_motion is None:
+        return f"{said}; the motion does not tell the clock, the flash alone does"
+    motion = f"by the motion {tie.by_motion[0]:+.4f} +- {tie.by_motion[1]:.4f} s"
+    if tie.agrees:
+        return f"{said}, {motion}: they agree ({tie.apart_sd:.1f} standard deviations), both count by their weight"
+    return (
+        f"{said}, {motion}: they do not agree ({tie.apart_sd:.1f} standard deviations), and the motion's is taken; was it one "
+        "flash, and are both exposure_s right?"
+    )
 
 
 def _spoken(name: str) -> tuple[str, float, str]:

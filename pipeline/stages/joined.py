@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from ...__version__ import __version__
 from ...record.cameras_file import CamerasFile
 from ...record.errors import InputError, TowlineError
@@ -14,6 +16,9 @@ from ..progress import Progress
 from .motion import CAMERA, COMMON, LAG, MARKS, MOTION, RunMotion, compute_camera_motion, kept_motion, moving_datum
 from .tracks import fit_run_datum
 from .versions import stamp_of
+
+if TYPE_CHECKING:
+    from ...geometry.cameras.flash import Lit
 
 CAMERAS = "cameras.json"
 
@@ -70,7 +75,7 @@ def join_cameras(
             fit = fit_run_datum(m.run)
             mappings.append(run_mapping(m.run, fit, method))
             poses.append(poses_from_tracks(m.run, m.tracks, mappings[-1], fit, moving_datum(m.run), pulled=True))
-    found = joint_motion(run, poses, mappings)
+    found = joint_motion(run, poses, mappings, _lit(run, progress))
     said = cameras_file(run, found, __version__, run.input_hashes())
     camera = _camera_file(run, each, said)
     write_table(paths[MARKS], _marks(run, each, said), stamp)
@@ -81,6 +86,24 @@ def join_cameras(
     write_table(paths[MOTION], found.motion, stamp)  # last: its stamp vouches for the others
     motion = RunMotion(run, read_motion(paths[MOTION]), found.common, camera, each[0].tracks, found.lag)
     return motion, said
+
+
+def _lit(run: Run, progress: Progress | None) -> tuple[list[Lit], list[Lit]]:
+    """The flashes that each camera saw; none where one of them has no video, or its clock is stated."""
+    views = cameras_of(run)
+    if run.file.cameras[1].offset_s is not None or any(view.file.source.video is None for view in views):
+        return [], []
+    from ...vision.flash import brightness, flashes
+    from ...vision.recording import read_frames
+
+    found = []
+    for view in views:
+        if progress is not None:
+            progress(f"{view.name}: flashes", 0, None)
+        source = view.file.source
+        frames = read_frames(view.source_path, source.span_s, source.frame_rate_hz, source.exposure_s)
+        found.append(flashes(*brightness(frames), source.exposure_s))
+    return found[0], found[1]
 
 
 def refuse_corrections(run: Run) -> None:

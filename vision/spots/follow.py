@@ -355,6 +355,9 @@ class SpotFollower:
     def _begin(self, frame: Frame, index: int, place: Array, width: float) -> tuple[Mark, Array] | None:
         """A new mark where a spot stands; None where it is none."""
         refiner = Refiner(width, self._dark(index), float(frame.white_dn), self.backend)
+        if (shorter := STRETCH_FRAMES // self.stretch_frames) > 1:
+            refiner.reflection_every *= shorter
+            refiner.reflection_turn = index * refiner.reflection_every // len(self.markers)
         alone = self._one(frame, place, refiner)
         for fit in (refiner.once(alone), refiner.simplest(alone)):
             rises = fit.amplitude_dn[0] < 0 if self._dark(index) else fit.amplitude_dn[0] > 0

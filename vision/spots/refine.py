@@ -56,7 +56,8 @@ LEARN_ALL = 16
 LEARN_FRAMES, LEARN_STRETCHES = 48, 5
 """A reflection's and its mark's widths blur each other: they are learnt from more frames at first."""
 REFLECTION_EVERY = 4
-"""A reflection is looked for in every so many stretches (and wherever a frame does not fit)."""
+"""A reflection is looked for in every so many stretches (and wherever a frame does not fit). Of short stretches so many more that
+it is so many frames; then the marks take turns, so that no frame has to wait for all of them."""
 MARGIN = {
     SHARED.name: 0.0,
     TAPERED.name: 0.02,
@@ -224,6 +225,7 @@ class Refiner:
         self.ground_px2 = np.zeros(2)
         self.grounds: dict[str, _Ground] = {}
         self.taught = False
+        self.reflection_every, self.reflection_turn = REFLECTION_EVERY, 0
 
     @classmethod
     def taught_by(cls, other: Refiner) -> Refiner:
@@ -234,6 +236,7 @@ class Refiner:
         one.flat = other.flat
         one.ground_dn, one.height_dn, one.noise = other.ground_dn, other.height_dn, other.noise
         one.taught = True
+        one.reflection_every, one.reflection_turn = other.reflection_every, other.reflection_turn
         one.model = SHARED if one.usual[POWER] == 1.0 else PLATEAU_SHARED
         return one
 
@@ -328,7 +331,8 @@ class Refiner:
             tried.append(PLATEAU_SHARED)
             shared = fitted.get(PLATEAU_SHARED.name) or self._fit(few, PLATEAU_SHARED)
             cost[PLATEAU_SHARED.name] = self._cost(shared, PLATEAU_SHARED)
-        looked_for = (self.stretches % REFLECTION_EVERY == 0 or self.model.reflects) and not self.taught
+        due = not self.stretches or (self.stretches + self.reflection_turn) % self.reflection_every == 0
+        looked_for = (due or self.model.reflects) and not self.taught
         if looked_for and not blurred and self._find_reflection(few):
             free = self._plausible(self._fit(few, REFLECTION_FREE), steady=True)
             if free.good.mean() > MOSTLY_GOOD:

@@ -40,7 +40,8 @@ def call(options: argparse.Namespace) -> int:
     named = [name for name in (request.guess.reference, request.guess.derivatives) if name is not None]
     inputs = {path.name: sha256_of_file(path)}
     inputs |= {name: sha256_of_file(path.parent / name) for name in named if (path.parent / name).is_file()}
-    missing = outside = None
+    missing: Any = None
+    outside: Any = None
     if options.effects is not None:
         from ..pipeline.missing import read_law, states_of
 
@@ -48,8 +49,10 @@ def call(options: argparse.Namespace) -> int:
         missing = law.missing(request.model.length_pp_m, request.water.density_kg_m3, half_width_m)
         inputs |= law.inputs
 
-        def outside(data: Any, y_m: Any, beta_rad: Any) -> list[str]:
+        def beyond(data: Any, y_m: Any, beta_rad: Any) -> list[str]:
             return law.beyond(states_of(data, half_width_m, y_m, beta_rad))
+
+        outside = beyond
 
     with show_progress() as show:
         plan = make_plan(request, path, __version__, inputs, show, missing, outside)

@@ -42,6 +42,8 @@ AGAIN, REST = 3, 1.0
 """A fit is taken up again at most so often, while its next step promises more log evidence than this."""
 ARM = 0.25
 """Usual moment over side force, by the length."""
+OTHER = {"Y": "N", "N": "Y"}
+"""Where a term acts instead."""
 PATH = (("v",), ("r",), ("y",), ("beta",), ("turn",))
 """What the force goes with, all at once, that makes the path."""
 
@@ -332,9 +334,10 @@ def _reach(effect: Effect) -> dict[str, tuple[float, float]]:
 
 
 def simpler(starts: Sequence[Start], fitted: Sequence[Fitted], single: float) -> list[Start]:
-    """What the best laws are without one of their terms, or with a term in side force or moment alone.
+    """What the best laws are without one of their terms, with a term in side force or moment alone, or in the other of the two.
 
-    One step about a path that is not quite the law's own makes more of a second term than there is.
+    One step about a path that is not quite the law's own makes more of a second term than there is; and side force and moment at
+    one place of the tank resemble each other more than one step can tell.
 
     Parameters
     ----------
@@ -349,6 +352,8 @@ def simpler(starts: Sequence[Start], fitted: Sequence[Fitted], single: float) ->
         for k, (effect, numbers) in enumerate(parts):
             if len(ACTS[effect.variant]) > 1:
                 ways += [[*parts[:k], _acting(effect, numbers, acts), *parts[k + 1 :]] for acts in ("Y", "N")]
+            elif effect.variant in OTHER:
+                ways.append([*parts[:k], _instead(effect, numbers), *parts[k + 1 :]])
         for way in ways:
             effects, numbers = tuple(e for e, _ in way), tuple(n for _, n in way)
             if (form := _form(effects)) not in known:
@@ -365,6 +370,13 @@ def _acting(effect: Effect, numbers: Array, acts: str) -> tuple[Effect, Array]:
     first = 0 if acts == "Y" else count
     own = np.concatenate([numbers[first : first + count], numbers[2 * count :]])
     return effect_of(text_of(effect), acts, _sizes(effect), _reach(effect)), own
+
+
+def _instead(effect: Effect, numbers: Array) -> tuple[Effect, Array]:
+    """A side force as a moment, or the other way round, none at first."""
+    other = effect_of(text_of(effect), OTHER[effect.variant], _sizes(effect), _reach(effect))
+    count = term(text_of(effect)).functions
+    return other, np.concatenate([np.zeros(count), numbers[count:]])
 
 
 def _form(effects: Sequence[Effect]) -> frozenset[tuple[str, str]]:

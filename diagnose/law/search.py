@@ -49,6 +49,8 @@ AS_WELL = 0.1
 """A force on the hull of the library's, and a law of at least this share of its probability, are told beside one another."""
 LISTED = 5
 """Laws that are told."""
+Shrinks = dict[tuple[tuple[str, ...], str], float]
+"""Names and variant of a row of the ranking -> share of the gap that it takes on runs kept aside."""
 
 
 @dataclass(frozen=True)
@@ -280,23 +282,25 @@ def searched(
     candidates = [
         Candidate(s.effects, f, _worth(f) - base.log_evidence, s.log_prior) for s, f in zip(starts, fitted, strict=True)
     ]
-    ranking = extended(inference, found.ranking, distinct(candidates))
+    every = distinct(candidates)
+    ranking = extended(inference, found.ranking, every)
     answer = conclude(ranking)
     laws: list[tuple[Candidate, float]] = []
     fields: list[tuple[Candidate, float]] = []
     others: list[tuple[Candidate, float]] = []
     for candidate, probability in zip(ranking.candidates, ranking.named, strict=True):
         kind = laws if is_law(candidate) else fields if is_field(candidate) else others
-        kind.append((candidate, float(probability)))
+        kind += _by_place(candidate, float(probability), every) if kind is laws else [(candidate, float(probability))]
+    laws.sort(key=lambda one: -one[1])
     shares = {"law": laws, "field": fields, "other": others}
     p_of = {kind: sum(p for _, p in part) for kind, part in shares.items()}
     verdict = "no_gap" if answer.file.verdict == "no_gap" else "unknown"
     if verdict == "unknown":
-        told = max(p_of, key=lambda kind: p_of[kind])
-        if told == "other" and _pushes(others[0][0]) and p_of["law"] > AS_WELL * p_of["other"]:
-            told = "law"  # a force of the library's is an equation, too: both are told
-        verdict = told if p_of["law"] + p_of["field"] + p_of["other"] > ranking.p_unknown else "unknown"
-    shrinks = {tuple(row.effects): row.shrink for row in answer.file.ranking}
+        surest = max(p_of, key=lambda kind: p_of[kind])
+        if surest == "other" and _pushes(others[0][0]) and p_of["law"] > AS_WELL * p_of["other"]:
+            surest = "law"  # a force of the library's is an equation, too: both are told
+        verdict = surest if p_of["law"] + p_of["field"] + p_of["other"] > ranking.p_unknown else "unknown"
+    shrinks = {(tuple(row.effects), row.form): row.shrink for row in answer.file.ranking}
     told = _merged(answer, laws, states, shrinks) if verdict in ("law", "field") else []
     worse = float("nan")
     if verdict == "law":
@@ -343,20 +347,26 @@ def _worth(fitted: Fitted) -> float:
     return fitted.log_evidence - max(fitted.promised - CONVERGED_GAIN, 0.0)
 
 
+def _by_place(candidate: Candidate, probability: float, every: Sequence[Candidate]) -> list[tuple[Candidate, float]]:
+    """A law with its probability shared with the same terms that act elsewhere: a ranking has one of each name."""
+    alike = [c for c in every if c.names == candidate.names]
+    log = np.array([c.log_evidence + c.log_prior for c in alike])
+    share = np.exp(log - log.max())
+    return [(c, probability * float(s)) for c, s in zip(alike, share / share.sum(), strict=True)]
+
+
 def _evidence_of(one: tuple[Candidate, float]) -> float:
     return one[0].log_evidence
 
 
-def _field_of(
-    found: Diagnosis, fields: Sequence[tuple[Candidate, float]], shrinks: dict[tuple[str, ...], float]
-) -> Field | None:
+def _field_of(found: Diagnosis, fields: Sequence[tuple[Candidate, float]], shrinks: Shrinks) -> Field | None:
     if not fields:
         return None
     candidate, probability = max(fields, key=_evidence_of)
     fitted, at = candidate.fitted, found.inference.fixed(candidate.fitted.hypothesis)
     own = slice(at, at + fitted.hypothesis.size)
     groups = tuple(tuple(name.removeprefix(f"{FIELD} ").split(" with ")) for name in candidate.names)
-    shrink = shrinks.get(candidate.names, float("nan"))
+    shrink = shrinks.get((candidate.names, candidate.variant), float("nan"))
     return Field(fitted, fitted.solved.covariance[own, own], groups, probability, shrink)
 
 
@@ -364,7 +374,7 @@ def _merged(
     found: Diagnosis,
     laws: Sequence[tuple[Candidate, float]],
     states: State,
-    shrinks: dict[tuple[str, ...], float],
+    shrinks: Shrinks,
 ) -> list[Law]:
     """The laws, those that are one force over the range seen told as one, by the simplest of them."""
     groups: list[tuple[Array, list[tuple[Candidate, float]]]] = []
@@ -388,7 +398,7 @@ def _merged(
                 fitted,
                 fitted.solved.covariance[at : at + count, at : at + count],
                 sum(p for _, p in members),
-                shrinks.get(simplest.names, float("nan")),
+                shrinks.get((simplest.names, simplest.variant), float("nan")),
                 tuple(_written(m.fitted) for m, _ in members if m is not simplest),
             )
         )

@@ -219,6 +219,7 @@ def planned_record(setting: Setting, plan: TowPlan, times: Array) -> RunData:
         mass_kg=setting.mass_kg,
         length_pp_m=setting.length_pp_m,
         tension_stated=setting.gauge,
+        missing=setting.missing,
     )
 
 

@@ -12,13 +12,13 @@ from ...record.errors import EstimationError, InputError
 from ...record.plan_file import Campaign, PlanFile, PlanRequest, RuleTable, RunForecast
 from ...record.results import DerivativesFile, read_result
 from ...simulate.model import DERIVATIVE_UNITS, Array, Hull
-from ..data import usual_resistance
+from ..data import Missing, RunData, usual_resistance
 from ..prime import prime_factors
 from ..reference import ReferenceSet, reference_set, set_of_result
 from .candidates import Candidates, gather, nearer, plan_text
 from .checks import Conduct, conduct
 from .choose import best_campaigns
-from .information import prior_information, relative_covariance, run_information
+from .information import planned_record, prior_information, relative_covariance, run_information
 from .kept import tows
 from .releases import release_rows, release_rule
 from .rules import cycles_rule, swing_sensitivity, transient_rule
@@ -95,6 +95,8 @@ def make_plan(
     tool: str,
     inputs: dict[str, str],
     show: Callable[[str, int, int | None], None] | None = None,
+    missing: Missing | None = None,
+    outside: Callable[[RunData, Array, Array], list[str]] | None = None,
 ) -> PlanFile:
     """Choose the runs.
 
@@ -105,6 +107,8 @@ def make_plan(
     tool : version of towline, as the file states it
     inputs : name of an input -> its SHA-256, as the file states them
     show : (what, done, of how many)
+    missing : a force on the hull that is known beforehand; of lines that keep their length
+    outside : of a planned record and its motion (y_m, beta_rad): where nothing is known of that force, a sentence each
 
     Raises
     ------
@@ -113,6 +117,10 @@ def make_plan(
     """
     setting = setting_of(request, path.parent)
     refuse_unusable(setting, request, path)
+    if missing is not None:
+        if setting.line != "surge":
+            raise InputError(path, "tow.line", f'{setting.line!r}; a law is planned with where line = "surge"')
+        setting = replace(setting, missing=missing)
     found = gather(setting, request.choices, request.tank.speeds_m_s, request.model.length_pp_m, show)
     if not found.plans:
         reasons = "; ".join(f"{count} x {found.example[kind]}" for kind, count in found.excluded.items())
@@ -161,8 +169,22 @@ def make_plan(
         gauge=setting.gauge,
         releases=rows,
         release_rule=release_rule(setting, rows) if rows else None,
-        notes=_notes(setting, request, chosen, ours),
+        notes=[*_notes(setting, request, chosen, ours), *_outside(setting, own_plans or plans, outside)],
     )
+
+
+def _outside(
+    setting: Setting, plans: Sequence[TowPlan], outside: Callable[[RunData, Array, Array], list[str]] | None
+) -> list[str]:
+    """Where planned runs go beyond what is known of the missing force."""
+    if outside is None:
+        return []
+    told = ["planned beside a law that is taken as known"]
+    for k, (plan, tow) in enumerate(zip(plans, tows(setting, plans), strict=True), start=1):
+        course = tow.course(setting, plan)
+        record = planned_record(setting, plan, tow.times_s)
+        told += [f"run {k}: {text}" for text in outside(record, course.y_m, course.beta_rad)]
+    return told
 
 
 def _best(setting: Setting, request: PlanRequest, found: Candidates, wish: Array, criterion: str) -> list[list[int]]:

@@ -9,6 +9,7 @@ import numpy as np
 from ...record.plan_file import LimitsTable, PlanNoise
 from ...record.priors import Priors
 from ...simulate.model import Array, Hull, Line, Tow
+from ..data import Missing
 from ..joint.problem import GUESSED_SCATTER
 
 
@@ -46,6 +47,7 @@ class Setting:
     gauge : their tension is measured; else the scale of all forces is free
     length_pp_m : of the model; the usual model along its way goes with it (``joint.common``)
     unlike_speeds : the campaign holds several speeds: without a gauge their resistances are guessed apart
+    missing : a force on the hull that is known beforehand, of lines that keep their length; None: none
     """
 
     hull: Hull
@@ -63,6 +65,7 @@ class Setting:
     gauge: bool = True
     length_pp_m: float = float("nan")
     unlike_speeds: bool = False
+    missing: Missing | None = None
 
     def duration_s(self, speed_m_s: float) -> float:
         """Usable way over U, s."""

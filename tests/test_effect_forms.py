@@ -7,8 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from towline.diagnose.effects import LIBRARY, Effect, Seen, Situation
+from towline.diagnose.effects import LAWS, LIBRARY, Effect, Seen, Situation
 from towline.diagnose.effects.base import SWINGS_S, along_the_run, swinging
+from towline.diagnose.effects.line import STIFFEST_M_N
 from towline.simulate import Hull, Start, Tow, simulate_full
 
 HULL, TOW = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28), Tow(1.28, 0.91, 1.6, 3.96)
@@ -127,6 +128,22 @@ def test_a_rail_draws_the_point_to_the_side_it_is_pulled_to_and_is_seen_in_the_l
     seen = SimpleNamespace(side=np.sin(angles))
     longer = rail.stretch(seen, 0.01)
     assert longer == pytest.approx(-0.01 * np.tanh(np.sin(angles) / 0.1) * np.sin(angles))
+
+
+def test_a_heavy_line_pulls_as_a_catenary_does() -> None:
+    """Chord 2 a arsinh(L/2a) of a line of weight w, a = T/w: 1.6 mm shorter than the line at R, 6.4 mm at R/2."""
+    hanging = next(law for law in LAWS if law.variant.startswith("hanging"))
+    assert hanging.law is not None
+    rest_n, length_m, weight_n_m = 3.96, 0.91, 0.9
+    pull_n = rest_n * np.array([0.5, 0.7, 1.0, 1.5, 3.0])
+    a = pull_n / weight_n_m
+    shorter = length_m - 2 * a * np.arcsinh(length_m / (2 * a))
+    longer = (pull_n - rest_n) * STIFFEST_M_N - shorter
+    found = hanging.law(situation(longer_m=longer, longer_rate_m_s=0.0 * pull_n), shorter[2], 0.0)
+    # a catenary is a parabola to the square of its weight over its pull
+    assert (np.abs(found / pull_n - 1) < 0.1 * (weight_n_m * length_m / pull_n.min()) ** 2).all()
+    quick = hanging.law(situation(longer_m=longer, longer_rate_m_s=0.01 + 0.0 * pull_n), shorter[2], 15.0)
+    assert quick - found == pytest.approx(15.0 * 0.01 * np.minimum(found / rest_n, 1.0))
 
 
 def test_a_camera_on_its_side_is_late_by_columns() -> None:

@@ -238,6 +238,8 @@ SLIDES_M_S = 0.002
 """A pulley that rubs has turned over at this speed of the line (its friction is smoothed there)."""
 STIFFEST_M_N = 1e-4
 """No line, with its load cell and knots, gives less."""
+CATENARY_STEPS, LEAST_SLOPE = 12, 1e-12
+"""Newton's steps to a hanging line's pull, and the least slope, m N, that they divide by."""
 
 
 def _spring(s: Situation, compliance, damper, stiffens):
@@ -246,6 +248,20 @@ def _spring(s: Situation, compliance, damper, stiffens):
     share = held / s.tension_n
     taut = np.clip(share, 0.0, 1.0)
     return held * np.maximum(1 + 0.5 * stiffens * (share - 1), 0.1) + taut * damper * s.longer_rate_m_s
+
+
+def _hanging(s: Situation, sag, damper):
+    """A heavy line hangs: its chord is shorter than the line by sag (R/T)^2, the parabola of a shallow catenary.
+
+    It hardly stretches: x = -sag (R/T)^2 + (T - R) c, solved for T from above.
+    """
+    rest, give = s.tension_n, STIFFEST_M_N
+    room, deep = s.longer_m + give * rest, np.maximum(sag, 0.0) * rest**2
+    held = np.maximum(room, 0.0) / give + np.cbrt(deep / give)
+    for _ in range(CATENARY_STEPS):
+        slope = np.maximum(held * (3 * give * held - 2 * room), LEAST_SLOPE)
+        held = np.maximum(held - (held**2 * (give * held - room) - deep) / slope, 0.0)
+    return held + np.clip(held / rest, 0.0, 1.0) * damper * s.longer_rate_m_s
 
 
 _HEAVIER = Parameter("heavier", "", 0.005)
@@ -272,13 +288,18 @@ SURGING = "with the model's surge on it"
 
 
 def _surging(
-    effect: Effect, law: Callable[..., Any], always: Sequence[Parameter], others: Sequence[Parameter]
+    effect: Effect,
+    law: Callable[..., Any],
+    always: Sequence[Parameter],
+    others: Sequence[Parameter],
+    what: str = "",
+    physics: str = "",
 ) -> Effect:
     """An effect of the line as a law of the line's own, instead of what it changes of one that keeps its length."""
     members = with_some([p.name for p in always], [p.name for p in others])
     return replace(
         effect, parameters=(*always, *others), law=law, keeps=None, tension=None, length=None, stretch=None, needs=_no_length,
-        variant=SURGING, sizes=(1.0,), members=members,
+        variant=f"{what}{SURGING}", sizes=(1.0,), members=members, physics=physics or effect.physics,
     )  # fmt: skip
 
 
@@ -288,6 +309,14 @@ LAWS = (
         _spring,
         [Parameter("compliance_m_n", "m/N", 0.003, one_sided=True)],
         [Parameter("damper_n_s_m", "N s/m", 20.0, one_sided=True), Parameter("stiffens", "", 1.0)],
+    ),
+    _surging(
+        ELASTIC,
+        _hanging,
+        [Parameter("sag_m", "m", 0.015, one_sided=True)],
+        [Parameter("damper_n_s_m", "N s/m", 20.0, one_sided=True)],
+        "hanging, ",
+        "The line is heavy and hangs: its ends come the nearer together the less it is pulled, and the model surges on it.",
     ),
     _surging(
         KEPT,

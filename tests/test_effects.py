@@ -141,8 +141,8 @@ def test_cubics_by_hand() -> None:
     plain = pushed("cubic_damping", *numbers)
     angled = form("cubic_damping", "by the drift angle")(situation(), *numbers)
     assert [float(one) * 1.28 for one in angled] == pytest.approx(list(plain), rel=1e-12)
-    mixed = form("cubic_damping", "with mixed terms")(situation(), *numbers, 40.0, 50.0, 60.0)
-    more = (40 * v * v * r, 50 * v * v * r + 60 * v * r * r)
+    mixed = form("cubic_damping", "with mixed terms")(situation(), *numbers, 40.0, 50.0, 55.0, 60.0, 65.0)
+    more = (40 * v * v * r + 55 * v * r * r + 65 * r**3, 50 * v * v * r + 60 * v * r * r)
     assert [float(one) for one in mixed] == pytest.approx([a + b for a, b in zip(plain, more, strict=True)], rel=1e-12)
 
 

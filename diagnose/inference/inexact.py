@@ -68,9 +68,8 @@ def could_gain(inference: Inference, fitted: Fitted) -> float:
     inference : the simulator with its runs and noise
     fitted : a hypothesis, fitted
     """
-    h = fitted.hypothesis
-    there = inference.solve(fitted.grams, h, fitted.forces)
-    quiet = inference.solve(fitted.grams, h, Forces(SMALLEST, SMALLEST, fitted.forces.time))
+    there = fitted.solved
+    quiet = inference.solve(fitted.grams, fitted.hypothesis, Forces(SMALLEST, SMALLEST, fitted.forces.time))
     count = sum(int(np.isfinite(run.values).sum()) for run in inference.simulator.runs)
     # of both only the squares differ from what stands beside them in the evidence
     log = 2 * (there.log_evidence - quiet.log_evidence) + there.chi_square - quiet.chi_square

@@ -266,7 +266,9 @@ class TowRates:
         self._hull = self._reference.at_speed(tow.speed_m_s)
         self._lawful = [a for a in numbers.active if a.effect.law is not None]
         self._first = PAID_STATES if self._lawful else STATES
-        self._pushing = [a for a in numbers.active if a.effect.force is not None]
+        pushing = [a for a in numbers.active if a.effect.force is not None]
+        self._pushing = [a for a in pushing if not a.effect.by_pull]
+        self._by_pull = [a for a in pushing if a.effect.by_pull]
         self._surging = [a for a in numbers.active if a.effect.ahead is not None]
         self._pulling = [a for a in numbers.active if a.effect.tension is not None]
         # a line that is stated to keep its tension does so already
@@ -366,27 +368,18 @@ class TowRates:
 
     def _taut(self, t: Any, state: Array, now: _Moment) -> Taut:
         """``full_state`` with the effects' forces, by each run's own line; with a law of its own ``paid_state``."""
-        plain = [a for a in self._pushing if not a.effect.by_pull]
-        by_pull = [a for a in self._pushing if a.effect.by_pull]
-        taut = self._held(t, state, now, plain)
-        return self._held(t, state, now, plain, by_pull, taut) if by_pull else taut
+        taut = self._held(t, state, now)
+        return self._held(t, state, now, taut) if self._by_pull else taut
 
-    def _held(
-        self,
-        t: Any,
-        state: Array,
-        now: _Moment,
-        plain: Sequence[Active],
-        by_pull: Sequence[Active] = (),
-        taut: Taut | None = None,
-    ) -> Taut:
-        """With some effects' forces; of those that go with the pull by what the line has without them, ``taut``."""
+    def _held(self, t: Any, state: Array, now: _Moment, taut: Taut | None = None) -> Taut:
+        """With the effects' forces; those that go with the pull by what the line has without them, ``taut``; None: without."""
+        by_pull = [] if taut is None else self._by_pull
 
         def extra(t, y, beta, v, r, alpha):
             side, moment = self._zeros(v), self._zeros(v)
             base = self._situation(t, now, y)
             held = base if taut is None else self._on_line(base, now, taut)
-            for active, asked in ((plain, base), (by_pull, held)):
+            for active, asked in ((self._pushing, base), (by_pull, held)):
                 for a, part in self._parts(active, asked, state):
                     assert a.effect.force is not None
                     one, two = a.effect.force(part, *a.numbers)
@@ -400,7 +393,7 @@ class TowRates:
                 ahead[..., a.columns] += a.effect.ahead(part, *a.numbers)
             return side, moment, ahead
 
-        pushed = extra if plain or by_pull or self._surging else None
+        pushed = extra if self._pushing or by_pull or self._surging else None
         if self._lawful:
             return paid_state(t, (*now.core, now.paid[1]), self._law(t, state, now), self._hull, now.tow, pushed)
         lines = ("surge", "constant") if self._keeping else self._fields.lines

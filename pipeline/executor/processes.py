@@ -80,13 +80,14 @@ def _end(pool: ProcessPoolExecutor) -> None:
     """End the workers now: each is told to, and clears up; who does not within ``GRACE_S`` is killed."""
     with undisturbed():
         left = list((pool._processes or {}).values())
-        pool.shutdown(wait=False, cancel_futures=True)
         for process in left:
             process.terminate()
         until_s = time.monotonic() + GRACE_S
         for process in left:
             process.join(max(0.0, until_s - time.monotonic()))
             process.kill()
+        # waited for: the pool's thread closes its pipe, which the interpreter's end would write to at the same moment
+        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _job(call: Callable[..., Any], *arguments: Any) -> Any:

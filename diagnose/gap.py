@@ -177,7 +177,10 @@ def concluded(
         excluded=ranking.excluded,
         sentences=[],
     )
-    file = file.model_copy(update={"sentences": sentences(file, headline, ranking.rest, _titles(library, ranking))})
+    nearest = ranking.for_unknown
+    like = nearest.effects[-1] if nearest is not None else None
+    said = sentences(file, headline, ranking.rest, _titles(library, ranking), like)
+    file = file.model_copy(update={"sentences": said})
     return Diagnosis(file, inference, ranking, best, place, headline)
 
 

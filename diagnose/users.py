@@ -229,6 +229,10 @@ class UsersSimulator:
         """None: what random forces must explain stands for the unknown."""
         return ()
 
+    def one_off(self, inference: Inference, base: Fitted) -> Sequence[Effect]:
+        """None: of what acts once, nothing is known."""
+        return ()
+
     def free_beside(self) -> Sequence[Effect]:
         """None."""
         return ()

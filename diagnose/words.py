@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ..record.gap_file import GapFile, RankedEffects
+from .effects import Effect
 from .inference.engine import CONVERGED_GAIN
 from .inference.held_out import Shrink
 from .inference.scan import Leftover
@@ -40,7 +41,13 @@ ALONE = (
 )
 
 
-def sentences(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping[str, str] | None = None) -> list[str]:
+def sentences(
+    file: GapFile,
+    held: Shrink | None,
+    rest: Leftover,
+    titles: Mapping[str, str] | None = None,
+    like: Effect | None = None,
+) -> list[str]:
     """The summary in plain words; ``titles``: of the effects by name (default: the name).
 
     Parameters
@@ -49,8 +56,11 @@ def sentences(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mappin
     held : how far the gap shrinks, or None
     rest : what the best hypothesis leaves
     titles : of the effects, by name; None: their names
+    like : the free form that comes nearest to what is in no library
     """
     said = _summary(file, held, rest, titles or {})
+    if file.verdict == "unknown" and like is not None and like.title:
+        said.append(f"It looks like {like.title}. {like.cure}")
     return said if file.kept_aside else [*said, ALONE]
 
 

@@ -15,8 +15,11 @@ import pytest
 
 from towline.diagnose.effects import LIBRARY
 from towline.diagnose.gap import diagnosed
+from towline.diagnose.inference.evidence import Fitted, Inference
+from towline.diagnose.inference.grams import Columns, Grams
 from towline.diagnose.inference.hypothesis import Hypothesis
 from towline.diagnose.tow.data import SLOW_S, SLOW_UNSEEN_PX, Recorded, TowRun, tow_runs
+from towline.diagnose.tow.pushes import NOTABLE, pushes
 from towline.diagnose.tow.rates import Fields
 from towline.diagnose.tow.towed import TowSimulator
 from towline.record import Run, RunFile
@@ -93,6 +96,73 @@ def test_blocks_of_a_motion_have_its_sigmas_and_no_line(tows: list[TowRun]) -> N
     assert said is not None
     # from differences of noisy means: four deviations of one
     assert float(said[1]) == pytest.approx(max(fastest), abs=4 * (SD[0] + 1.28 * SD[1]) / np.sqrt(12) + 0.005)
+
+
+# one-off pushes ---------------------------------------------------------------------------------------------------
+
+IMPULSE_N_S, AT_S, LASTED_S = 0.5, 20.0, 0.5
+
+
+def kick(t_s: np.ndarray, *_: object) -> tuple[np.ndarray, float]:
+    return IMPULSE_N_S / LASTED_S * ((t_s > AT_S) & (t_s < AT_S + LASTED_S)), 0.0
+
+
+def test_a_push_that_comes_once_is_told_with_run_time_and_impulse(tows: list[TowRun]) -> None:
+    """Random forces alone would follow it: each run's motion is smooth, and no channel leaves anything over."""
+    third = made(2, 1.6, 0.15)
+    found = diagnosed(
+        TowSimulator([tows[0], made(1, 1.751, -0.2, extra=kick), third]),
+        LIBRARY,
+        "test",
+        {},
+        rng=np.random.default_rng(0),
+    )
+    assert found.file.verdict == "unknown"
+    assert found.file.p_unknown > 0.95
+    told = re.search(r"It looks like a push that comes once, in x1\.751 at (\d+\.\d) s\.", found.file.sentences[-1])
+    assert told is not None
+    assert float(told[1]) == pytest.approx(AT_S + LASTED_S / 2, abs=STEP_S)
+    assert found.file.where.span_s[0] <= AT_S + LASTED_S
+    free = found.ranking.free
+    assert free is not None
+    (side_n, moment_n_m) = free.fitted.hypothesis.numbers[0]
+    (found_push,) = pushes(found.inference, found.ranking.base)
+    length_s = found_push.end_s - found_push.begin_s
+    # by how much its middle may be off, at the rate at which the impulse turns into another place: a block of the 5 s to its peak
+    sd = np.sqrt(np.diag(free.fitted.solved.covariance)[-2:])
+    assert length_s * side_n == pytest.approx(IMPULSE_N_S, abs=3 * length_s * sd[0] + IMPULSE_N_S * STEP_S / 5)
+    assert abs(moment_n_m) < 4 * sd[1]
+    assert not pushes(*_nothing(TowSimulator([*tows, third])))
+
+
+def test_random_forces_are_not_pushes(tows: list[TowRun]) -> None:
+    """What noise and forces of the fit's own sizes do: odds of e^3 are reached by chance in e^-3 of the campaigns at most."""
+    inference, base = _nothing(TowSimulator(tows))
+    forces, rng, told = replace(base.forces, side_n=0.05, moment_n_m=0.02), np.random.default_rng(1), list[bool]()
+    campaigns = 100
+    roots = [np.linalg.cholesky(_whole(inference, forces, k)) for k in range(len(tows))]
+    for _ in range(campaigns):
+        tables = []
+        for table, root in zip(base.linear.columns.tables, roots, strict=True):
+            drawn = table.copy()
+            drawn[:, :2, 0] = (root @ rng.normal(size=len(root))).reshape(2, -1).T
+            tables.append(drawn)
+        columns = Columns(tables, base.linear.columns.shared)
+        linear, grams = replace(base.linear, columns=columns), Grams(columns, inference.noise)
+        solved = inference.solve(grams, base.hypothesis, forces)
+        told.append(bool(pushes(inference, Fitted(base.hypothesis, forces, 0.0, solved, linear, grams))))
+    expected = campaigns * np.exp(-NOTABLE)
+    assert sum(told) < expected + 4 * np.sqrt(expected)
+
+
+def _nothing(simulator: TowSimulator) -> tuple[Inference, Fitted]:
+    found = diagnosed(simulator, LIBRARY[:1], "test", {}, rng=np.random.default_rng(0))
+    return found.inference, found.ranking.base
+
+
+def _whole(inference: Any, forces: Any, run: int) -> np.ndarray:
+    side, moment = inference.noise.by_force(run, forces.time)
+    return inference.noise.runs[run].measured + forces.side_n**2 * side + forces.moment_n_m**2 * moment
 
 
 def test_what_a_motion_cannot_show_is_not_asked_of_it(tows: list[TowRun]) -> None:

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from towline.diagnose.effects import LIBRARY, Effect, Seen, Situation, camera
 from towline.diagnose.simulated import effects_of, with_effects
+from towline.diagnose.tow.pushes import Push
 from towline.diagnose.tow.unknown import (
     ACROSS_PER_M,
     BETA_RAD,
@@ -24,6 +25,7 @@ from towline.diagnose.tow.unknown import (
     V_M_S,
     Y_M,
     free_forms,
+    one_off,
     shapes_of,
 )
 from towline.record.scenario import ScenarioFile
@@ -510,6 +512,21 @@ def test_a_free_force_has_each_of_its_shapes_for_side_and_for_moment() -> None:
     assert here[1] == pytest.approx(2 * 4 / 40 - 1)
     assert here[4] == pytest.approx((y / Y_M) ** 3)
     assert here[11] == pytest.approx((b / BETA_RAD) ** 2)
+
+
+def test_a_push_that_comes_once_is_in_its_runs_and_at_its_time() -> None:
+    """Of the mean that its numbers say, over its stretch; nothing before and after, and nothing in the run between."""
+    (push,) = one_off(["a", "b", "c"], [Push(0, 10.0, 12.0, 1.0), Push(2, 20.0, 21.0, 2.0)])
+    assert push.force is not None
+    assert (push.variant, push.cost) == ("in a at 11.0 s, in c at 20.5 s", 3.0)
+    t_s = np.arange(0.0, 40.0, 0.01)[:, None, None] + 0.005
+    side, moment = push.force(situation(t_s=t_s), 0.3, -0.1, 0.2, 0.4)
+    for found, sizes in ((side, (0.3, 0.0, 0.2)), (moment, (-0.1, 0.0, 0.4))):
+        impulse = found[..., 0].sum(axis=0) * 0.01
+        np.testing.assert_allclose(impulse, np.array(sizes) * [2.0, 0.0, 1.0], atol=1e-6)
+        outside = ((t_s < 10) | (t_s > 12))[:, 0, 0]
+        assert np.abs(found[outside, 0]).max() < 1e-30
+    assert one_off(["a"], []) == ()
 
 
 def test_a_shake_is_each_runs_own() -> None:

@@ -26,6 +26,10 @@ class Diagnosable(Simulator, Protocol):
         """What stands for an effect in no library; ``shaken_hz`` stand out of what the base leaves."""
         ...
 
+    def one_off(self, inference: Inference, base: Fitted) -> Sequence[Effect]:
+        """What stands for something that acted once, where what the base's random forces do asks for it."""
+        ...
+
     def free_beside(self) -> Sequence[Effect]:
         """What stands, beside the best effects, for something in no library that they leave; none: it is told by random forces
         and by what stands out alone.

@@ -93,7 +93,7 @@ def ranked(
     usable = [*usable, *simulator.suggested(base)]
     say(f"{len(usable)} effects by their scores")
     names = {e.name for e in usable}
-    free = list(simulator.free_forms(standing_out(inference, base)))
+    free = [*simulator.free_forms(standing_out(inference, base)), *simulator.one_off(inference, base)]
     scores = screened(inference, base, [*usable, *free])
     singles = _best_variants(scores, usable, TRIED_SINGLE)
     best_free = _best_variants(scores, free, 2)

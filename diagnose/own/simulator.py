@@ -10,7 +10,7 @@ import numpy as np
 
 from ...simulate.model import Array
 from ..effects import Effect
-from ..inference.evidence import Fitted
+from ..inference.evidence import Fitted, Inference
 from ..inference.hypothesis import EFFECT_STEP, Hypothesis, Slopes
 from ..inference.noise import FORCE_SD_N, Measured, Noise, force_colour
 from ..users import STEP_SHARE, UsersNumber, UsersRun, UsersSimulator
@@ -432,6 +432,10 @@ class OwnSimulator(UsersSimulator):
     def free_forms(self, shaken_hz: Sequence[float]) -> Sequence[Effect]:
         """What stands for something that is not offered: any function of a state, an input or an output."""
         return [m.effect(self.stage_of(m)) for m in self._free_missing.values()]
+
+    def one_off(self, inference: Inference, base: Fitted) -> Sequence[Effect]:
+        """None: of what acts once, nothing is known."""
+        return ()
 
     def free_beside(self) -> Sequence[Effect]:
         """The same: an effect of the library that leaves something that goes with the motion is not all that is missing."""

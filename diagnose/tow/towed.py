@@ -22,12 +22,13 @@ from .delays import delay_effects
 from .model import TowModel
 from .noise import measured_noise, tow_noise
 from .numbers import SIX, shared_numbers
+from .pushes import pushes
 from .rates import OWN, own_numbers
 from .shifts import shift_effects
 from .slackness import jerk_effects, slack_effects
 from .springs import springing_effects
 from .start import base_hypotheses, lawful_hypotheses, settings_of, straight_pull
-from .unknown import free_forms
+from .unknown import free_forms, one_off
 from .weak import by_motion
 
 if TYPE_CHECKING:
@@ -187,6 +188,10 @@ class TowSimulator(TowModel):
     def free_forms(self, shaken_hz: Sequence[float]) -> Sequence[Effect]:
         """Forces of many shapes, faults of what is seen, and what shakes at these frequencies."""
         return free_forms(len(self.runs), shaken_hz)
+
+    def one_off(self, inference: Inference, base: Fitted) -> Sequence[Effect]:
+        """What pushed the model once in some runs, where random forces must do far more at one time than at any other."""
+        return one_off([run.name for run in self.runs], pushes(inference, base))
 
     def free_beside(self) -> Sequence[Effect]:
         """None: real walls, swivels and rolls have not the library's formulas, and what a free form finds beside them is that."""

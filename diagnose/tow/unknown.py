@@ -12,6 +12,7 @@ import numpy as np
 
 from ...simulate.model import Array
 from ..effects import Effect, Parameter, Seen, Situation
+from .pushes import MOST_N, Push
 
 V_M_S, R_RAD_S, Y_M, BETA_RAD = 0.1, 0.05, 0.2, 0.15
 """Usual sizes of a tow's motion."""
@@ -194,4 +195,47 @@ def _shaken(runs: int, hz: float) -> list[Effect]:
     return [sized(size_m) for size_m in SIZES_M]
 
 
-__all__ = ["free_forms"]
+def one_off(names: Sequence[str], pushes: Sequence[Push]) -> tuple[Effect, ...]:
+    """A push at one time in each of some runs; none where nothing stands out.
+
+    Parameters
+    ----------
+    names : of the runs
+    pushes : what stands out, at most one of a run
+    """
+    if not pushes:
+        return ()
+
+    def force(s: Situation, *numbers):
+        nothing = 0.0 * np.atleast_1d(numbers[0])
+        side, moment = [nothing] * len(names), [nothing] * len(names)
+        begin_s, length_s = np.zeros((len(names), 1)), np.ones((len(names), 1))
+        for k, push in enumerate(pushes):
+            side[push.run], moment[push.run] = np.atleast_1d(numbers[2 * k]), np.atleast_1d(numbers[2 * k + 1])
+            begin_s[push.run], length_s[push.run] = push.begin_s, push.end_s - push.begin_s
+        share = np.clip((s.t_s - begin_s) / length_s, 0.0, 1.0)
+        course = 2 * np.sin(np.pi * share) ** 2
+        return np.stack(side) * course, np.stack(moment) * course
+
+    when = ", ".join(f"in {names[push.run]} at {(push.begin_s + push.end_s) / 2:.1f} s" for push in pushes)
+    return (
+        Effect(
+            "unknown push",
+            "sway",
+            tuple(
+                Parameter(f"{'n' if unit == 'N m' else 'y'}_{push.run + 1}", unit, MOST_N)
+                for push in pushes
+                for unit in ("N", "N m")
+            ),
+            "Something pushed the model once.",
+            "Look at the film at that time: a hand, a line that catches, a wave.",
+            force=force,
+            bound=True,
+            variant=when,
+            title=f"a push that comes once, {when}",
+            cost=sum(push.cost for push in pushes),
+        ),
+    )
+
+
+__all__ = ["free_forms", "one_off"]

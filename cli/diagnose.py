@@ -27,6 +27,9 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
     )
     add_effects(sub)
     sub.add_argument(
+        "--without", nargs="+", default=[], metavar="EFFECT", help="effects that you know are not there, by their names"
+    )
+    sub.add_argument(
         "--law",
         action="store_true",
         help="search the missing force's law also where an effect of the library is named (out/law.json, law.py, law.toml)",
@@ -44,7 +47,9 @@ def call(options: argparse.Namespace) -> int:
     from .common import EXIT_OK, EXIT_SOME_FAILED, show_progress
 
     with show_progress() as show:
-        found = diagnose_folders(options.runs, options.hold_out, options.effects, options.reference, show, options.line)
+        found = diagnose_folders(
+            options.runs, options.hold_out, options.effects, options.reference, show, options.line, options.without
+        )
     file = found.diagnosis.file
     out = options.out or output_folder([run.folder for run in found.runs])
     write_result(out / "gap.json", file)

@@ -29,6 +29,9 @@ from .stages import RunMotion, compute_run_motion, fit_run_datum, track_static
 
 Progress = Callable[[str, int, int | None], None]
 
+FOUND = {"slack_line"}
+"""Effects that are looked for in the runs themselves, and stand in no list."""
+
 
 def library_of(files: Sequence[Path]) -> list[Effect]:
     """The library, what other packages install, and a user's own files; a later effect replaces one of its name."""
@@ -45,6 +48,7 @@ def diagnose_folders(
     reference: Path | None = None,
     progress: Progress | None = None,
     line: Line | None = None,
+    without: Sequence[str] = (),
 ) -> Diagnosed:
     """Diagnose run folders.
 
@@ -56,12 +60,17 @@ def diagnose_folders(
     reference : derivatives.json of the simulator that is to be judged; None: the derivatives are fitted to these runs
     progress : is told what is done
     line : what the tow line keeps, instead of what the runs say
+    without : names of effects that are known not to be there
 
     Raises
     ------
-    TowlineError : no run can be used, or a file is wrong
+    TowlineError : no run can be used, a file is wrong, or an effect to be left out is none
     """
     library = library_of(effects)
+    known = {effect.name for effect in library} | FOUND
+    for name in without:
+        if name not in known:
+            raise TowlineError(f"without {name!r}: no effect; expected some of {', '.join(sorted(known))}")
     runs: list[Run] = []
     motions: list[RunMotion] = []
     failed: dict[str, str] = {}
@@ -94,16 +103,16 @@ def diagnose_folders(
     ]
     tows = tow_runs(recorded, step)
     inputs = all_inputs(runs)
-    known = None if reference is None else _reference(reference)
+    judged = None if reference is None else _reference(reference)
     apart = measured_apart(runs, library)
-    simulator = TowSimulator(tows, known, apart)
+    simulator = TowSimulator(tows, judged, apart, without)
     try:
         found = diagnosed_runs(simulator, library, inputs, held or None, progress)
     except EstimationError:
         if not simulator.celled:
             raise
         # a line that is far from what is stated pulls otherwise than any start can follow; the motion alone may say why
-        simulator = TowSimulator(without_cell(tows), known, apart)
+        simulator = TowSimulator(without_cell(tows), judged, apart, without)
         found = without_the_cell(diagnosed_runs(simulator, library, inputs, held or None, progress))
     return Diagnosed(found, runs, failed, tuple(library), tuple(held) or None)
 

@@ -177,6 +177,13 @@ def test_what_a_motion_cannot_show_is_not_asked_of_it(tows: list[TowRun]) -> Non
     wide = tows[1].run.file.model_copy(update={"water": WaterTable(density_kg_m3=1000.0)})
     one = replace(tows[1], run=replace(tows[1].run, file=wide))
     assert TowSimulator([tows[0], one]).usable(LIBRARY)[1]["bank_suction"] == "water.tank_width_m is not given"
+    # what somebody knows is not there is neither tried nor suggested by the runs
+    steel = TowSimulator(tows, without=["elastic_line", "bank_suction", "tow_point_offset"])
+    fewer, why = steel.usable(LIBRARY)
+    assert {e.name for e in fewer} == names - {"elastic_line", "bank_suction", "tow_point_offset"}
+    assert {name for name, said in why.items() if said.startswith("left out")} == names - {e.name for e in fewer}
+    base = _nothing(simulator)[1]
+    assert {e.name for e in simulator.suggested(base)} - {e.name for e in steel.suggested(base)} == {"tow_point_offset"}
     # the post's place aside moves y and nothing else
     bias = next(e for e in LIBRARY if e.name == "datum_bias")
     own = np.zeros((2, 10))

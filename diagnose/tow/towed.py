@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -69,6 +69,7 @@ class TowSimulator(TowModel):
     reference : the simulator's own six derivatives, their standard deviations and the speed they are quoted at, judged as they
         are; None: fitted to these runs
     apart : effect.number -> what was measured of it apart from the runs
+    without : names of effects that are known not to be there
     """
 
     def __init__(
@@ -76,9 +77,11 @@ class TowSimulator(TowModel):
         runs: Sequence[TowRun],
         reference: tuple[Array, Array, float] | None = None,
         apart: Mapping[str, Apart] | None = None,
+        without: Collection[str] = (),
     ) -> None:
         super().__init__(runs, float(np.mean([r.data.tow.speed_m_s for r in runs])))
         self.apart: Mapping[str, Apart] = apart or {}
+        self._without = frozenset(without)
         known = None
         if reference is not None:
             six, sd, quoted = reference
@@ -113,7 +116,8 @@ class TowSimulator(TowModel):
         """
         if not self._fields.surge.all() or not self._asks_for_laws(base):
             return []
-        usual, here = lawful_hypotheses(self.runs, LAWS, [self.starts()[-1], base.hypothesis])
+        laws = [law for law in LAWS if law.name not in self._without]
+        usual, here = lawful_hypotheses(self.runs, laws, [self.starts()[-1], base.hypothesis])
         found = [by_motion(self, h, self.shared_prior) for h in usual]
         return [*found, *(by_motion(self, h, None, first_only=True) for h in here)]
 
@@ -156,6 +160,9 @@ class TowSimulator(TowModel):
         """Effects that these runs can show, and why the others cannot be judged."""
         usable, excluded = [], {}
         for effect in library:
+            if effect.name in self._without:
+                excluded[effect.name] = "left out, as it was told"
+                continue
             pixels = effect.correct is not None and effect.shift is None
             if pixels and any(run.marks is None for run in self.runs):
                 excluded[effect.name] = "a motion holds no pixels"
@@ -171,13 +178,14 @@ class TowSimulator(TowModel):
     def suggested(self, base: Fitted) -> list[Effect]:
         """Windows in which the line may have gone slack, its bounces, and when the camera may have been turned."""
         residuals = [residual for residual, _ in base.linear.rows]
-        return [
+        found = (
             *(jerk_effects if self._fields.surge.all() else slack_effects)(self.runs, residuals),
             *springing_effects(self.runs, residuals),
             *shift_effects(self.runs, residuals),
             *((offset_each(len(self.runs)),) if len(self.runs) > 1 else ()),
             *(delay_effects(self.runs, self.node_s, self._pulled(base.hypothesis)) if self.celled else ()),
-        ]
+        )
+        return [effect for effect in found if effect.name not in self._without]
 
     def _pulled(self, h: Hypothesis) -> Array:
         """(nodes, runs) what the lines of a hypothesis would pull with along the measured motion."""

@@ -305,9 +305,11 @@ def test_what_the_camera_sees_by_hand() -> None:
 
 def test_the_free_forms_are_powers_of_time_place_and_heading() -> None:
     t = np.linspace(0, 8, 5)
-    forms = shapes_of(seen(t, np.zeros(5)))
+    forms = shapes_of(seen(t, np.full(5, 0.1)))
     y, b, at = 0.2 / Y_M, 0.04 / BETA_RAD, t / 4 - 1
-    for found, truth in zip(forms, (1.0, at, y, y * y, b, b * b, y * b), strict=True):
+    across, turning, side = 0.1 / V_M_S, 0.05 / R_RAD_S, 0.1 / BETA_RAD
+    truths = (1.0, at, y, y * y, b, b * b, y * b, across, turning, at * across, at * turning, side)
+    for found, truth in zip(forms, truths, strict=True):
         np.testing.assert_allclose(found[:, 0, 0], np.broadcast_to(truth, 5), rtol=1e-12)
 
 
@@ -503,7 +505,7 @@ def test_a_free_force_has_each_of_its_shapes_for_side_and_for_moment() -> None:
     waves += [f(2 * np.pi * k * b) for k in TURNED_PER_RAD for f in (np.sin, np.cos)]
     np.testing.assert_allclose(shapes("placed", s), waves, rtol=1e-12)
     here = shapes("", s)
-    there = shapes("", replace(s, y_m=-0.3, beta_rad=-0.08, v_m_s=-s.v_m_s, r_rad_s=-s.r_rad_s))
+    there = shapes("", replace(s, y_m=-0.3, beta_rad=-0.08, v_m_s=-s.v_m_s, r_rad_s=-s.r_rad_s, alpha_rad=-s.alpha_rad))
     even = [0, 1, 11]  # constant, time, beta^2; all others are odd in the motion
     np.testing.assert_allclose(there[even], here[even], rtol=1e-12)
     odd = [k for k in range(len(here)) if k not in even]
@@ -512,6 +514,8 @@ def test_a_free_force_has_each_of_its_shapes_for_side_and_for_moment() -> None:
     assert here[1] == pytest.approx(2 * 4 / 40 - 1)
     assert here[4] == pytest.approx((y / Y_M) ** 3)
     assert here[11] == pytest.approx((b / BETA_RAD) ** 2)
+    lagged = replace(s, v_lag=np.array([[-0.16]]), r_lag=np.array([[0.05]]))
+    np.testing.assert_allclose(shapes("remembered", lagged), [-0.05 / V_M_S, -0.02 / R_RAD_S], rtol=1e-12)
 
 
 def test_a_push_that_comes_once_is_in_its_runs_and_at_its_time() -> None:

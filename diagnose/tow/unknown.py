@@ -12,6 +12,7 @@ import numpy as np
 
 from ...simulate.model import Array
 from ..effects import Effect, Parameter, Seen, Situation
+from ..effects.members import Members
 from .pushes import MOST_N, Push
 
 V_M_S, R_RAD_S, Y_M, BETA_RAD = 0.1, 0.05, 0.2, 0.15
@@ -31,10 +32,15 @@ SIZES_N = (0.01, 0.07)
 SIZES_M = (0.0005, 0.003)
 """The same of such faults of what is seen."""
 CHANNELS = ("x", "y", "b", "d")
+"""Of what is seen: x, y, heading, marker distance."""
+SEEN = 12
+"""How many ``shapes_of`` there are."""
 SHAKES = 4
 """Frequencies that are tried."""
 OFF_HZ = 0.01
 """A peak of a run of 45 s is as wide."""
+REMEMBERED, LAG_S = "remembered", 1.5
+"""A variant, and how long it takes to forget."""
 Shapes = Callable[[Situation], Sequence[Any]]
 
 
@@ -43,7 +49,15 @@ def _smooth(s: Situation) -> Sequence[Any]:
     v, r, y, b = s.v_m_s / V_M_S, s.r_rad_s / R_RAD_S, s.y_m / Y_M, s.beta_rad / BETA_RAD
     time = 2 * s.t_s / s.duration_s - 1 + 0.0 * v
     plain = (1 + 0.0 * v, time, y, y * np.abs(y), y**3, v * np.abs(v), v**3, r * np.abs(r), r**3, v * v * r, v * r * r)
-    return (*plain, b * b, time * v, np.tanh(b / SHARP), np.tanh(v / SHARP), np.tanh(r / SHARP))
+    # a force that goes with accelerations is, for a hull that follows its equation, one that goes with the line's side force
+    side = (s.alpha_rad + s.beta_rad) / BETA_RAD
+    drawn = (side, side**3, time * side, time * v, time * r, np.abs(v) * r, v * np.abs(r))
+    return (*plain, b * b, *drawn, np.tanh(b / SHARP), np.tanh(v / SHARP), np.tanh(r / SHARP))
+
+
+def _remembered(s: Situation) -> Sequence[Any]:
+    """What has not come to rest since the motion was another."""
+    return (s.v_lag - s.v_m_s) / V_M_S, (s.r_lag - s.r_rad_s) / R_RAD_S
 
 
 def _placed(s: Situation) -> Sequence[Any]:
@@ -59,8 +73,13 @@ def _changed(s: Situation) -> Sequence[Any]:
     return [time * motion + 0.0 * s.v_m_s for time in times for motion in with_motion]
 
 
-SHAPES: dict[str, tuple[Shapes, int]] = {"": (_smooth, 16), "placed": (_placed, 24), "changed": (_changed, 16)}
-"""Variants of a free force, and how many shapes each has."""
+SHAPES: dict[str, tuple[Shapes, int, list[tuple[int, ...]]]] = {
+    "": (_smooth, 22, [(k,) for k in range(22)]),
+    "placed": (_placed, 24, [(k, k + 1) for k in range(0, 24, 2)]),
+    "changed": (_changed, 16, [(k,) for k in range(16)]),
+    REMEMBERED: (_remembered, 2, [(0,), (1,)]),
+}
+"""Variants of a free force, how many shapes each has, and which of these may be there without the others."""
 
 
 def _force_of(shapes: Shapes, count: int) -> Callable[..., tuple[Any, Any]]:
@@ -76,9 +95,11 @@ def _sum(numbers: Sequence[Any], shapes: Sequence[Any]) -> Any:
 
 
 def shapes_of(seen: Seen) -> tuple[Array, ...]:
-    """Shapes that a fault of what is seen may have: 1, time, y, y^2, beta, beta^2 and y beta.
+    """Shapes that a fault of what is seen may have: 1, time, y, y^2, beta, beta^2, y beta, the rates of y and beta, time times
+    each of these, and the line's side force.
 
-    Time goes from -1 to 1 over the run; y and beta are in units of Y_M and BETA_RAD.
+    Time goes from -1 to 1 over the run; y, beta, their rates and the sine of the angle between line and model are in units of
+    Y_M, BETA_RAD, V_M_S, R_RAD_S and BETA_RAD.
 
     Parameters
     ----------
@@ -86,7 +107,9 @@ def shapes_of(seen: Seen) -> tuple[Array, ...]:
     """
     y, b = seen.pose[1] / Y_M, seen.pose[2] / BETA_RAD
     time = seen.t_s / np.maximum(seen.t_s.max(), 1.0) * 2 - 1 + 0.0 * y
-    return (1 + 0.0 * y, time, y, y * y, b, b * b, y * b)
+    across, turning = seen.rate[1] / V_M_S, seen.rate[2] / R_RAD_S
+    late = (across, turning, time * across, time * turning)
+    return (1 + 0.0 * y, time, y, y * y, b, b * b, y * b, *late, seen.side / BETA_RAD)
 
 
 def _seen(seen: Seen, *numbers) -> tuple[Any, Any, Any, Any]:
@@ -117,9 +140,11 @@ def free_forms(runs: int, shaken_hz: Sequence[float]) -> tuple[Effect, ...]:
             "Look at when and where it shows.",
             force=force,
             sizes=(1.0,),
+            members=_alone([[f"{what}{k}" for k in group for what in "yn"] for group in groups]),
             variant=f"{size:g} N",
+            lag_s=LAG_S if kind == REMEMBERED else 0.0,
         )
-        for kind, (shapes, count) in SHAPES.items()
+        for kind, (shapes, count, groups) in SHAPES.items()
         for force in (_force_of(shapes, count),)
         for size in SIZES_N
     )
@@ -130,17 +155,24 @@ def free_forms(runs: int, shaken_hz: Sequence[float]) -> tuple[Effect, ...]:
             tuple(
                 Parameter(f"{what}{k}", _unit(what), size * (0.5 if what == "b" else 1.0))
                 for what in CHANNELS
-                for k in range(7)
+                for k in range(SEEN)
             ),
             "Something in camera or clock that no effect of the library has.",
             "Run towline check; look where the invariants depart.",
             observe=_seen,
             sizes=(1.0,),
+            members=_alone([[f"{what}{k}"] for what in CHANNELS for k in range(SEEN)]),
             variant=f"{1e3 * size:g} mm",
         )
         for size in SIZES_M
     )
     return (*forces, *sights, *(shake for hz in shaken_hz[:SHAKES] for shake in _shaken(runs, hz)))
+
+
+def _alone(groups: Sequence[Sequence[str]], always: Sequence[str] = ()) -> Members:
+    """Each group of numbers alone, half of the prior, or all together, the other half; some are there always."""
+    whole = (*(name for group in groups for name in group), *always)
+    return (*((*group, *always) for group in groups), *[whole] * len(groups))
 
 
 def _unit(channel: str) -> str:
@@ -188,6 +220,9 @@ def _shaken(runs: int, hz: float) -> list[Effect]:
             observe=observe,
             sizes=(1.0,),
             bound=True,
+            members=_alone(
+                [[f"{n}{run}{w}" for run in range(runs) for w in ("sin", "cos")] for n, _ in what], ["off_hz"]
+            ),
             variant=f"{hz:.3f} Hz, {1e3 * size_m:g} mm",
             cost=float(np.log(SHAKES * len(SIZES_M))),
         )

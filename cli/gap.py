@@ -33,6 +33,9 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
         metavar="DATA",
         help="records kept aside to measure the shrink on",
     )
+    sub.add_argument(
+        "--law", action="store_true", help="search a missing term of the states, too, for what no effect explains"
+    )
     sub.add_argument("-o", "--out", type=Path, help="where the results go (default: out beside the first table)")
 
 
@@ -49,7 +52,7 @@ def call(options: argparse.Namespace) -> int:
             else:
                 print(f"{text} ...", file=sys.stderr, flush=True)
 
-        found = gap_of_model(options.model, options.tables, options.columns, options.hold_out, tell)
+        found = gap_of_model(options.model, options.tables, options.columns, options.hold_out, tell, options.law)
     file = found.file
     written = write_gap(options.out or options.tables[0].parent / "out", found, options.model)
     print_notes(found.notes)

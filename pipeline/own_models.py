@@ -28,6 +28,7 @@ def gap_of_model(
     data: Path | None = None,
     held_out: Sequence[Path] = (),
     progress: Progress | None = None,
+    law: bool = False,
 ) -> OwnGap:
     """Diagnose a model of one's own.
 
@@ -38,6 +39,7 @@ def gap_of_model(
     data : what says what their columns are; None: NAME.toml or data.toml beside each
     held_out : records kept aside for the shrink; none: each in turn
     progress : is told what is done
+    law : a missing term of the states is searched, beside the library's effects
 
     Raises
     ------
@@ -60,7 +62,7 @@ def gap_of_model(
     # the bootstrap of an interval: the same records give the same answer
     rng = np.random.default_rng(int.from_bytes("".join(sorted(inputs.values())).encode()[:8].ljust(8, b"0"), "big"))
     try:
-        return own_gap(adapted, records, __version__, inputs, held, rng, say)
+        return own_gap(adapted, records, __version__, inputs, held, rng, say, law=law)
     except np.linalg.LinAlgError as error:
         raise EstimationError(f"the records' normal equations cannot be solved ({error}); do they move?") from error
 

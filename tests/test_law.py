@@ -11,14 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from towline.blind.draw import CASES, case_of, gentle, write_cases
 from towline.blind.signature import distances_of, linear
 from towline.blind.truth.cases import Case
 from towline.cli.main import main
 from towline.diagnose.effects import Effect, Parameter, Situation
-from towline.diagnose.gap import diagnosed
 from towline.diagnose.inference.evidence import Inference
 from towline.diagnose.inference.grams import Grams
 from towline.diagnose.inference.hypothesis import with_effects
@@ -28,7 +26,6 @@ from towline.diagnose.law.grammar import grammar, resistances
 from towline.diagnose.law.search import without_linear
 from towline.diagnose.law.table import Choice, Table
 from towline.diagnose.law.terms import ACTS, AHEAD, Range, State, effect_of, state_of, term, values_of, written
-from towline.diagnose.law.users import added, user_terms
 from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
 from towline.record.errors import TowlineError
 from towline.record.law_file import LawFile
@@ -371,51 +368,3 @@ def test_no_law_is_looked_for_in_noise(tmp_path: Path) -> None:
     assert (file.verdict, file.laws) == ("no_gap", [])
     assert "noise" in file.sentences[0]
     assert not (tmp_path / "out" / "law.py").exists()
-
-
-@pytest.mark.parametrize("missing", ["", "law x^3"])
-def test_a_simulator_of_ones_own_misses_a_cube(missing: str) -> None:
-    """x' = -0.5 x + 2 sin(w t), with -0.4 x^3 by scipy's integrator: the term and its size, and nothing where none is missing.
-
-    Terms of one variable are near to one another: what is named may be x^3 or a neighbour, and x^3 has more than a tenth.
-    """
-    rng, step_s, count, noise = np.random.default_rng(4), 0.1, 120, 0.004
-    usual, t_s = {"x": 1.5}, 0.1 * np.arange(120)
-    rates_hz = (0.11, 0.17, 0.29)
-
-    def truth(t: float, x: np.ndarray, w: float) -> np.ndarray:
-        return -0.5 * x + 2 * np.sin(w * t) - (0.4 * x**3 if missing else 0.0)
-
-    runs = []
-    for k, hertz in enumerate(rates_hz):
-        path = solve_ivp(truth, (0, t_s[-1]), [0.3], t_eval=t_s, args=(2 * np.pi * hertz,), rtol=1e-9, atol=1e-10).y[0]
-        values = path + noise * rng.normal(size=count)
-        runs.append(UsersRun(f"run-{k}", t_s, values[:, None], noise**2 * np.eye(count)[None]))
-
-    def simulate(run: UsersRun, n: dict, effects: dict) -> np.ndarray:
-        w, x = 2 * np.pi * rates_hz[int(run.name[-1])], n["x0"] + 0.0
-
-        def rates(t: float, x: np.ndarray) -> np.ndarray:
-            return -n["k"] * x + 2 * np.sin(w * t) + added(effects, usual, x=x)
-
-        path = [x]
-        for t in t_s[:-1]:
-            k1 = rates(t, x)
-            k2 = rates(t + step_s / 2, x + step_s / 2 * k1)
-            k3 = rates(t + step_s / 2, x + step_s / 2 * k2)
-            x = x + step_s / 6 * (k1 + 2 * k2 + 2 * k3 + rates(t + step_s, x + step_s * k3))
-            path.append(x)
-        return np.array(path)[:, None]
-
-    simulator = UsersSimulator(
-        runs, simulate, [UsersNumber("k", 0.5, size=0.5)], [UsersNumber("x0", [0.3] * 3)], usual_force=1e-3
-    )
-    found = diagnosed(simulator, user_terms(usual, 2.0, "tank"), "t", {}, rng=np.random.default_rng(0)).file
-    if not missing:
-        assert found.verdict == "no_gap"
-        return
-    assert found.verdict == "effect"
-    cube = next(row for row in found.ranking if row.effects == [missing])
-    assert cube.probability > 0.1
-    size = cube.parameters[f"{missing}.size"]
-    assert abs(size.value + 0.4 * 1.5**3) < 4 * size.std

@@ -63,6 +63,7 @@ def own_gap(
     progress: Callable[[str], None] | None = None,
     spread: Spread = one_by_one,
     without: Sequence[str] = (),
+    law: bool = False,
 ) -> OwnGap:
     """Diagnose a model of one's own.
 
@@ -76,6 +77,7 @@ def own_gap(
     progress : is told in a sentence what is done
     spread : does what is independent
     without : names of effects that are not offered
+    law : terms of the states are offered, too
 
     Raises
     ------
@@ -83,7 +85,7 @@ def own_gap(
     """
     say = progress or (lambda _: None)
     say("where the fit begins")
-    simulator = OwnSimulator(system, records.records, records.size, without)
+    simulator = OwnSimulator(system, records.records, records.size, without, law)
     library = simulator.library
     say(f"{len(library)} effects are offered")
     found = diagnosed(simulator, library, tool, inputs, held, rng, say, spread)

@@ -20,6 +20,7 @@ from .free import free_forms
 from .library import Scales, library_for
 from .model import Missing, Output, System, rate_of, usual_size
 from .records import Record
+from .terms import laws_for
 
 INNERS, EXACT = (1, 2, 4, 8, 16, 32), 0.02
 """Steps of integration between two samples: the fewest whose outputs are within this share of the noise of twice as many."""
@@ -91,6 +92,7 @@ class OwnSimulator(UsersSimulator):
     records : of one step
     size : samples in a block
     without : names of effects that are not offered
+    law : terms of the states are offered, too (``terms``)
 
     Attributes
     ----------
@@ -103,7 +105,9 @@ class OwnSimulator(UsersSimulator):
     EstimationError : no course of the model stays within bounds, or none is exact
     """
 
-    def __init__(self, system: System, records: Sequence[Record], size: int, without: Sequence[str] = ()) -> None:
+    def __init__(
+        self, system: System, records: Sequence[Record], size: int, without: Sequence[str] = (), law: bool = False
+    ) -> None:
         self.system, self.blocks = system, [Blocks(record, size) for record in records]
         self.kinematic = rate_of(system)
         self._numbers = [n for n in system.numbers if not n.known]
@@ -127,7 +131,8 @@ class OwnSimulator(UsersSimulator):
         best = self.starts()[0]
         self._inner = max(self._inner, self._exact(best))
         self.scales, self.random = self._scaled(best)
-        offered = (*library_for(system, self.kinematic, self.scales), *system.missing)
+        laws = laws_for(system, self.kinematic, self.scales) if law else ()
+        offered = (*library_for(system, self.kinematic, self.scales), *laws, *system.missing)
         self.missing = {m.name: m for m in offered if m.name not in without}
         self._dynamic = [s for s in system.states if self.random.get(s.name)]
         self.most_force = MOST_FORCE / USUAL_FORCE * FORCE_SD_N

@@ -21,6 +21,7 @@ from towline.diagnose.tow.unknown import (
     BETA_RAD,
     CHANGES,
     R_RAD_S,
+    SIDE_N,
     TURNED_PER_RAD,
     V_M_S,
     Y_M,
@@ -505,7 +506,7 @@ def test_a_free_force_has_each_of_its_shapes_for_side_and_for_moment() -> None:
     waves += [f(2 * np.pi * k * b) for k in TURNED_PER_RAD for f in (np.sin, np.cos)]
     np.testing.assert_allclose(shapes("placed", s), waves, rtol=1e-12)
     here = shapes("", s)
-    there = shapes("", replace(s, y_m=-0.3, beta_rad=-0.08, v_m_s=-s.v_m_s, r_rad_s=-s.r_rad_s, alpha_rad=-s.alpha_rad))
+    there = shapes("", replace(s, y_m=-0.3, beta_rad=-0.08, v_m_s=-s.v_m_s, r_rad_s=-s.r_rad_s))
     even = [0, 1, 11]  # constant, time, beta^2; all others are odd in the motion
     np.testing.assert_allclose(there[even], here[even], rtol=1e-12)
     odd = [k for k in range(len(here)) if k not in even]
@@ -514,6 +515,10 @@ def test_a_free_force_has_each_of_its_shapes_for_side_and_for_moment() -> None:
     assert here[1] == pytest.approx(2 * 4 / 40 - 1)
     assert here[4] == pytest.approx((y / Y_M) ** 3)
     assert here[11] == pytest.approx((b / BETA_RAD) ** 2)
+    side = 3.96 * np.sin(-0.2 + 0.08) / SIDE_N
+    np.testing.assert_allclose(
+        shapes("drawn", s), [side, side * abs(side), side**3, (2 * 4 / 40 - 1) * side], rtol=1e-12
+    )
     lagged = replace(s, v_lag=np.array([[-0.16]]), r_lag=np.array([[0.05]]))
     np.testing.assert_allclose(shapes("remembered", lagged), [-0.05 / V_M_S, -0.02 / R_RAD_S], rtol=1e-12)
 

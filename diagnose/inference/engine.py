@@ -54,6 +54,8 @@ WORTH_PAIRS_BELOW = 30.0
 MOST_REFINEMENTS, BASE_REFINEMENTS, CONVERGED_GAIN = 5, 15, 3.0
 """A fit is refined at most so often, and the base, which all others are held against; a fit counts as converged when a refinement
 raises its log evidence, or a step promises to raise it, by less than this."""
+STILL_GOING = 2
+"""So many fits that are not at their end are gone on with beside the best few."""
 WORTH_REFINING = 0.3
 """A free form is refined only if its log evidence is at least this share of the best effect's."""
 TWINS = 3.0
@@ -118,12 +120,20 @@ def ranked(
     candidates = _converged(inference, candidates, base)
     pairs = _pairs(inference, candidates, base, usable, len(names), say, gross, forms)
     candidates += _converged(inference, sorted(pairs, key=lambda c: -c.log_evidence), base)
-    free_form = max(free_found, key=lambda c: c.log_evidence, default=None)
-    best = candidates[0].log_evidence if candidates else 0.0
-    if free_form is not None and free_form.log_evidence > max(CLEAR, WORTH_REFINING * best):
-        free_form = _converged(inference, [free_form], base)[0]
+    free_form = _best_free(inference, base, free_found, candidates[0].log_evidence if candidates else 0.0)
     beside = _beside(inference, candidates, base, simulator.free_beside(), say)
     return inference, shared_out(inference, _ranking(inference, base, candidates, free_form, beside, excluded))
+
+
+def _best_free(inference: Inference, base: Fitted, found: Sequence[Candidate], best: float) -> Candidate | None:
+    """The best free form; those that may come near to the ``best`` log evidence are refined: many shapes take many steps."""
+    ends = []
+    for c in found:
+        if np.isfinite(_hoped(c, base)) and _hoped(c, base) > max(CLEAR, WORTH_REFINING * best):
+            fitted = _settled(inference, c.fitted)
+            c = replace(c, fitted=fitted, log_evidence=_worth(fitted) - base.log_evidence)
+        ends.append(c)
+    return max(ends, key=lambda c: c.log_evidence, default=None)
 
 
 def extended(inference: Inference, ranking: Ranking, candidates: Sequence[Candidate]) -> Ranking:
@@ -234,8 +244,13 @@ def _siblings(
 
 
 def _converged(inference: Inference, candidates: list[Candidate], base: Fitted) -> list[Candidate]:
-    """The best few refined until they converge: only then can they be compared with a pair, which starts from them."""
+    """The best few, and those that are still on their way to something better, refined until they converge: only then can they be
+    compared with a pair, which starts from them.
+    """
     few = [c for c in candidates[:3] if c.log_evidence > max(CLEAR, candidates[0].log_evidence - WORTH_PAIRS_BELOW)]
+    best = max((c.log_evidence for c in few), default=CLEAR)
+    going = sorted((c for c in candidates if all(c is not one for one in few)), key=lambda c: -_hoped(c, base))
+    few += [c for c in going[:STILL_GOING] if np.isfinite(_hoped(c, base)) and _hoped(c, base) > best]
     if not few:
         return candidates
     fitted, moving = [c.fitted for c in few], list(range(len(few)))
@@ -251,6 +266,11 @@ def _converged(inference: Inference, candidates: list[Candidate], base: Fitted) 
     ]
     rest = [c for c in candidates if all(c is not one for one in few)]
     return sorted((*better, *rest), key=lambda c: -c.log_evidence)
+
+
+def _hoped(c: Candidate, base: Fitted) -> float:
+    """Log evidence with what the next step promises."""
+    return c.fitted.log_evidence - base.log_evidence
 
 
 def _refined(inference: Inference, fitted: Sequence[Fitted]) -> list[Fitted]:

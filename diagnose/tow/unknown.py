@@ -27,8 +27,8 @@ CHANGES = (0.25, 0.4, 0.55, 0.7)
 """Of a run's duration: when something may have changed."""
 CHANGE_S = 1.0
 """... and how long the change takes."""
-SIZES_N = (0.01, 0.07)
-"""Prior standard deviations of such forces: faint and plain. Choices."""
+SIZES_N = (0.01, 0.07, 0.4)
+"""Prior standard deviations of such forces: faint, plain and gross. Choices."""
 SIZES_M = (0.0005, 0.003)
 """The same of such faults of what is seen."""
 CHANNELS = ("x", "y", "b", "d")
@@ -39,8 +39,15 @@ SHAKES = 4
 """Frequencies that are tried."""
 OFF_HZ = 0.01
 """A peak of a run of 45 s is as wide."""
+NAMED = (0, 5, 6, 7, 8, 9, 10, 14, 15)
+"""Of the smooth shapes: a constant (``hull_asymmetry``), moduli and cubes (``crossflow_drag``, ``cubic_damping``)."""
+SEEN_NAMED = {"x": (0, 1, 2, 7), "y": (0, 2, 7), "b": (0, 8), "d": (0, 2, 8)}
+"""Of ``shapes_of``, channel by channel: what is constant, goes with the place or with a rate (``datum_bias``, ``datum_scale``,
+``deck_height``, ``frame_rate``, ``rolling_shutter``)."""
 REMEMBERED, LAG_S = "remembered", 1.5
 """A variant, and how long it takes to forget."""
+DRAWN, SIDE_N = "drawn", 0.5
+"""A variant, and a usual side force of a line."""
 Shapes = Callable[[Situation], Sequence[Any]]
 
 
@@ -49,10 +56,14 @@ def _smooth(s: Situation) -> Sequence[Any]:
     v, r, y, b = s.v_m_s / V_M_S, s.r_rad_s / R_RAD_S, s.y_m / Y_M, s.beta_rad / BETA_RAD
     time = 2 * s.t_s / s.duration_s - 1 + 0.0 * v
     plain = (1 + 0.0 * v, time, y, y * np.abs(y), y**3, v * np.abs(v), v**3, r * np.abs(r), r**3, v * v * r, v * r * r)
-    # a force that goes with accelerations is, for a hull that follows its equation, one that goes with the line's side force
-    side = (s.alpha_rad + s.beta_rad) / BETA_RAD
-    drawn = (side, side**3, time * side, time * v, time * r, np.abs(v) * r, v * np.abs(r))
-    return (*plain, b * b, *drawn, np.tanh(b / SHARP), np.tanh(v / SHARP), np.tanh(r / SHARP))
+    drifting = (time * v, time * r, np.abs(v) * r, v * np.abs(r))
+    return (*plain, b * b, *drifting, np.tanh(b / SHARP), np.tanh(v / SHARP), np.tanh(r / SHARP))
+
+
+def _drawn(s: Situation) -> Sequence[Any]:
+    """What goes with the line's side force as it is: for a hull that follows its equation, all that goes with accelerations."""
+    side = s.tension_n * np.sin(s.alpha_rad + s.beta_rad) / SIDE_N
+    return side, side * np.abs(side), side**3, (2 * s.t_s / s.duration_s - 1) * side
 
 
 def _remembered(s: Situation) -> Sequence[Any]:
@@ -74,12 +85,15 @@ def _changed(s: Situation) -> Sequence[Any]:
 
 
 SHAPES: dict[str, tuple[Shapes, int, list[tuple[int, ...]]]] = {
-    "": (_smooth, 22, [(k,) for k in range(22)]),
+    "": (_smooth, 19, [(k,) for k in range(19) if k not in NAMED]),
     "placed": (_placed, 24, [(k, k + 1) for k in range(0, 24, 2)]),
     "changed": (_changed, 16, [(k,) for k in range(16)]),
     REMEMBERED: (_remembered, 2, [(0,), (1,)]),
+    DRAWN: (_drawn, 4, [(k,) for k in range(4)]),
 }
-"""Variants of a free force, how many shapes each has, and which of these may be there without the others."""
+"""Variants of a free force, how many shapes each has, and which of these may be there without the others: not those that are an
+effect of the library, with which they would share the probability.
+"""
 
 
 def _force_of(shapes: Shapes, count: int) -> Callable[..., tuple[Any, Any]]:
@@ -140,9 +154,10 @@ def free_forms(runs: int, shaken_hz: Sequence[float]) -> tuple[Effect, ...]:
             "Look at when and where it shows.",
             force=force,
             sizes=(1.0,),
-            members=_alone([[f"{what}{k}" for k in group for what in "yn"] for group in groups]),
+            members=_alone([[f"{what}{k}" for k in group for what in "yn"] for group in groups], _names("yn", count)),
             variant=f"{size:g} N",
             lag_s=LAG_S if kind == REMEMBERED else 0.0,
+            by_pull=kind == DRAWN,
         )
         for kind, (shapes, count, groups) in SHAPES.items()
         for force in (_force_of(shapes, count),)
@@ -161,7 +176,10 @@ def free_forms(runs: int, shaken_hz: Sequence[float]) -> tuple[Effect, ...]:
             "Run towline check; look where the invariants depart.",
             observe=_seen,
             sizes=(1.0,),
-            members=_alone([[f"{what}{k}"] for what in CHANNELS for k in range(SEEN)]),
+            members=_alone(
+                [[f"{what}{k}"] for what in CHANNELS for k in range(SEEN) if k not in SEEN_NAMED[what]],
+                _names(CHANNELS, SEEN),
+            ),
             variant=f"{1e3 * size:g} mm",
         )
         for size in SIZES_M
@@ -169,10 +187,13 @@ def free_forms(runs: int, shaken_hz: Sequence[float]) -> tuple[Effect, ...]:
     return (*forces, *sights, *(shake for hz in shaken_hz[:SHAKES] for shake in _shaken(runs, hz)))
 
 
-def _alone(groups: Sequence[Sequence[str]], always: Sequence[str] = ()) -> Members:
-    """Each group of numbers alone, half of the prior, or all together, the other half; some are there always."""
-    whole = (*(name for group in groups for name in group), *always)
-    return (*((*group, *always) for group in groups), *[whole] * len(groups))
+def _alone(groups: Sequence[Sequence[str]], every: Sequence[str]) -> Members:
+    """Each group of numbers alone, half of the prior, or every number, the other half."""
+    return (*(tuple(group) for group in groups), *[tuple(every)] * len(groups))
+
+
+def _names(channels: Sequence[str], count: int) -> list[str]:
+    return [f"{what}{k}" for what in channels for k in range(count)]
 
 
 def _unit(channel: str) -> str:
@@ -202,6 +223,7 @@ def _shaken(runs: int, hz: float) -> list[Effect]:
 
     def sized(size_m: float) -> Effect:
         sizes = (SIZES_N[1], SIZES_N[1], size_m, size_m, 5 * size_m)
+        each = [[f"{name}{run}{wave}" for run in range(runs) for wave in ("sin", "cos")] for name, _ in what]
         return Effect(
             "unknown shake",
             "line",
@@ -221,7 +243,7 @@ def _shaken(runs: int, hz: float) -> list[Effect]:
             sizes=(1.0,),
             bound=True,
             members=_alone(
-                [[f"{n}{run}{w}" for run in range(runs) for w in ("sin", "cos")] for n, _ in what], ["off_hz"]
+                [[*names, "off_hz"] for names in each], [*(name for names in each for name in names), "off_hz"]
             ),
             variant=f"{hz:.3f} Hz, {1e3 * size_m:g} mm",
             cost=float(np.log(SHAKES * len(SIZES_M))),

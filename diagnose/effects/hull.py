@@ -71,13 +71,19 @@ def _moduli(s: Situation, y_vv, y_vr, n_vv, n_vr, n_rr):
 
 
 def _one_part(place: float) -> Callable[..., tuple[Any, Any]]:
-    """A skeg, a deep forefoot: drag of the hull at one place, ``place`` + ``ahead`` in lengths ahead of midship."""
+    """A skeg, a deep forefoot: drag of a part of the hull about one place, ``place`` + ``ahead`` in lengths ahead of midship.
 
-    def force(s: Situation, drag, ahead):
-        arm = (place + ahead) * s.length_pp_m
-        across = s.v_m_s + arm * s.r_rad_s
-        side = -0.5 * s.density_kg_m3 * s.length_pp_m * drag * across * np.abs(across)
-        return side, arm * side
+    A bell of the standard deviation ``wide``, by Gauss and Hermite's three points.
+    """
+
+    def force(s: Situation, drag, ahead, wide):
+        side = moment = 0.0
+        for weight, off in ((2 / 3, 0.0), (1 / 6, np.sqrt(3.0)), (1 / 6, -np.sqrt(3.0))):
+            arm = (place + ahead + off * wide) * s.length_pp_m
+            across = s.v_m_s + arm * s.r_rad_s
+            here = -0.5 * weight * s.density_kg_m3 * s.length_pp_m * drag * across * np.abs(across)
+            side, moment = side + here, moment + arm * here
+        return side, moment
 
     return force
 
@@ -172,7 +178,11 @@ CROSSFLOW_FORMS = (
     *(
         replace(
             CROSSFLOW,
-            parameters=(Parameter("drag_depth_m", "m", 0.06, one_sided=True), Parameter("ahead", "", 0.15)),
+            parameters=(
+                Parameter("drag_depth_m", "m", 0.06, one_sided=True),
+                Parameter("ahead", "", 0.15),
+                Parameter("wide", "", 0.05, none=0.1),
+            ),
             force=_one_part(place),
             members=(),
             variant=f"of the {part} alone",

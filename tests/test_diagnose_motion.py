@@ -22,6 +22,7 @@ from towline.diagnose.tow.data import SLOW_S, SLOW_UNSEEN_PX, Recorded, TowRun, 
 from towline.diagnose.tow.pushes import NOTABLE, pushes
 from towline.diagnose.tow.rates import Fields
 from towline.diagnose.tow.towed import TowSimulator
+from towline.diagnose.tow.waves import waves
 from towline.record import Run, RunFile
 from towline.record.schema import WaterTable
 from towline.record.toml import check_tables
@@ -135,11 +136,43 @@ def test_a_push_that_comes_once_is_told_with_run_time_and_impulse(tows: list[Tow
     assert not pushes(*_nothing(TowSimulator([*tows, third])))
 
 
-def test_random_forces_are_not_pushes(tows: list[TowRun]) -> None:
+WAVE_M, WAVE_N = 0.078, 0.15
+
+
+def washboard(t_s: np.ndarray, y: np.ndarray, *_: object) -> tuple[np.ndarray, float]:
+    return WAVE_N * np.sin(2 * np.pi * y / WAVE_M + 0.7), 0.0
+
+
+def test_a_force_that_repeats_across_the_tank_is_told_with_its_distance() -> None:
+    """Between two of the free form's own wave numbers; the same in three tows."""
+    runs = [made(k, x, y, extra=washboard) for k, (x, y) in enumerate(((1.446, 0.2), (1.751, -0.2), (1.6, 0.15)))]
+    found = diagnosed(TowSimulator(runs), LIBRARY, "test", {}, rng=np.random.default_rng(0))
+    assert found.file.verdict == "unknown"
+    told = re.search(
+        r"It looks like a force that comes and goes every (\d+\.\d) cm across the tank", found.file.sentences[-1]
+    )
+    assert told is not None
+    # a quarter of a wave a metre is the grid
+    assert abs(100 / float(told[1]) - 1 / WAVE_M) < 0.25
+    free = found.ranking.free
+    assert free is not None
+    sine, cosine, *turn, off = free.fitted.hypothesis.numbers[0]
+    sd = np.sqrt(np.diag(free.fitted.solved.covariance)[-5:])
+    assert np.hypot(sine, cosine) == pytest.approx(WAVE_N, abs=4 * sd[:2].max())
+    assert (np.abs(turn) < 4 * sd[2:4]).all()
+    (wave,) = waves(found.inference, found.ranking.base)
+    assert wave.per_unit + off == pytest.approx(1 / WAVE_M, abs=4 * sd[4])
+
+
+def test_random_forces_are_neither_pushes_nor_waves(tows: list[TowRun]) -> None:
     """What noise and forces of the fit's own sizes do: odds of e^3 are reached by chance in e^-3 of the campaigns at most."""
     inference, base = _nothing(TowSimulator(tows))
-    forces, rng, told = replace(base.forces, side_n=0.05, moment_n_m=0.02), np.random.default_rng(1), list[bool]()
-    campaigns = 100
+    forces, rng, told = (
+        replace(base.forces, side_n=0.05, moment_n_m=0.02),
+        np.random.default_rng(1),
+        list[tuple[bool, bool]](),
+    )
+    campaigns = 30
     roots = [np.linalg.cholesky(_whole(inference, forces, k)) for k in range(len(tows))]
     for _ in range(campaigns):
         tables = []
@@ -150,9 +183,10 @@ def test_random_forces_are_not_pushes(tows: list[TowRun]) -> None:
         columns = Columns(tables, base.linear.columns.shared)
         linear, grams = replace(base.linear, columns=columns), Grams(columns, inference.noise)
         solved = inference.solve(grams, base.hypothesis, forces)
-        told.append(bool(pushes(inference, Fitted(base.hypothesis, forces, 0.0, solved, linear, grams))))
+        drawn_fit = Fitted(base.hypothesis, forces, 0.0, solved, linear, grams)
+        told.append((bool(pushes(inference, drawn_fit)), bool(waves(inference, drawn_fit))))
     expected = campaigns * np.exp(-NOTABLE)
-    assert sum(told) < expected + 4 * np.sqrt(expected)
+    assert (np.sum(told, axis=0) < expected + 4 * np.sqrt(expected)).all()
 
 
 def _nothing(simulator: TowSimulator) -> tuple[Inference, Fitted]:

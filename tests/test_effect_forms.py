@@ -52,7 +52,7 @@ def test_second_order_moduli_are_strips_where_a_hull_only_sways_or_only_turns() 
 
 @pytest.mark.parametrize(("variant", "place"), [("of the after body alone", -0.35), ("of the fore body alone", 0.35)])
 def test_one_part_of_a_hull_drags_by_its_own_speed_at_its_own_place(variant: str, place: float) -> None:
-    """A point of it, and a bell of 0.06 lengths by many strips: every strip's water runs one way, so that three points are exact."""
+    """A point of it, and a bell of 0.06 lengths by many strips: all water runs one way, so that three points are exact."""
     middle, drag = (place + 0.02) * 2.66, -0.5 * 998.0 * 2.66 * DEPTH_M
 
     def strip(arm: np.ndarray) -> np.ndarray:

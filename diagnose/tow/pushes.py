@@ -90,7 +90,7 @@ def _together(found: Sequence[_Found]) -> float:
     """Log evidence of some pushes against none, what looking costs taken off."""
     through = np.concatenate([one.through for one in found])
     matrix = block_diag(*(one.matrix for one in found)) - through @ through.T
-    gain = _gains(matrix[None], np.concatenate([one.pull for one in found])[None])
+    gain = gains(matrix[None], np.concatenate([one.pull for one in found])[None])
     return float(gain[0]) - sum(one.push.cost for one in found)
 
 
@@ -112,8 +112,8 @@ def _best_of(inference: Inference, fitted: Fitted, forces: Forces, solved: Solve
         for kind, root in enumerate(roots):
             values[:, :moving, kind] = (root @ even).reshape(moving, count, -1).swapaxes(0, 1)
         white = noise.whitened(run, forces, [values])[0].transpose(2, 1, 0)  # (tiles, 2, N)
-        pull, through, matrix = white @ rest, *_left_to_it(solved, run, white, slopes)
-        gain = _gains(matrix - through @ through.swapaxes(1, 2), pull)
+        pull, through, matrix = white @ rest, *left_to_it(solved, run, white, slopes)
+        gain = gains(matrix - through @ through.swapaxes(1, 2), pull)
         at = int(np.argmax(gain))
         if gain[at] > (cost if best is None else best.gain):
             push = Push(run, at * step_s, (at + blocks) * step_s, cost)
@@ -130,8 +130,21 @@ def _courses(count: int, blocks: int) -> Array:
     return courses
 
 
-def _left_to_it(solved: Solved, run: int, white: Array, slopes: Array) -> tuple[Array, Array]:
-    """``_Found.through`` (tiles, 2, m) and ``matrix`` (tiles, 2, 2) of pushes (tiles, 2, N), by the slopes (N, shared + own)."""
+def left_to_it(solved: Solved, run: int, white: Array, slopes: Array) -> tuple[Array, Array]:
+    """How much of what a run shows of forces the fit's own numbers leave to them.
+
+    Parameters
+    ----------
+    solved : the fit
+    run : index
+    white : (tiles, k, N) what the forces do, whitened
+    slopes : (N, shared + own) of the fit's numbers, whitened
+
+    Returns
+    -------
+    through (tiles, k, m), how much the shared numbers can take up, in units of their standard deviations, and (tiles, k, k)
+    information beside the run's own numbers
+    """
     shared, part = len(solved.shared), solved.reduced
     cross = white @ slopes
     own = cross[..., shared:]
@@ -140,8 +153,18 @@ def _left_to_it(solved: Solved, run: int, white: Array, slopes: Array) -> tuple[
     return (cross[..., :shared] - followed @ part.cross[run]) @ np.linalg.cholesky(solved.covariance), matrix
 
 
-def _gains(matrix: Array, pull: Array) -> Array:
-    """(tiles,) log evidence of numbers with this information (tiles, k, k) and gradient (tiles, k) against nothing, of any size."""
+def gains(matrix: Array, pull: Array) -> Array:
+    """Log evidence of forces of any usual size against nothing.
+
+    Parameters
+    ----------
+    matrix : (tiles, k, k) information, in 1/N^2 and 1/(N m)^2
+    pull : (tiles, k) gradient
+
+    Returns
+    -------
+    (tiles,)
+    """
     logs = []
     for share in SIZES:
         sd = share * MOST_N
@@ -151,4 +174,4 @@ def _gains(matrix: Array, pull: Array) -> Array:
     return logsumexp(logs, axis=0) - float(np.log(len(SIZES)))
 
 
-__all__ = ["Push", "pushes"]
+__all__ = ["Push", "gains", "left_to_it", "pushes"]

@@ -28,7 +28,8 @@ from .shifts import shift_effects
 from .slackness import jerk_effects, slack_effects
 from .springs import springing_effects
 from .start import base_hypotheses, lawful_hypotheses, settings_of, straight_pull
-from .unknown import free_forms, one_off
+from .unknown import free_forms, one_off, repeating
+from .waves import waves
 from .weak import by_motion
 
 if TYPE_CHECKING:
@@ -198,8 +199,9 @@ class TowSimulator(TowModel):
         return free_forms(len(self.runs), shaken_hz)
 
     def one_off(self, inference: Inference, base: Fitted) -> Sequence[Effect]:
-        """What pushed the model once in some runs, where random forces must do far more at one time than at any other."""
-        return one_off([run.name for run in self.runs], pushes(inference, base))
+        """What pushed the model once in some runs, and what repeats across the tank, where random forces must stand for it."""
+        names = [run.name for run in self.runs]
+        return (*one_off(names, pushes(inference, base)), *repeating(waves(inference, base)))
 
     def free_beside(self) -> Sequence[Effect]:
         """None: real walls, swivels and rolls have not the library's formulas, and what a free form finds beside them is that."""

@@ -14,6 +14,7 @@ from ...simulate.model import Array
 from ..effects import Effect, Parameter, Seen, Situation
 from ..effects.members import Members
 from .pushes import MOST_N, Push
+from .waves import GRIDS, Wave
 
 V_M_S, R_RAD_S, Y_M, BETA_RAD = 0.1, 0.05, 0.2, 0.15
 """Usual sizes of a tow's motion."""
@@ -295,4 +296,48 @@ def one_off(names: Sequence[str], pushes: Sequence[Push]) -> tuple[Effect, ...]:
     )
 
 
-__all__ = ["free_forms", "one_off"]
+def repeating(found: Sequence[Wave]) -> tuple[Effect, ...]:
+    """A force that comes and goes at one wave number, in y or in the heading.
+
+    Parameters
+    ----------
+    found : wave numbers that stand out
+    """
+    return tuple(_repeats(wave) for wave in found)
+
+
+def _repeats(wave: Wave) -> Effect:
+    metres, step = wave.along == "y", float(np.diff(GRIDS[wave.along])[0])
+    unit = "m" if metres else "rad"
+
+    def force(s: Situation, side_sine, side_cosine, turn_sine, turn_cosine, off):
+        angle = 2 * np.pi * (wave.per_unit + off) * (s.y_m if metres else s.beta_rad)
+        sine, cosine = np.sin(angle), np.cos(angle)
+        return side_sine * sine + side_cosine * cosine, turn_sine * sine + turn_cosine * cosine
+
+    where = (
+        f"every {100 / wave.per_unit:.1f} cm across the tank"
+        if metres
+        else f"every {np.degrees(1 / wave.per_unit):.1f} degrees"
+    )
+    return Effect(
+        "unknown force that repeats",
+        "sway",
+        (
+            *(
+                Parameter(f"{what}_{part}", f"N{' m' * (what == 'n')}", MOST_N)
+                for what in "yn"
+                for part in ("sine", "cosine")
+            ),
+            Parameter("off", f"1/{unit}", step),
+        ),
+        "A force comes and goes with the place.",
+        "Look for what repeats at that distance: a grating, seams, an eddy left standing.",
+        force=force,
+        variant=where,
+        title=f"a force that comes and goes {where}",
+        cost=wave.cost,
+    )
+
+
+__all__ = ["free_forms", "one_off", "repeating"]

@@ -166,6 +166,9 @@ class _Nobody:
     def ready(self, lines: Any) -> None:
         """What is to be said before the tow."""
 
+    def steady(self, told: Any) -> None:
+        """Where a steady tow comes to rest."""
+
 
 def _films(pipe: Any, stop: Any, parent: int) -> None:
     """The process: take an order, film, say how it ended."""
@@ -213,7 +216,6 @@ class _Films:
     def film(self, order: Order, seconds: float | None, say: Callable[..., None]) -> None:
         """Film as ordered, and fit the day's tows."""
         from ..live.filming import film_static, film_tow, setup_of
-        from ..live.watch import WALL_M
 
         setup = setup_of(order.setup)
         if order.what == "fit":
@@ -234,8 +236,7 @@ class _Films:
             folder, counts = film_static(setup, order.source, order.day, telling, stopped, told)
             say(phase="done", words=f"{folder.name}: {counts.words}; the tows that come know it")
             return
-        wall_m = WALL_M if day.wall_m is None else day.wall_m
-        folder, counts = film_tow(setup, order.source, order.day, telling, stopped, wall_m, True, told)
+        folder, counts = film_tow(setup, order.source, order.day, telling, stopped, day.wanted, True, told)
         if os.getppid() == self._parent:
             self._fit(order, day, telling.ended_s, f"{folder.name}: {counts.words}. ", say)
 

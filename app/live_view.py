@@ -43,6 +43,7 @@ class Tail:
     folder : of the tow
     frames : of the last ``SHOWN_S``
     events : newest last
+    steady : what was said last of where a steady tow comes to rest; None: nothing
     ready : by what it is of: words, and whether it is in order
     version : goes up with everything new
     """
@@ -51,6 +52,7 @@ class Tail:
     frames: deque[dict[str, Any]] = field(default_factory=deque)
     events: deque[dict[str, Any]] = field(default_factory=lambda: deque(maxlen=MOST_EVENTS))
     ready: dict[str, tuple[str, bool]] = field(default_factory=dict)
+    steady: dict[str, Any] | None = None
     version: int = 0
     _reader: LogReader | None = None
 
@@ -65,6 +67,8 @@ class Tail:
                     self.frames.popleft()
             elif "event" in record:
                 self.events.append(record)
+            elif "steady" in record:
+                self.steady = record
             elif "ready" in record:
                 self.ready[record["ready"]] = record["words"], record["good"]
 

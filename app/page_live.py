@@ -51,6 +51,7 @@ class LiveStep(Step):
                     self._plots = Plots(
                         "Nothing is filmed yet. Say where the pictures come from, and press Film a tow."
                     )
+                self._steady = ui.html("", sanitize=False)
                 self._verdict = ui.html("", sanitize=False)
                 self._verdict.props["aria-live"] = "polite"
                 with ui.element("div").style("display: flex; gap: 26px; align-items: flex-start"):
@@ -156,6 +157,9 @@ class LiveStep(Step):
         ready = tail.ready.items()
         rows = [("good" if good else "warn", "✓" if good else "look", f"{k}: {words}") for k, (words, good) in ready]
         self._ready.content = _lines(rows, "Readiness")
+        steady = tail.steady
+        kind = "" if steady is None else "good" if steady["stands"] else "warn" if steady["settled"] else ""
+        self._steady.content = "" if steady is None else _verdict(kind, steady["steady"])
         new = list(tail.events)[-SHOWN_EVENTS:][::-1]
         self._events.content = (
             _lines([(KIND[e["level"]], WORD[e["level"]], f"{e['t_s']:.1f} s: {e['words']}") for e in new], "Named")

@@ -14,6 +14,8 @@ from .common import EXIT_OK, console, show_progress
 NAME = "live"
 HELP = "film a tow: recorded as it comes, watched while it runs, fitted with the day's other tows when it is over (docs/live.md)"
 COLOURS = {"good": "green", "warning": "yellow", "fault": "bold red"}
+STEADY_EVERY_S = 5.0
+"""Where a steady tow comes to rest, so often: it changes slowly."""
 SAY_EVERY_S = 1.0
 """A line of values is printed so often: a choice, what a person can follow."""
 
@@ -55,7 +57,6 @@ def call(options: argparse.Namespace) -> int:
     from ..live.folder import tows_of
     from ..live.kept import keep_day
     from ..live.tows import Day, standing_lines
-    from ..live.watch import WALL_M
     from ..record.run import RUN_FILE
 
     setup = setup_of(options.like)
@@ -74,9 +75,8 @@ def call(options: argparse.Namespace) -> int:
         if options.static:
             folder, counts = film_static(setup, options.source, options.day, terminal, stop, told)
         else:
-            wall_m = WALL_M if day.wall_m is None else day.wall_m
             folder, counts = film_tow(
-                setup, options.source, options.day, terminal, stop, wall_m, not options.no_fit, told
+                setup, options.source, options.day, terminal, stop, day.wanted, not options.no_fit, told
             )
     print(counts.words)
     options.outcome.result["static" if options.static else "tow"] = folder.name
@@ -130,6 +130,7 @@ class _Terminal:
 
     def __init__(self) -> None:
         self._console, self._said_s, self._was_ready = console(), float("-inf"), False
+        self._steady_said_s, self._stood = float("-inf"), False
         self.ended_s = float("nan")
 
     def ended(self) -> None:
@@ -156,6 +157,14 @@ class _Terminal:
         """Something was named."""
         self._console.print(f"{event.t_s:7.2f} s  {event.words}", style=COLOURS[event.level], markup=False)
         sys.stdout.flush()
+
+    def steady(self, told: dict[str, Any]) -> None:
+        """Where a steady tow comes to rest: at once when X_v stands, or no longer does, else now and then."""
+        turned, self._stood = told["stands"] != self._stood, told["stands"]
+        if turned or told["t_s"] - self._steady_said_s >= STEADY_EVERY_S:
+            self._steady_said_s = told["t_s"]
+            style = COLOURS["good"] if told["stands"] else None
+            self._console.print(f"{told['t_s']:7.2f} s  {told['steady']}", style=style, markup=False)
 
     def ready(self, lines: list[Any]) -> None:
         """What is to be said before the tow, once; ``live.jsonl`` has it as it changes."""

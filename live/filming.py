@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 from ..geometry import DatumFit, run_datum
@@ -10,9 +11,25 @@ from ..pipeline.mistaken import named
 from ..pipeline.stages import track_run
 from ..record.errors import InputError
 from ..record.run import RUN_FILE, Run, read_run, refuse_two_cameras
-from .folder import STATIC, TOW, make_folder, next_of, static_of
+from .folder import STATIC, TOW, make_folder, next_of, static_of, tows_of
+from .resting import Resting, may_settle
 from .session import Counts, Telling, live_tow
 from .watch import WALL_M
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is to be named while a tow is filmed.
+
+    Attributes
+    ----------
+    wall_m : less room to the wall
+    x_v_m : of a steady tow, that X_v's 95 % interval is no wider than so much to either side; None: no such wish
+    """
+
+    wall_m: float = WALL_M
+    x_v_m: float | None = None
+
 
 STATIC_S = 20.0
 """Of a static record where nobody says: some hundred frames, and what is slow in the noise a few times over. A choice."""
@@ -44,7 +61,7 @@ def film_tow(
     day: Path,
     telling: Telling,
     stopped: Callable[[], bool],
-    wall_m: float = WALL_M,
+    wanted: Wanted = Wanted(),
     track: bool = True,
     told: Callable[[Path], None] = lambda _: None,
 ) -> tuple[Path, Counts]:
@@ -57,7 +74,7 @@ def film_tow(
     day : folder of the day's tows
     telling : is told what is seen
     stopped : whether to end
-    wall_m : room to the wall that is wanted
+    wanted : what is to be named
     track : make its tracks while it is filmed
     told : is told the tow's folder, which is there when the source has answered
 
@@ -67,8 +84,12 @@ def film_tow(
     """
     folder = next_of(day, TOW)
     told(folder)
-    begin = _beginning(setup, folder, static_of(day))
-    return folder, live_tow(source, folder, begin, telling, stopped, wall_m, track)
+    begin, before = _beginning(setup, folder, static_of(day)), tows_of(day)
+
+    def resting(run: Run) -> Resting | None:
+        return Resting(run, before, wanted.x_v_m) if may_settle(run) else None
+
+    return folder, live_tow(source, folder, begin, telling, stopped, wanted.wall_m, track, resting)
 
 
 def film_static(
@@ -110,4 +131,4 @@ def _beginning(setup: Run, folder: Path, static: Path | None) -> Callable[[str, 
     return begin
 
 
-__all__ = ["STATIC_S", "film_static", "film_tow", "setup_of"]
+__all__ = ["STATIC_S", "Wanted", "film_static", "film_tow", "setup_of"]

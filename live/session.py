@@ -24,6 +24,7 @@ from .log import LOG
 from .pieces import Ended, Opened, Packet, Piece
 from .ready import Line, Ready
 from .recorder import Recorder
+from .resting import Resting
 from .seen import Seeing, Seen, Valued
 from .source import Hearing
 from .stamped import Stamped
@@ -53,6 +54,10 @@ class Telling(Protocol):
 
     def ready(self, lines: list[Line]) -> None:
         """What is to be said before the tow; again and again, as it changes."""
+        ...
+
+    def steady(self, told: dict[str, Any]) -> None:
+        """Where a steady tow comes to rest, as it stands in live.jsonl."""
         ...
 
     def ended(self) -> None:
@@ -144,6 +149,7 @@ def live_tow(
     stopped: Callable[[], bool],
     wall_m: float = WALL_M,
     track: bool = True,
+    resting: Callable[[Run], Resting | None] = lambda _: None,
 ) -> Counts:
     """Film one tow: until ``stopped`` says so, or the source ends.
 
@@ -156,6 +162,7 @@ def live_tow(
     stopped : whether to end
     wall_m : room to the wall that is wanted
     track : make its tracks of the recording while that grows, so that they are there at its end
+    resting : begins to tell of a tow where it comes to rest; None: it is no tow for that
 
     Raises
     ------
@@ -166,7 +173,7 @@ def live_tow(
     recorder = _Beginning(folder, begin)
     hearing = Hearing(source, recorder.take)
     hearing.start()
-    error, tow, aside = "", None, None
+    error, tow, aside, rests, begun = "", None, None, None, False
     try:
         while True:
             if stopped():
@@ -185,8 +192,12 @@ def live_tow(
                     tow.decoding.again(piece)
             elif tow is not None:
                 tow.take(piece, times, hearing.pieces.qsize())
-                if track and aside is None and tow.said and recorder.begun is not None:
-                    aside = TrackingAside(recorder.begun[0])
+                if tow.said and not begun and recorder.begun is not None:
+                    begun = True
+                    rests = resting(recorder.begun[0])
+                    aside = TrackingAside(recorder.begun[0]) if track else None
+                for told in rests.told() if rests is not None else ():
+                    scribe.steady(told)
     except BaseException:
         if aside is not None:
             aside.drop()
@@ -194,6 +205,8 @@ def live_tow(
     finally:
         hearing.stop()
         hearing.join()
+        if rests is not None:
+            rests.end()
         scribe.close()
     telling.ended()
     if aside is not None:
@@ -305,6 +318,10 @@ class _Scribe:
         for line in lines:
             self._write({"ready": line.what, "t_s": round(t_s, 6), "good": line.good, "words": line.words})
         self._telling.ready(lines)
+
+    def steady(self, told: dict[str, Any]) -> None:
+        self._write(told)
+        self._telling.steady(told)
 
     def close(self) -> None:
         if self._file is not None:

@@ -27,6 +27,7 @@ from ..record.plan_file import PlanRequest
 from ..record.priors import DERIVATIVE_NAMES
 from ..record.results import DerivativesFile
 from ..record.toml import read_toml
+from .filming import Wanted
 from .log import LOG, spoiling
 
 RELEASE_FRAMES = 15
@@ -102,9 +103,10 @@ class Day:
         self._candidates: Candidates | None = None
 
     @property
-    def wall_m(self) -> float | None:
-        """Room to the wall that the plan wants; None without one."""
-        return None if self._request is None else self._request.limits.wall_m
+    def wanted(self) -> Wanted:
+        """What the plan wants to hear of while a tow is filmed."""
+        request = self._request
+        return Wanted() if request is None else Wanted(request.limits.wall_m, request.wish.x_v_m)
 
     def prepare(self, show: Callable[[str, int, int | None], None] | None = None) -> None:
         """Judge every tow that the plan allows, which takes its time: to be done before the first one is filmed.

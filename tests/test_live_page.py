@@ -84,6 +84,10 @@ def test_the_end_of_a_log_says_what_was_named_and_what_is_in_order(tmp_path: Pat
     assert tail.version == before + 1
     assert tail.ready == {"bow": ("seen", True)}
     assert [event["words"] for event in tail.events] == ["stern is lost"]
+    assert tail.steady is None
+    told = {"steady": "X_v 0.22 +- 0.01 m", "t_s": 9.0, "stands": True, "settled": True}
+    tail = a_log(tmp_path, told)
+    assert tail.steady == told
     assert Tail(tmp_path / "none").curves() == {}
 
 

@@ -216,6 +216,7 @@ class _Films:
     def film(self, order: Order, seconds: float | None, say: Callable[..., None]) -> None:
         """Film as ordered, and fit the day's tows."""
         from ..live.filming import film_static, film_tow, setup_of
+        from ..live.session import Wanted
 
         setup = setup_of(order.setup)
         if order.what == "fit":
@@ -233,10 +234,12 @@ class _Films:
 
         telling = _Nobody()
         if day is None:
-            folder, counts = film_static(setup, order.source, order.day, telling, stopped, told)
+            folder, counts = film_static(setup, order.source, order.day, telling, stopped, Wanted(pictures=True), told)
             say(phase="done", words=f"{folder.name}: {counts.words}; the tows that come know it")
             return
-        folder, counts = film_tow(setup, order.source, order.day, telling, stopped, day.wanted, True, told)
+        folder, counts = film_tow(
+            setup, order.source, order.day, telling, stopped, replace(day.wanted, pictures=True), True, told
+        )
         if os.getppid() == self._parent:
             self._fit(order, day, telling.ended_s, f"{folder.name}: {counts.words}. ", say)
 

@@ -73,7 +73,7 @@ def call(options: argparse.Namespace) -> int:
 
     with stop:
         if options.static:
-            folder, counts = film_static(setup, options.source, options.day, terminal, stop, told)
+            folder, counts = film_static(setup, options.source, options.day, terminal, stop, told=told)
         else:
             folder, counts = film_tow(
                 setup, options.source, options.day, terminal, stop, day.wanted, not options.no_fit, told

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from ..geometry import DatumFit, run_datum
@@ -13,23 +12,7 @@ from ..record.errors import InputError
 from ..record.run import RUN_FILE, Run, read_run, refuse_two_cameras
 from .folder import STATIC, TOW, make_folder, next_of, static_of, tows_of
 from .resting import Resting, may_settle
-from .session import Counts, Telling, live_tow
-from .watch import WALL_M
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """What is to be named while a tow is filmed.
-
-    Attributes
-    ----------
-    wall_m : less room to the wall
-    x_v_m : of a steady tow, that X_v's 95 % interval is no wider than so much to either side; None: no such wish
-    """
-
-    wall_m: float = WALL_M
-    x_v_m: float | None = None
-
+from .session import USUAL, Counts, Telling, Wanted, live_tow
 
 STATIC_S = 20.0
 """Of a static record where nobody says: some hundred frames, and what is slow in the noise a few times over. A choice."""
@@ -61,7 +44,7 @@ def film_tow(
     day: Path,
     telling: Telling,
     stopped: Callable[[], bool],
-    wanted: Wanted = Wanted(),
+    wanted: Wanted = USUAL,
     track: bool = True,
     told: Callable[[Path], None] = lambda _: None,
 ) -> tuple[Path, Counts]:
@@ -74,7 +57,7 @@ def film_tow(
     day : folder of the day's tows
     telling : is told what is seen
     stopped : whether to end
-    wanted : what is to be named
+    wanted : what is to be named and shown
     track : make its tracks while it is filmed
     told : is told the tow's folder, which is there when the source has answered
 
@@ -89,7 +72,7 @@ def film_tow(
     def resting(run: Run) -> Resting | None:
         return Resting(run, before, wanted.x_v_m) if may_settle(run) else None
 
-    return folder, live_tow(source, folder, begin, telling, stopped, wanted.wall_m, track, resting)
+    return folder, live_tow(source, folder, begin, telling, stopped, wanted, track, resting)
 
 
 def film_static(
@@ -98,6 +81,7 @@ def film_static(
     day: Path,
     telling: Telling,
     stopped: Callable[[], bool],
+    wanted: Wanted = USUAL,
     told: Callable[[Path], None] = lambda _: None,
 ) -> tuple[Path, Counts]:
     """Film the model held still, and track it: the static record of the tows that come; the arguments as for ``film_tow``.
@@ -108,7 +92,7 @@ def film_static(
     """
     folder = next_of(day, STATIC)
     told(folder)
-    counts = live_tow(source, folder, _beginning(setup, folder, None), telling, stopped, WALL_M, track=False)
+    counts = live_tow(source, folder, _beginning(setup, folder, None), telling, stopped, wanted, track=False)
     track_run(read_run(folder))
     return folder, counts
 
@@ -131,4 +115,4 @@ def _beginning(setup: Run, folder: Path, static: Path | None) -> Callable[[str, 
     return begin
 
 
-__all__ = ["STATIC_S", "Wanted", "film_static", "film_tow", "setup_of"]
+__all__ = ["STATIC_S", "film_static", "film_tow", "setup_of"]

@@ -21,6 +21,7 @@ from .clock import Times
 from .decoding import Decoding
 from .event import Event
 from .log import LOG
+from .picture import Pictures
 from .pieces import Ended, Opened, Packet, Piece
 from .ready import Line, Ready
 from .recorder import Recorder
@@ -39,6 +40,26 @@ BEHIND_S, CAUGHT_UP = 1.0, 2
 Old values help nobody."""
 READY_S, READY_EVERY_S = 3.0, 2.0
 """From the first frame on until what is said before a tow rests on enough of them; it is said again so often."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is to be named while a tow is filmed, and whether it is to be shown.
+
+    Attributes
+    ----------
+    wall_m : less room to the wall
+    x_v_m : of a steady tow, that X_v's 95 % interval is no wider than so much to either side; None: no such wish
+    pictures : small ones go into out/live.jpg, a few times a second
+    """
+
+    wall_m: float = WALL_M
+    x_v_m: float | None = None
+    pictures: bool = False
+
+
+USUAL = Wanted()
+"""Where nobody says anything."""
 
 
 class Telling(Protocol):
@@ -147,7 +168,7 @@ def live_tow(
     begin: Callable[[str, tuple[int, int]], tuple[Run, DatumFit]],
     telling: Telling,
     stopped: Callable[[], bool],
-    wall_m: float = WALL_M,
+    wanted: Wanted = USUAL,
     track: bool = True,
     resting: Callable[[Run], Resting | None] = lambda _: None,
 ) -> Counts:
@@ -160,7 +181,7 @@ def live_tow(
     begin : (name of the recording, picture's size) -> the run, whose folder is there from then on, and its datum's fit
     telling : is told what is seen
     stopped : whether to end
-    wall_m : room to the wall that is wanted
+    wanted : what is to be named and shown
     track : make its tracks of the recording while that grows, so that they are there at its end
     resting : begins to tell of a tow where it comes to rest; None: it is no tow for that
 
@@ -187,7 +208,8 @@ def live_tow(
                     assert recorder.begun is not None
                     run, fit = recorder.begun
                     scribe.open(run)
-                    tow = _Tow(Decoding(piece), Looking(run, fit, piece.codec, wall_m), scribe)
+                    pictures = Pictures(run) if wanted.pictures else None
+                    tow = _Tow(Decoding(piece), Looking(run, fit, piece.codec, wanted.wall_m), scribe, pictures)
                 else:
                     tow.decoding.again(piece)
             elif tow is not None:
@@ -207,6 +229,8 @@ def live_tow(
         hearing.join()
         if rests is not None:
             rests.end()
+        if tow is not None:
+            tow.close()
         scribe.close()
     telling.ended()
     if aside is not None:
@@ -243,8 +267,8 @@ class _Beginning(Recorder):
 class _Tow:
     """The loop's body: a piece in, what is said out."""
 
-    def __init__(self, decoding: Decoding, looking: Looking, scribe: _Scribe) -> None:
-        self.decoding, self._looking, self._scribe = decoding, looking, scribe
+    def __init__(self, decoding: Decoding, looking: Looking, scribe: _Scribe, pictures: Pictures | None) -> None:
+        self.decoding, self._looking, self._scribe, self._pictures = decoding, looking, scribe, pictures
         self._counts = Counts()
         self._said_s: float | None = None
         self._behind = False
@@ -264,14 +288,19 @@ class _Tow:
                 for event in self._looking.passed_by(stamped):
                     self._scribe.event(event)
             else:
-                self._look(stamped)
+                self._look(stamped, waiting)
 
     @property
     def said(self) -> bool:
         """What is to be said before a tow was said."""
         return self._said_s is not None
 
-    def _look(self, stamped: Stamped) -> None:
+    def close(self) -> None:
+        """No more is shown."""
+        if self._pictures is not None:
+            self._pictures.close()
+
+    def _look(self, stamped: Stamped, waiting: int) -> None:
         seen, events = self._looking.step(stamped)
         latency_s = time.monotonic() - stamped.arrived_s
         for event in events:
@@ -280,6 +309,8 @@ class _Tow:
             self._scribe.frame(seen, latency_s)
             self._counts.frames += 1
             self._counts.late += latency_s > LATE_S
+            if self._pictures is not None and not waiting:
+                self._pictures.offer(stamped.frame, seen.marks)
         t_s = stamped.frame.t_s
         self._began_s = t_s if self._began_s is None else self._began_s
         if t_s - (self._began_s if self._said_s is None else self._said_s) >= (READY_EVERY_S if self.said else READY_S):

@@ -27,8 +27,8 @@ from ..record.plan_file import PlanRequest
 from ..record.priors import DERIVATIVE_NAMES
 from ..record.results import DerivativesFile
 from ..record.toml import read_toml
-from .filming import Wanted
 from .log import LOG, spoiling
+from .session import Wanted
 
 RELEASE_FRAMES = 15
 """The release is where the model stood in the median of so many first frames: a choice, half a second of usual film."""

@@ -14,8 +14,8 @@ from scipy.signal import lfilter
 
 from towline.identify.settling import FORM, STANDS, Settling, neutral_point, settling
 from towline.identify.steady import SteadyState, steady_state
-from towline.live.filming import Wanted
 from towline.live.resting import Marks, may_settle, told_of
+from towline.live.session import Wanted
 from towline.live.tows import Day
 from towline.record.run import Run, read_run
 

@@ -137,7 +137,9 @@ class LiveStep(Step):
         self._put("tail", (None if tail is None else (tail.folder, tail.version)), self._show_tail)
         filmed = there and status.phase == "filming"
         drawn, age_s = (0, 0.0) if tail is None else tail.picture()
-        self._put("picture", (drawn, filmed and age_s > OLD_S), lambda: self._show_picture(drawn, filmed, age_s))
+        self._put(
+            "picture", (drawn, filmed, filmed and age_s > OLD_S), lambda: self._show_picture(drawn, filmed, age_s)
+        )
         standing, wrong = live.day.standing()
         self._put("day", (live.day.version, status.phase), lambda: self._show_day(standing, wrong))
 

@@ -163,6 +163,10 @@ class _Nobody:
     def event(self, event: Any) -> None:
         """Something was named."""
 
+    def camera(self, name: str) -> _Nobody:
+        """Of one of two cameras."""
+        return self
+
     def ready(self, lines: Any) -> None:
         """What is to be said before the tow."""
 
@@ -237,9 +241,8 @@ class _Films:
             folder, counts = film_static(setup, order.source, order.day, telling, stopped, Wanted(pictures=True), told)
             say(phase="done", words=f"{folder.name}: {counts.words}; the tows that come know it")
             return
-        folder, counts = film_tow(
-            setup, order.source, order.day, telling, stopped, replace(day.wanted, pictures=True), True, told
-        )
+        wanted = replace(day.wanted, pictures=True)
+        folder, (counts,) = film_tow(setup, [order.source], order.day, telling, stopped, wanted, True, told)
         if os.getppid() == self._parent:
             self._fit(order, day, telling.ended_s, f"{folder.name}: {counts.words}. ", say)
 

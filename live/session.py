@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import queue
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TextIO
@@ -21,10 +21,10 @@ from .clock import Times
 from .decoding import Decoding
 from .event import Event
 from .log import LOG
+from .meeting import Begin, Meeting, MeetingRecorder
 from .picture import Pictures
 from .pieces import Ended, Opened, Packet, Piece
 from .ready import Line, Ready
-from .recorder import Recorder
 from .resting import Resting
 from .seen import Seeing, Seen, Valued
 from .source import Hearing
@@ -79,6 +79,10 @@ class Telling(Protocol):
 
     def steady(self, told: dict[str, Any]) -> None:
         """Where a steady tow comes to rest, as it stands in live.jsonl."""
+        ...
+
+    def camera(self, name: str) -> Telling:
+        """Who shows what one of two cameras sees."""
         ...
 
     def ended(self) -> None:
@@ -163,105 +167,160 @@ class Looking:
 
 
 def live_tow(
-    source: str,
+    sources: Sequence[str],
+    stems: Sequence[str],
     folder: Path,
-    begin: Callable[[str, tuple[int, int]], tuple[Run, DatumFit]],
+    begin: Begin,
     telling: Telling,
     stopped: Callable[[], bool],
     wanted: Wanted = USUAL,
     track: bool = True,
     resting: Callable[[Run], Resting | None] = lambda _: None,
-) -> Counts:
-    """Film one tow: until ``stopped`` says so, or the source ends.
+) -> tuple[Counts, ...]:
+    """Film one tow: until ``stopped`` says so, or all sources have ended.
 
     Parameters
     ----------
-    source : as typed
+    sources : as typed; one, or one for each of the run's cameras
+    stems : what their recordings are called, before the suffix
     folder : of the run; made by ``begin``
-    begin : (name of the recording, picture's size) -> the run, whose folder is there from then on, and its datum's fit
+    begin : makes the run when all have answered
     telling : is told what is seen
     stopped : whether to end
     wanted : what is to be named and shown
     track : make its tracks of the recording while that grows, so that they are there at its end
     resting : begins to tell of a tow where it comes to rest; None: it is no tow for that
 
+    Returns
+    -------
+    counts : of each source
+
     Raises
     ------
-    VideoError : the source does not answer, or ends before a frame has come
+    VideoError : a source does not answer, or ends before a frame has come
     TowlineError : no run can be made for it
     """
-    scribe = _Scribe(telling)
-    recorder = _Beginning(folder, begin)
-    hearing = Hearing(source, recorder.take)
-    hearing.start()
-    error, tow, aside, rests, begun = "", None, None, None, False
+    meeting = Meeting(len(sources), begin)
+    feeds = [
+        _Feed(source, MeetingRecorder(folder, stem, meeting, place))
+        for place, (source, stem) in enumerate(zip(sources, stems, strict=True))
+    ]
+    ending, begun = False, False
+    rests: Resting | None = None
+    asides: list[TrackingAside] = []
+    for feed in feeds:
+        feed.hearing.start()
     try:
-        while True:
-            if stopped():
-                hearing.stop()
-            piece, times = _next(hearing)
-            if isinstance(piece, Ended):
-                error = piece.error
-                break
-            if isinstance(piece, Opened):
-                if tow is None:
-                    assert recorder.begun is not None
-                    run, fit = recorder.begun
-                    scribe.open(run)
-                    pictures = Pictures(run) if wanted.pictures else None
-                    tow = _Tow(Decoding(piece), Looking(run, fit, piece.codec, wanted.wall_m), scribe, pictures)
-                else:
-                    tow.decoding.again(piece)
-            elif tow is not None:
-                tow.take(piece, times, hearing.pieces.qsize())
-                if tow.said and not begun and recorder.begun is not None:
-                    begun = True
-                    rests = resting(recorder.begun[0])
-                    aside = TrackingAside(recorder.begun[0]) if track else None
-                for told in rests.told() if rests is not None else ():
-                    scribe.steady(told)
+        while not all(feed.ended for feed in feeds):
+            # a camera that is gone does not end the tow for the other; before the run is there, it does
+            if not ending and (stopped() or (meeting.run is None and any(feed.ended for feed in feeds))):
+                ending = True
+                for feed in feeds:
+                    feed.hearing.stop()
+            heard = [feed.heard(TICK_S / len(feeds)) for feed in feeds if not feed.ended]
+            if meeting.run is None:
+                continue
+            if not begun:
+                begun = True
+                for feed, (view, fit) in zip(feeds, meeting.views, strict=True):
+                    feed.begin(view, fit, telling if len(feeds) == 1 else telling.camera(view.camera), wanted)
+            for feed, piece, times in heard:
+                feed.take(piece, times)
+            if track and not asides and all(feed.said for feed in feeds):
+                asides = [TrackingAside(meeting.run, place) for place in range(len(feeds))]
+            if rests is None and len(feeds) == 1 and feeds[0].said and not feeds[0].ended and not feeds[0].asked:
+                feeds[0].asked, rests = True, resting(meeting.run)
+            for told in rests.told() if rests is not None else ():
+                feeds[0].steady(told)
     except BaseException:
-        if aside is not None:
+        for aside in asides:
             aside.drop()
         raise
     finally:
-        hearing.stop()
-        hearing.join()
+        for feed in feeds:
+            feed.hearing.stop()
+        for feed in feeds:
+            feed.hearing.join()
+            feed.close()
         if rests is not None:
             rests.end()
-        if tow is not None:
-            tow.close()
-        scribe.close()
     telling.ended()
-    if aside is not None:
+    for aside in asides:
         aside.end()
-    counts = Counts() if tow is None else tow.counted(recorder.packets)
-    if not counts.packets:
-        raise VideoError(error if error.startswith(source) else f"{source}: {error or 'no picture came'}")
-    if error:
-        telling.event(Event("source", 0.0, f"the source ended: {error}", "fault"))
-    return counts
+    return tuple(feed.counted() for feed in feeds)
 
 
-def _next(hearing: Hearing) -> tuple[Piece | None, Times | None]:
-    try:
-        return hearing.pieces.get(timeout=TICK_S)
-    except queue.Empty:
-        return None, None
+class _Feed:
+    """One source: heard, recorded, and, when the run is there, looked at."""
 
+    def __init__(self, source: str, recorder: MeetingRecorder) -> None:
+        self._source, self._recorder = source, recorder
+        self.hearing = Hearing(source, recorder.take)
+        self._opened: Opened | None = None
+        self._begun: tuple[Run, DatumFit, _Scribe, Wanted] | None = None
+        self._tow: _Tow | None = None
+        self.ended, self.asked, self._error, self._last_s = False, False, "", 0.0
 
-class _Beginning(Recorder):
-    """A recorder that has the run's folder made when the source has answered, in the thread that hears."""
+    def heard(self, patience_s: float) -> tuple[_Feed, Piece | None, Times | None]:
+        """The next piece; None: nothing came for so long."""
+        try:
+            piece, times = self.hearing.pieces.get(timeout=patience_s)
+        except queue.Empty:
+            return self, None, None
+        if isinstance(piece, Ended):
+            self.ended, self._error = True, piece.error
+        if isinstance(piece, Opened):
+            if self._tow is not None:
+                self._tow.decoding.again(piece)
+            self._opened = piece
+        return self, piece, times
 
-    def __init__(self, folder: Path, begin: Callable[[str, tuple[int, int]], tuple[Run, DatumFit]]) -> None:
-        super().__init__(folder)
-        self._begin, self.begun = begin, None
+    def begin(self, view: Run, fit: DatumFit, telling: Telling, wanted: Wanted) -> None:
+        """The run is there."""
+        scribe = _Scribe(telling)
+        scribe.open(view)
+        self._begun = view, fit, scribe, wanted
 
-    def take(self, piece: Piece) -> Times | None:
-        """As ``Recorder.take``."""
-        if isinstance(piece, Opened) and self.begun is None:
-            self.begun = self._begin(self.name_for(piece), piece.size_px)
-        return super().take(piece)
+    def take(self, piece: Piece | None, times: Times | None) -> None:
+        """Look at what was heard."""
+        if self._tow is None and self._opened is not None and self._begun is not None:
+            view, fit, scribe, wanted = self._begun
+            looking = Looking(view, fit, self._opened.codec, wanted.wall_m)
+            self._tow = _Tow(Decoding(self._opened), looking, scribe, Pictures(view) if wanted.pictures else None)
+        if isinstance(piece, Ended) and piece.error and self._begun is not None and self._recorder.packets:
+            said = f"the source ended: {piece.error}"
+            self._begun[2].event(Event("source", self._last_s, said, "fault"))
+        if self._tow is None or isinstance(piece, (Opened, Ended)):
+            return
+        self._last_s = self._last_s if times is None else times.t_s
+        while self._recorder.early:
+            self._tow.pass_by(*self._recorder.early.pop(0))
+        self._tow.take(piece, times, self.hearing.pieces.qsize())
+
+    def steady(self, told: dict[str, Any]) -> None:
+        """Where the tow comes to rest."""
+        if self._begun is not None:
+            self._begun[2].steady(told)
+
+    @property
+    def said(self) -> bool:
+        """What is to be said before a tow was said."""
+        return self._tow is not None and self._tow.said
+
+    def close(self) -> None:
+        """No more is shown or written."""
+        if self._tow is not None:
+            self._tow.close()
+        if self._begun is not None:
+            self._begun[2].close()
+
+    def counted(self) -> Counts:
+        """What became of its frames."""
+        counts = Counts() if self._tow is None else self._tow.counted(self._recorder.packets)
+        if not counts.packets:
+            said = self._error or "no picture came"
+            raise VideoError(said if said.startswith(self._source) else f"{self._source}: {said}")
+        return counts
 
 
 class _Tow:
@@ -289,6 +348,13 @@ class _Tow:
                     self._scribe.event(event)
             else:
                 self._look(stamped, waiting)
+
+    def pass_by(self, packet: Packet, times: Times) -> None:
+        """A packet that came before anybody could look."""
+        for stamped in self.decoding.step(packet, times.t_s):
+            self._counts.not_looked_at += 1
+            for event in self._looking.passed_by(stamped):
+                self._scribe.event(event)
 
     @property
     def said(self) -> bool:
@@ -334,7 +400,7 @@ class _Scribe:
         self._file: TextIO | None = None
 
     def open(self, run: Run) -> None:
-        run.out.mkdir(exist_ok=True)
+        run.out.mkdir(parents=True, exist_ok=True)
         self._file = (run.out / LOG).open("w", encoding="utf-8", newline="\n")
 
     def frame(self, seen: Seen, latency_s: float) -> None:

@@ -27,7 +27,7 @@ from ..record.plan_file import PlanRequest
 from ..record.priors import DERIVATIVE_NAMES
 from ..record.results import DerivativesFile
 from ..record.toml import read_toml
-from .log import LOG, spoiling
+from .log import logs_of, spoiling
 from .session import Wanted
 
 RELEASE_FRAMES = 15
@@ -137,7 +137,7 @@ class Day:
             except TowlineError as error:
                 problem = str(error)
         used = [m for m in used if m.run.name not in failed]
-        named = {m.run.name: tuple(spoiling(m.run.out / LOG)) for m in batch.runs}
+        named = {m.run.name: tuple(words for log in logs_of(m.run) for words in spoiling(log)) for m in batch.runs}
         standing = Standing(
             tuple(m.run.name for m in used),
             result,

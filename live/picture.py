@@ -120,7 +120,8 @@ def _small(frame: Frame, scale: float) -> NDArray[np.uint8]:
     raw: Any = frame.raw
     if raw is None:
         size = round(frame.luma.shape[1] * scale), round(frame.luma.shape[0] * scale)
-        return cv2.cvtColor(cv2.resize(frame.luma, size, interpolation=cv2.INTER_AREA), cv2.COLOR_GRAY2BGR)
+        grey = cv2.resize(frame.luma, size, interpolation=cv2.INTER_AREA)
+        return np.repeat(np.asarray(grey, np.uint8)[:, :, None], 3, axis=2)
     small = raw.reformat(width=round(raw.width * scale), height=round(raw.height * scale), format="bgr24")
     return np.ascontiguousarray(turned(small.to_ndarray(), raw))
 

@@ -150,8 +150,8 @@ def maximise(
         if expected < CONVERGED:
             converged = True
             break
-        slight = asked is not None and damping <= 1 and expected < SLIGHT
-        if slight and here.deviance > asked(few, here.answers) + SHORT:
+        slight = damping <= 1 and expected < SLIGHT
+        if slight and asked is not None and here.deviance > asked(few, here.answers) + SHORT:
             break
         whole = np.concatenate([theta, noise]) + step
         trial, trial_noise = whole[: problem.size], whole[problem.size :]

@@ -201,7 +201,8 @@ def _side_by_side(runs: Sequence[Filtered], six: Array, noise: Array, speed_m_s:
     mean, d_mean = np.zeros((many, states, 1 + columns)), np.zeros((many, MOVING, states))
     spread, d_spread = np.empty((longest, many, 2, 2)), np.empty((longest, many, MOVING, 2, 2))
     error, shifted = np.empty(measured.shape), np.empty((longest, many, MOVING, 2))
-    steady, flat, cube = False, (-1, states), (-1, states, states)
+    steady: bool = False
+    flat, cube = (-1, states), (-1, states, states)
     index = np.arange(0)
     on = d_on = gain = gained = inverse = closed = on_t = gained_t = closed_t = np.zeros(0)
     for k in range(longest):

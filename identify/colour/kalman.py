@@ -197,7 +197,7 @@ def _side_by_side(runs: Sequence[Filtered], six: Array, noise: Array, speed_m_s:
                 covariance[r, STATES + i, STATES + i] = _slow_variance(data, noise, run.slow)[i]
                 d_covariance[r, 9 + i, STATES + i, STATES + i] = 2 * covariance[r, STATES + i, STATES + i]
     going = (sizes[None, :] > np.arange(longest)[:, None]).sum(axis=1).tolist()
-    unchanged = same.all(axis=1).tolist()
+    unchanged = np.asarray(same.all(axis=1))
     mean, d_mean = np.zeros((many, states, 1 + columns)), np.zeros((many, MOVING, states))
     spread, d_spread = np.empty((longest, many, 2, 2)), np.empty((longest, many, MOVING, 2, 2))
     error, shifted = np.empty(measured.shape), np.empty((longest, many, MOVING, 2))
@@ -208,7 +208,7 @@ def _side_by_side(runs: Sequence[Filtered], six: Array, noise: Array, speed_m_s:
     for k in range(longest):
         here = going[k]
         # a steady gain is used while neither step nor weight changes, and no run ends
-        steady = steady and unchanged[k] and here == going[k - 1]
+        steady = steady and bool(unchanged[k]) and here == going[k - 1]
         if steady:
             spread[k], d_spread[k] = spread[k - 1], d_spread[k - 1]
         else:

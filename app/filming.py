@@ -163,8 +163,15 @@ class _Nobody:
     def event(self, event: Any) -> None:
         """Something was named."""
 
+    def camera(self, name: str) -> _Nobody:
+        """Of one of two cameras."""
+        return self
+
     def ready(self, lines: Any) -> None:
         """What is to be said before the tow."""
+
+    def steady(self, told: Any) -> None:
+        """Where a steady tow comes to rest."""
 
 
 def _films(pipe: Any, stop: Any, parent: int) -> None:
@@ -213,7 +220,7 @@ class _Films:
     def film(self, order: Order, seconds: float | None, say: Callable[..., None]) -> None:
         """Film as ordered, and fit the day's tows."""
         from ..live.filming import film_static, film_tow, setup_of
-        from ..live.watch import WALL_M
+        from ..live.session import Wanted
 
         setup = setup_of(order.setup)
         if order.what == "fit":
@@ -231,11 +238,11 @@ class _Films:
 
         telling = _Nobody()
         if day is None:
-            folder, counts = film_static(setup, order.source, order.day, telling, stopped, told)
+            folder, counts = film_static(setup, order.source, order.day, telling, stopped, Wanted(pictures=True), told)
             say(phase="done", words=f"{folder.name}: {counts.words}; the tows that come know it")
             return
-        wall_m = WALL_M if day.wall_m is None else day.wall_m
-        folder, counts = film_tow(setup, order.source, order.day, telling, stopped, wall_m, True, told)
+        wanted = replace(day.wanted, pictures=True)
+        folder, (counts,) = film_tow(setup, [order.source], order.day, telling, stopped, wanted, True, told)
         if os.getppid() == self._parent:
             self._fit(order, day, telling.ended_s, f"{folder.name}: {counts.words}. ", say)
 

@@ -3,6 +3,7 @@ that a reload or a crash loses nothing."""
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from ..live.folder import STATIC, tows_of
 from ..live.kept import DAY, kept_day
 from ..live.log import LOG, LogReader, spoiling
+from ..live.picture import PICTURE
 from ..record.day_file import DayFile
 from ..record.errors import TowlineError
 
@@ -43,6 +45,7 @@ class Tail:
     folder : of the tow
     frames : of the last ``SHOWN_S``
     events : newest last
+    steady : what was said last of where a steady tow comes to rest; None: nothing
     ready : by what it is of: words, and whether it is in order
     version : goes up with everything new
     """
@@ -51,6 +54,7 @@ class Tail:
     frames: deque[dict[str, Any]] = field(default_factory=deque)
     events: deque[dict[str, Any]] = field(default_factory=lambda: deque(maxlen=MOST_EVENTS))
     ready: dict[str, tuple[str, bool]] = field(default_factory=dict)
+    steady: dict[str, Any] | None = None
     version: int = 0
     _reader: LogReader | None = None
 
@@ -65,8 +69,18 @@ class Tail:
                     self.frames.popleft()
             elif "event" in record:
                 self.events.append(record)
+            elif "steady" in record:
+                self.steady = record
             elif "ready" in record:
                 self.ready[record["ready"]] = record["words"], record["good"]
+
+    def picture(self) -> tuple[int, float]:
+        """Which picture is there, by when it was drawn, in ns (0: none), and how old it is in s."""
+        try:
+            drawn_ns = (self.folder / "out" / PICTURE).stat().st_mtime_ns
+        except OSError:
+            return 0, float("inf")
+        return drawn_ns, time.time() - drawn_ns / 1e9
 
     def curves(self) -> dict[str, Any]:
         """The plots' data, as ``motion_view.curves`` has it; {} where there is nothing yet."""

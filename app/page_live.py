@@ -22,6 +22,14 @@ KIND = {"good": "good", "warning": "warn", "fault": "bad"}
 """Classes of what was named, by its level."""
 WORD = {"good": "over", "warning": "look", "fault": "FAULT"}
 """What is said beside the colour."""
+SHOW = """
+    const next = new Image();
+    next.onload = () => { const shown = getHtmlElement(ELEMENT); if (shown) shown.src = next.src; };
+    next.src = (window.path_prefix || "") + "/live/DRAWN.jpg";
+"""
+"""The picture changes when the new one is there: none flickers, and one that is late is not waited for."""
+OLD_S = 2.0
+"""A picture older than this is said to be, while a tow is filmed."""
 SHOWN_EVENTS, MOST_NAMED = 9, 3
 """Of what was named: what the panel has room for, newest first; and of a tow in the list."""
 
@@ -48,9 +56,15 @@ class LiveStep(Step):
                 self._now = ui.label("").classes("livenow")
                 self._now.props["aria-label"] = "Values now"
                 with ui.element("div").classes("livebox"):
-                    self._plots = Plots(
-                        "Nothing is filmed yet. Say where the pictures come from, and press Film a tow."
-                    )
+                    with ui.element("figure") as self._shown:
+                        self._picture = ui.element("img").props('alt="The tow as the camera sees it"')
+                        self._age = ui.label("")
+                    with ui.element("div"):
+                        self._plots = Plots(
+                            "Nothing is filmed yet. Say where the pictures come from, and press Film a tow."
+                        )
+                self._shown.set_visibility(False)
+                self._steady = ui.html("", sanitize=False)
                 self._verdict = ui.html("", sanitize=False)
                 self._verdict.props["aria-live"] = "polite"
                 with ui.element("div").style("display: flex; gap: 26px; align-items: flex-start"):
@@ -121,6 +135,11 @@ class LiveStep(Step):
         self._put("state", (status, live.tail is not None), lambda: self._show_state(status))
         tail = live.tail
         self._put("tail", (None if tail is None else (tail.folder, tail.version)), self._show_tail)
+        filmed = there and status.phase == "filming"
+        drawn, age_s = (0, 0.0) if tail is None else tail.picture()
+        self._put(
+            "picture", (drawn, filmed, filmed and age_s > OLD_S), lambda: self._show_picture(drawn, filmed, age_s)
+        )
         standing, wrong = live.day.standing()
         self._put("day", (live.day.version, status.phase), lambda: self._show_day(standing, wrong))
 
@@ -128,6 +147,13 @@ class LiveStep(Step):
         if self._seen.get(name, self) != key:
             self._seen[name] = key
             show()
+
+    def _show_picture(self, drawn: int, filmed: bool, age_s: float) -> None:
+        self._shown.set_visibility(drawn > 0)
+        if drawn:
+            ui.run_javascript(SHOW.replace("DRAWN", str(drawn)).replace("ELEMENT", str(self._picture.id)))
+            late = "No new picture: frames come late, or none does." if age_s > OLD_S else ""
+            self._age.text = late if filmed else "The last picture."
 
     def _show_state(self, status: FilmStatus) -> None:
         self._film.set_enabled(not status.running)
@@ -156,6 +182,9 @@ class LiveStep(Step):
         ready = tail.ready.items()
         rows = [("good" if good else "warn", "✓" if good else "look", f"{k}: {words}") for k, (words, good) in ready]
         self._ready.content = _lines(rows, "Readiness")
+        steady = tail.steady
+        kind = "" if steady is None else "good" if steady["stands"] else "warn" if steady["settled"] else ""
+        self._steady.content = "" if steady is None else _verdict(kind, steady["steady"])
         new = list(tail.events)[-SHOWN_EVENTS:][::-1]
         self._events.content = (
             _lines([(KIND[e["level"]], WORD[e["level"]], f"{e['t_s']:.1f} s: {e['words']}") for e in new], "Named")

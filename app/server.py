@@ -11,7 +11,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from ..live.picture import PICTURE
 from ..record.errors import InputError, TowlineError
+from ..record.files import read_bytes
 from .address import HOST, WaysIn
 from .guard import Guard
 from .messages import heed_only_whole_messages, one_line_each
@@ -21,6 +23,8 @@ from .wire import MOST_HEAD, Strangers, most_strangers, protocol
 
 MOST_FRAMES = 10**8
 """Numbers beyond it are no frame's: a month of film at 30 frames/s."""
+MOST_PICTURE_BYTES = 1 << 20
+"""Of a small picture of a tow that is filmed."""
 BACKLOG = 64
 """Connections that are taken at once; they are looked at before the next ones."""
 EXIT_TERMINATED = 143
@@ -217,6 +221,17 @@ def add_routes(app: Any, session: Session) -> None:
         if seen is None:
             return Response(status_code=204)
         data = cv2.imencode(".jpg", seen, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
+        return Response(data, media_type="image/jpeg", headers={"Cache-Control": "no-store"})
+
+    @app.get("/live/{version}.jpg")
+    def live(version: int) -> Response:
+        tail = None if session.live is None else session.live.tail
+        try:
+            data = b"" if tail is None else read_bytes(tail.folder / "out" / PICTURE, MOST_PICTURE_BYTES)
+        except (TowlineError, OSError):
+            data = b""
+        if not data:
+            return PlainTextResponse("no picture", 404)
         return Response(data, media_type="image/jpeg", headers={"Cache-Control": "no-store"})
 
     @app.get("/result/{key}/{name:path}")

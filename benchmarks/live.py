@@ -1,6 +1,6 @@
 """``towline live`` on the loopback, its provisional values, and faults planted in live tows.
 
-    python benchmarks/live.py [--seconds 180] [--tows 60] [--sequences 40] [--only loopback work values planted enough]
+    python benchmarks/live.py [--seconds 180] [--tows 60] [--sequences 40] [--only loopback work values planted settles enough]
 
 Loopback: a rendered tow (720p at 30 frames/s, and 1080p at 60) is played forwards and backwards and sent by ffmpeg's libraries
 over UDP (H.264 in MPEG-TS), by a server over RTSP (where rtsp-server-perl of Debian is installed), and as MJPEG over HTTP, by
@@ -10,7 +10,8 @@ frame, as fast as they are read; provisional values against the tracks that are 
 truth, z by the stated standard deviation. Planted: windows of 20 s of the sample films with a fault from a random moment on,
 and as many without; a fault is named when an event of its kind comes within 2 s of the film's time, and nothing else counts.
 Work: processor time of a frame, until its values are out and after them, which the load of the machine does not move as it
-moves latencies. Enough: days of simulated tows with a wish (``live_enough``).
+moves latencies. Settles: X_v of steady tows while they settle (``live_settles``). Enough: days of simulated tows with a wish
+(``live_enough``).
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from typing import Any
 import numpy as np
 from live_enough import judge
 from live_planted import KINDS, bases, planted
+from live_settles import settles
 
 from towline.geometry import motion_from_tracks
 from towline.live.session import Looking
@@ -63,7 +65,7 @@ def main() -> None:
     parser.add_argument("--tows", type=int, default=60)
     parser.add_argument("--sequences", type=int, default=40)
     parser.add_argument("--seed", type=int, default=30)
-    parser.add_argument("--only", nargs="+", default=["loopback", "work", "values", "planted", "enough"])
+    parser.add_argument("--only", nargs="+", default=["loopback", "work", "values", "planted", "settles", "enough"])
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         if "loopback" in options.only:
@@ -74,6 +76,8 @@ def main() -> None:
             values()
         if "planted" in options.only:
             plant(options.tows, options.seed)
+        if "settles" in options.only:
+            settles(options.tows, options.seed)
         if "enough" in options.only:
             judge(Path(scratch), options.sequences, options.seed)
 

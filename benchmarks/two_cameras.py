@@ -243,7 +243,7 @@ def main() -> None:
     if "films" in given.only:
         films(given.out)
     if "flash" in given.only:
-        flash_rows(100, 30)
+        flash_rows(200, 41)
         pulls = [PULLS_PX_RAD[k % len(PULLS_PX_RAD)] for k in range(given.tows // 2)]
         tied_rows([random_case(100 + k, LEVEL, pull_px_rad=pull) for k, pull in enumerate(pulls)], joined, 30)
 

@@ -11,20 +11,23 @@ from collections.abc import Callable
 import numpy as np
 from two_cameras_cases import Case
 
-from towline.geometry.cameras.flash import GAIN_SHARE, Lit, flash_offset
+from towline.geometry.cameras.flash import EXPOSURES, GAIN_SHARE, Lit, flash_offset
 from towline.geometry.cameras.motion import JointMotion
 from towline.vision.flash import flashes
 
 RISE, NOISE = 0.1, 1e-4
-KINDS = (
+KINDS: tuple[tuple[str, tuple[float, float], float | None, float | None, bool], ...] = (
     ("0.1 s, exposed all the time", (30.0, 30.0), 1.0, 0.1, True),
     ("0.1 s, half of the time", (30.0, 30.0), 0.5, 0.1, True),
     ("0.1 s, a tenth of the time, 30 and 25/s", (30.0, 25.0), 0.1, 0.1, True),
     ("0.1 s, exposed all the time, not stated", (30.0, 30.0), 1.0, 0.1, False),
+    ("0.1 s, any exposures, not stated", (30.0, 30.0), None, 0.1, False),
     ("2 ms, exposed all the time", (30.0, 30.0), 1.0, 0.002, True),
+    ("2 ms to 0.3 s, exposed all the time", (30.0, 30.0), 1.0, None, True),
 )
-"""Words, frames/s, share of a frame's time that is exposed, length of the flash, the exposure is stated."""
-LONG_S = 0.1
+"""Words, frames/s, share of a frame's time that is exposed (None: each camera's its own, of ``EXPOSURES``), length of the flash
+(None: as likely for every factor), the exposure is stated."""
+LONG_S, LENGTHS_S = 0.1, (0.002, 0.3)
 
 
 def seen(rng: np.random.Generator, t_s: np.ndarray, begin_s: float, long_s: float, exposure_s: float) -> np.ndarray:
@@ -42,10 +45,12 @@ def flash_rows(count: int, seed: int) -> None:
         rng, off, sds = np.random.default_rng(seed), [], []
         for _ in range(count):
             begin_s, offset_s, lit = rng.uniform(2.5, 3.0), rng.uniform(-0.5, 0.5), []
+            burns_s = float(np.exp(rng.uniform(*np.log(LENGTHS_S)))) if long_s is None else long_s
             for rate, shift_s in zip(rates, (0.0, offset_s), strict=True):
                 own_s = rng.uniform(0, 1 / rate) + np.arange(6 * rate) / rate
-                level = seen(rng, own_s + shift_s, begin_s, long_s, share / rate)
-                lit.append(flashes(own_s, level, share / rate if known else 0.0))
+                exposure_s = (float(rng.choice(EXPOSURES)) if share is None else share) / rate
+                level = seen(rng, own_s + shift_s, begin_s, burns_s, exposure_s)
+                lit.append(flashes(own_s, level, exposure_s if known else 0.0))
             if all(len(found) == 1 for found in lit):
                 told_s, sd_s = flash_offset(lit[0][0], lit[1][0])
                 off.append(told_s - offset_s)

@@ -14,6 +14,8 @@ from .common import EXIT_OK, console, show_progress
 NAME = "live"
 HELP = "film a tow: recorded as it comes, watched while it runs, fitted with the day's other tows when it is over (docs/live.md)"
 COLOURS = {"good": "green", "warning": "yellow", "fault": "bold red"}
+STEADY_EVERY_S = 5.0
+"""Where a steady tow comes to rest, so often: it changes slowly."""
 SAY_EVERY_S = 1.0
 """A line of values is printed so often: a choice, what a person can follow."""
 
@@ -23,7 +25,9 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "source",
         metavar="SOURCE",
-        help="0 or /dev/video0: a camera; rtsp://..., udp://..., http://...: a stream; or a video file, played at its own rate",
+        nargs="+",
+        help="0 or /dev/video0: a camera; rtsp://..., udp://..., http://...: a stream; or a video file, played at its own rate; "
+        "two of them where the set-up has two [[camera]], in their order",
     )
     sub.add_argument(
         "day", type=Path, metavar="DAY", help="folder of the day's tows; this one becomes DAY/tow-01, -02, ..."
@@ -55,7 +59,7 @@ def call(options: argparse.Namespace) -> int:
     from ..live.folder import tows_of
     from ..live.kept import keep_day
     from ..live.tows import Day, standing_lines
-    from ..live.watch import WALL_M
+    from ..record.errors import InputError
     from ..record.run import RUN_FILE
 
     setup = setup_of(options.like)
@@ -68,19 +72,26 @@ def call(options: argparse.Namespace) -> int:
     stop, terminal = _Stop(seconds), _Terminal()
 
     def told(folder: Path) -> None:
-        print(f"{options.source} -> {folder}; Ctrl+C ends the {'static record' if options.static else 'tow'}")
+        print(
+            f"{' and '.join(options.source)} -> {folder}; Ctrl+C ends the {'static record' if options.static else 'tow'}"
+        )
 
     with stop:
         if options.static:
-            folder, counts = film_static(setup, options.source, options.day, terminal, stop, told)
+            if len(options.source) > 1:
+                raise InputError("towline live", "--static", "two sources; a static record is filmed by one camera")
+            folder, one = film_static(setup, options.source[0], options.day, terminal, stop, told=told)
+            counts = (one,)
         else:
-            wall_m = WALL_M if day.wall_m is None else day.wall_m
             folder, counts = film_tow(
-                setup, options.source, options.day, terminal, stop, wall_m, not options.no_fit, told
+                setup, options.source, options.day, terminal, stop, day.wanted, not options.no_fit, told
             )
-    print(counts.words)
+    names = [camera.name for camera in setup.file.cameras] or [""]
+    for name, one in zip(names, counts, strict=True):
+        print(f"{name}: {one.words}" if name else one.words)
     options.outcome.result["static" if options.static else "tow"] = folder.name
-    options.outcome.result["frames"] = vars(counts)
+    frames = {name: vars(one) for name, one in zip(names, counts, strict=True)}
+    options.outcome.result["frames"] = frames.get("", frames)
     options.outcome.wrote(folder / RUN_FILE)
     if not fits:
         return EXIT_OK
@@ -128,9 +139,15 @@ class _Stop:
 class _Terminal:
     """Prints what is seen, a line a second, and what is named at once."""
 
-    def __init__(self) -> None:
+    def __init__(self, name: str = "") -> None:
+        self._name = f"{name}: " if name else ""
         self._console, self._said_s, self._was_ready = console(), float("-inf"), False
+        self._steady_said_s, self._stood = float("-inf"), False
         self.ended_s = float("nan")
+
+    def camera(self, name: str) -> _Terminal:
+        """Of one of two cameras."""
+        return _Terminal(name)
 
     def ended(self) -> None:
         """The film is whole."""
@@ -145,17 +162,25 @@ class _Terminal:
         lost = [mark.marker for mark in seen.marks if not mark.seen]
         degrees = math.degrees(1.0)
         words = (
-            f"{seen.t_s:7.2f} s  y {1e3 * y.value:+8.1f} +- {1e3 * y.sd:.1f} mm  beta {degrees * beta.value:+7.2f} +- "
+            f"{seen.t_s:7.2f} s  {self._name}y {1e3 * y.value:+8.1f} +- {1e3 * y.sd:.1f} mm  beta {degrees * beta.value:+7.2f} +- "
             f"{degrees * beta.sd:.2f} deg  alpha {degrees * alpha.value:+7.2f} +- {degrees * alpha.sd:.2f} deg"
         )
         if lost:
-            words = f"{seen.t_s:7.2f} s  not seen: {', '.join(lost)}"
+            words = f"{seen.t_s:7.2f} s  {self._name}not seen: {', '.join(lost)}"
         self._console.print(f"{words}  [dim]({1e3 * latency_s:.0f} ms)[/dim]", markup=True)
 
     def event(self, event: Any) -> None:
         """Something was named."""
-        self._console.print(f"{event.t_s:7.2f} s  {event.words}", style=COLOURS[event.level], markup=False)
+        self._console.print(f"{event.t_s:7.2f} s  {self._name}{event.words}", style=COLOURS[event.level], markup=False)
         sys.stdout.flush()
+
+    def steady(self, told: dict[str, Any]) -> None:
+        """Where a steady tow comes to rest: at once when X_v stands, or no longer does, else now and then."""
+        turned, self._stood = told["stands"] != self._stood, told["stands"]
+        if turned or told["t_s"] - self._steady_said_s >= STEADY_EVERY_S:
+            self._steady_said_s = told["t_s"]
+            style = COLOURS["good"] if told["stands"] else None
+            self._console.print(f"{told['t_s']:7.2f} s  {told['steady']}", style=style, markup=False)
 
     def ready(self, lines: list[Any]) -> None:
         """What is to be said before the tow, once; ``live.jsonl`` has it as it changes."""
@@ -164,6 +189,8 @@ class _Terminal:
         self._was_ready = True
         for line in lines:
             style = COLOURS["good" if line.good else "warning"]
-            self._console.print(f"  {line.what}: {line.words}", style=style, markup=False)
+            self._console.print(f"  {self._name}{line.what}: {line.words}", style=style, markup=False)
         good = all(line.good for line in lines)
-        self._console.print("ready" if good else "not all is in order", style=COLOURS["good" if good else "warning"])
+        self._console.print(
+            self._name + ("ready" if good else "not all is in order"), style=COLOURS["good" if good else "warning"]
+        )

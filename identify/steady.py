@@ -228,7 +228,7 @@ def judged_tow(run: Run, motion: pd.DataFrame, common: Array | None) -> Judged:
         return float(force), slope
 
     def error(first: int) -> tuple[Array, float]:
-        modes = _modes(common, good, first)
+        modes = window_modes(common, good, first)
         return modes.T @ modes, relative
 
     slowest_s = slowest_swing_s(run.model.length_pp_m, tow.speed_m_s)
@@ -255,8 +255,15 @@ def tension_known(run: Run) -> bool:
     return run.tow.tension_n is not None or run.tow.tension is not None
 
 
-def _modes(common: Array | None, good: Array, first: int) -> Array:
-    """(k, 2), mean change of (alpha, beta) over the tail with each common mode."""
+def window_modes(common: Array | None, good: Array, first: int) -> Array:
+    """(k, 2), mean change of (alpha, beta) over the tail with each common mode.
+
+    Parameters
+    ----------
+    common : (k, n, 3) of ``geometry.Motion`` or None
+    good : which of the n are used
+    first : of these, the tail's first
+    """
     return np.zeros((0, 2)) if common is None else common[:, good][:, first:][:, :, [2, 1]].mean(axis=1)
 
 
@@ -278,18 +285,40 @@ def steady_state(run: Run, motion: pd.DataFrame, common: Array | None) -> Steady
     found = judged_tow(run, motion, common)
     if not found.settled:
         raise UnsettledError(f"run {run.name!r} is not steady: {words(found, tension_known(run))}", found.stability)
-    tow, first = run.tow, found.first
-    x_t = run.need(tow.tow_point_m, "tow.tow_point_m")
+    first = found.first
     mean, covariance = tail_mean(angles[first:])
-    modes = _modes(common, good, first)
+    modes = window_modes(common, good, first)
+    return state_of(run, times[first:], mean, covariance + found.small, modes, found.stability, first == 0)
+
+
+def state_of(
+    run: Run, times: Array, mean: Array, covariance: Array, modes: Array, stability: Stability, whole: bool = False
+) -> SteadyState:
+    """A tow's steady state from the angles at which it rests, with the rig that run.toml states.
+
+    Parameters
+    ----------
+    run : the run folder as read
+    times : (m,), of the window, s
+    mean, covariance : (2,), (2, 2), of alpha and beta
+    modes : (k, 2), change of both with each common mode
+    stability : what the record says of it
+    whole : the window is the whole record
+
+    Raises
+    ------
+    InputError : a log of the tension holds nothing of the window
+    """
+    tow = run.tow
+    x_t = run.need(tow.tow_point_m, "tow.tow_point_m")
     tension = tow.tension_n
     if tow.tension is not None:
         log = read_history(run.path(tow.tension), "tension_n")
         clock = log["t_s"].to_numpy() + tow.tension_delay_s
-        inside = (clock >= times[first]) & (clock <= times[-1])
+        inside = (clock >= times[0]) & (clock <= times[-1])
         if not inside.any():
             raise InputError(
-                run.path(tow.tension), "column t_s", f"holds nothing between {times[first]:.2f} and {times[-1]:.2f} s"
+                run.path(tow.tension), "column t_s", f"holds nothing between {times[0]:.2f} and {times[-1]:.2f} s"
             )
         tension = float(log["tension_n"].to_numpy()[inside].mean())
     priors = run.file.priors
@@ -298,7 +327,7 @@ def steady_state(run: Run, motion: pd.DataFrame, common: Array | None) -> Steady
         tow_point_m=x_t,
         alpha_rad=float(mean[0]),
         beta_rad=float(mean[1]),
-        covariance=covariance + found.small,
+        covariance=covariance,
         common=modes,
         common_key=common_key(run),
         tow_point_sd_m=priors.tow_point_sd_m,
@@ -307,9 +336,9 @@ def steady_state(run: Run, motion: pd.DataFrame, common: Array | None) -> Steady
         tension_sd_rel=priors.tension_sd_rel,
         tension_common_sd_rel=priors.tension_common_sd_rel,
         speed_sd_rel=priors.speed_sd_rel,
-        span_s=(float(times[first]), float(times[-1])),
-        stability=found.stability,
-        whole=first == 0,
+        span_s=(float(times[0]), float(times[-1])),
+        stability=stability,
+        whole=whole,
         along=along_of_run(run),
         trim_rad=run.model.trim_rad,
     )

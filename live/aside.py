@@ -24,9 +24,10 @@ class TrackingAside:
     Parameters
     ----------
     run : its recording has begun, with some frames of it on the disk
+    place : of the camera among the run's
     """
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: Run, place: int = 0) -> None:
         from multiprocessing import get_context
 
         for name in THREADS:
@@ -34,7 +35,7 @@ class TrackingAside:
         context = get_context("spawn")
         self._ended = context.Event()
         self._process = context.Process(
-            target=_track, args=(str(run.folder), self._ended, os.getpid()), name="tracking", daemon=True
+            target=_track, args=(str(run.folder), place, self._ended, os.getpid()), name="tracking", daemon=True
         )
         with undisturbed():
             self._process.start()
@@ -53,17 +54,17 @@ class TrackingAside:
         self._process.join()
 
 
-def _track(folder: str, ended: Any, parent: int) -> None:
+def _track(folder: str, place: int, ended: Any, parent: int) -> None:
     """In the process."""
     import signal
 
     from ..pipeline.stages.tracks import track_growing
-    from ..record.run import read_run
+    from ..record.run import cameras_of, read_run
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with(parent)
     try:
-        track_growing(read_run(Path(folder)), ended.is_set)
+        track_growing(cameras_of(read_run(Path(folder)))[place], ended.is_set)
     except TowlineError:  # said when the tracks are made again, from the whole recording
         sys.exit(1)
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..geometry import DatumFit, run_datum
 from ..pipeline.mistaken import named
 from ..pipeline.stages import track_run
 from ..record.errors import InputError
-from ..record.run import RUN_FILE, Run, read_run, refuse_two_cameras
-from .folder import STATIC, TOW, make_folder, next_of, static_of
-from .session import Counts, Telling, live_tow
-from .watch import WALL_M
+from ..record.run import RUN_FILE, Run, cameras_of, read_run, refuse_two_cameras
+from .folder import STATIC, TOW, make_folder, next_of, static_of, tows_of
+from .meeting import Answer, Begin
+from .recorder import FILM
+from .resting import Resting, may_settle
+from .session import USUAL, Counts, Telling, Wanted, live_tow
 
 STATIC_S = 20.0
 """Of a static record where nobody says: some hundred frames, and what is slow in the noise a few times over. A choice."""
@@ -27,11 +29,11 @@ def setup_of(folder: Path) -> Run:
 
     Raises
     ------
-    InputError : it cannot be read, or is none that was filmed by one camera
+    InputError : it cannot be read, or is none that was filmed
     """
     setup = read_run(folder)
-    refuse_two_cameras(setup, "towline live")
-    if setup.file.source.motion is not None or not setup.file.marker or not setup.file.datum:
+    views = cameras_of(setup)
+    if not setup.file.marker or any(view.file.source.motion is not None or not view.file.datum for view in views):
         raise InputError(
             setup.folder / RUN_FILE, "source", "a run with marks and a datum is expected, one that was filmed"
         )
@@ -40,24 +42,24 @@ def setup_of(folder: Path) -> Run:
 
 def film_tow(
     setup: Run,
-    source: str,
+    sources: Sequence[str],
     day: Path,
     telling: Telling,
     stopped: Callable[[], bool],
-    wall_m: float = WALL_M,
+    wanted: Wanted = USUAL,
     track: bool = True,
     told: Callable[[Path], None] = lambda _: None,
-) -> tuple[Path, Counts]:
+) -> tuple[Path, tuple[Counts, ...]]:
     """Film the day's next tow; it knows the day's latest static record.
 
     Parameters
     ----------
     setup : of ``setup_of``
-    source : as typed
+    sources : as typed; as many as the set-up has cameras, in their order
     day : folder of the day's tows
     telling : is told what is seen
     stopped : whether to end
-    wall_m : room to the wall that is wanted
+    wanted : what is to be named and shown
     track : make its tracks while it is filmed
     told : is told the tow's folder, which is there when the source has answered
 
@@ -65,10 +67,16 @@ def film_tow(
     ------
     TowlineError : the source does not answer, its picture is another than the set-up's camera has, or the set-up cannot be used
     """
+    stems = _stems(setup, sources)
     folder = next_of(day, TOW)
     told(folder)
-    begin = _beginning(setup, folder, static_of(day))
-    return folder, live_tow(source, folder, begin, telling, stopped, wall_m, track)
+    static = None if setup.file.cameras else static_of(day)
+    begin, before = _beginning(setup, folder, static), tows_of(day)
+
+    def resting(run: Run) -> Resting | None:
+        return Resting(run, before, wanted.x_v_m) if may_settle(run) else None
+
+    return folder, live_tow(sources, stems, folder, begin, telling, stopped, wanted, track, resting)
 
 
 def film_static(
@@ -77,6 +85,7 @@ def film_static(
     day: Path,
     telling: Telling,
     stopped: Callable[[], bool],
+    wanted: Wanted = USUAL,
     told: Callable[[Path], None] = lambda _: None,
 ) -> tuple[Path, Counts]:
     """Film the model held still, and track it: the static record of the tows that come; the arguments as for ``film_tow``.
@@ -85,29 +94,48 @@ def film_static(
     ------
     TowlineError : as ``film_tow``; or the marks cannot be tracked
     """
+    refuse_two_cameras(setup, "a static record")
     folder = next_of(day, STATIC)
     told(folder)
-    counts = live_tow(source, folder, _beginning(setup, folder, None), telling, stopped, WALL_M, track=False)
+    begin = _beginning(setup, folder, None)
+    (counts,) = live_tow([source], [FILM], folder, begin, telling, stopped, wanted, track=False)
     track_run(read_run(folder))
     return folder, counts
 
 
-def _beginning(setup: Run, folder: Path, static: Path | None) -> Callable[[str, tuple[int, int]], tuple[Run, DatumFit]]:
-    """What ``live_tow`` calls when the source has answered."""
+def _stems(setup: Run, sources: Sequence[str]) -> list[str]:
+    """What the recordings are called; InputError where there are not as many sources as cameras."""
+    names = [camera.name for camera in setup.file.cameras] or [FILM]
+    if len(names) != len(sources):
+        films = "films with one camera" if len(names) == 1 else f"has two [[camera]] ({', '.join(names)})"
+        many = "one source" if len(sources) == 1 else f"{len(sources)} sources"
+        raise InputError(setup.folder / RUN_FILE, "camera", f"{many} to film from, but the set-up {films}")
+    return names
 
-    def begin(recording: str, size_px: tuple[int, int]) -> tuple[Run, DatumFit]:
-        stated = setup.file.camera
-        if stated is not None and stated.image_size_px != size_px:
-            raise InputError(
-                setup.folder / RUN_FILE,
-                "camera.image_size_px",
-                f"{list(stated.image_size_px)}, but the source's picture is {size_px[0]} x {size_px[1]}; the lens would be another",
-            )
-        with named(setup):
-            fit = run_datum(setup, size_px)
-        return make_folder(setup, folder, recording, static), fit
+
+def _beginning(setup: Run, folder: Path, static: Path | None) -> Begin:
+    """What ``live_tow`` calls when all sources have answered."""
+
+    def begin(answers: Sequence[Answer]) -> tuple[Run, list[tuple[Run, DatumFit]]]:
+        fits = [_fit(view, answer.size_px) for view, answer in zip(cameras_of(setup), answers, strict=True)]
+        run = make_folder(setup, folder, [answer.recording for answer in answers], static)
+        return run, list(zip(cameras_of(run), fits, strict=True))
 
     return begin
+
+
+def _fit(view: Run, size_px: tuple[int, int]) -> DatumFit:
+    """The set-up's datum, for a picture of this size."""
+    stated = view.file.camera
+    if stated is not None and stated.image_size_px != size_px:
+        where = f'camera "{view.camera}".lens.image_size_px' if view.camera else "camera.image_size_px"
+        raise InputError(
+            view.folder / RUN_FILE,
+            where,
+            f"{list(stated.image_size_px)}, but the source's picture is {size_px[0]} x {size_px[1]}; the lens would be another",
+        )
+    with named(view):
+        return run_datum(view, size_px)
 
 
 __all__ = ["STATIC_S", "film_static", "film_tow", "setup_of"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,6 +15,8 @@ from ..record.toml import check_tables
 
 TOW, STATIC = "tow-", "static-"
 """Begin the names of a day's tows (tow-01, tow-02, ...) and of its static records."""
+OF_A_FILM = ("video", "tracks", "span_s", "frame_rate_hz", "offset_s", "offset_sd_s")
+"""Keys of [[camera]] that say what one recording is, and not what the camera is."""
 STATIC_TRACKS = "static.csv"
 """Of the day's static record, in a tow's folder."""
 
@@ -59,7 +62,7 @@ def _number(path: Path, kind: str) -> int:
     return int(said) if said.isdecimal() else 0
 
 
-def make_folder(setup: Run, folder: Path, recording: str, static: Path | None = None) -> Run:
+def make_folder(setup: Run, folder: Path, recordings: str | Sequence[str], static: Path | None = None) -> Run:
     """Write the run folder of a tow: an ordinary one, as soon as the recording is in it. It appears whole, under its name.
 
     What the set-up's run.toml names beside its recording (a lens, a static record) is copied.
@@ -68,7 +71,7 @@ def make_folder(setup: Run, folder: Path, recording: str, static: Path | None = 
     ----------
     setup : the run whose camera, datum, marks and tow these are
     folder : new
-    recording : the name that its file will have
+    recordings : the name that its file will have, or those of the cameras' in their order
     static : tracks of the model held still, instead of those that the set-up names; None: those
 
     Raises
@@ -80,7 +83,14 @@ def make_folder(setup: Run, folder: Path, recording: str, static: Path | None = 
     source = setup.folder / RUN_FILE
     document = tomlkit.parse(read_bytes(source, TOML_BYTES).decode("utf-8"))
     document["name"] = f"{setup.name} {folder.name}"
-    document["source"] = _source(setup, recording)
+    names = [recordings] if isinstance(recordings, str) else list(recordings)
+    if setup.file.cameras:
+        for table, name in zip(document["camera"], names, strict=True):
+            for key in OF_A_FILM:
+                table.pop(key, None)
+            table["video"] = name
+    else:
+        document["source"] = _source(setup, names[0])
     if static is not None:
         document["noise"] = {"static": STATIC_TRACKS}
     checked = check_tables(document.unwrap(), RunFile, source)
@@ -97,7 +107,7 @@ def make_folder(setup: Run, folder: Path, recording: str, static: Path | None = 
 def _fill(folder: Path, setup: Run, checked: RunFile, static: Path | None, text: str) -> None:
     """Copy what the set-up names, and the static record, and write run.toml."""
     for key, name in named_files(checked):
-        if key == "source.video":
+        if key == "source.video" or (key.startswith("camera[") and key.endswith((".video", ".tracks"))):
             continue
         if static is not None and key == "noise.static":
             shutil.copyfile(static, folder / name)

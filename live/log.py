@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from ..record.run import Run, cameras_of
+
 LOG = "live.jsonl"
 """In out/ of a tow: a line for every frame and for everything that was named, written as it happens."""
 SPOILING = ("mark", "camera", "line", "source")
@@ -45,6 +47,16 @@ class LogReader:
                 yield record
 
 
+def logs_of(run: Run) -> list[Path]:
+    """Where what was named of a tow stands: of each camera that filmed it.
+
+    Parameters
+    ----------
+    run : the run folder as read
+    """
+    return [view.out / LOG for view in cameras_of(run)]
+
+
 def spoiling(path: Path) -> list[str]:
     """What was named in a tow that may spoil it, a line each, at its time.
 
@@ -56,4 +68,4 @@ def spoiling(path: Path) -> list[str]:
     return [f"{float(r.get('t_s', 0.0)):.1f} s: {r.get('words', '')}" for r in found]
 
 
-__all__ = ["LOG", "LogReader", "spoiling"]
+__all__ = ["LOG", "LogReader", "logs_of", "spoiling"]

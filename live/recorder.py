@@ -19,8 +19,10 @@ from .pieces import ARRIVAL_BASE, Ended, Opened, Packet, Piece
 
 TRANSPORT = ("h264", "hevc", "mpeg4", "mpeg2video", "mpeg1video")
 """Codecs, by ffmpeg's names, that a transport stream carries; its packets are whole by themselves."""
-STREAM_NAMES = {True: "film.ts", False: "film.mkv"}
+SUFFIXES = {True: ".ts", False: ".mkv"}
 """Of the recording, in a transport stream or not."""
+FILM = "film"
+"""What a recording is called before its suffix, where one camera films."""
 START_CODES = b"\0\0\1", b"\0\0\0\1"
 """How units begin in a transport stream (H.264, annex B)."""
 SAFE_S = 0.25
@@ -64,6 +66,7 @@ class Recorder:
     Parameters
     ----------
     folder : of the run; the file is named when the source has answered
+    stem : of its name
 
     Attributes
     ----------
@@ -72,8 +75,8 @@ class Recorder:
     clock : puts their stamps on one clock
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, stem: str = FILM) -> None:
+        self._folder, self._stem = folder, stem
         self._container: Any = None
         self._stream: Any = None
         self._disk: _Disk | None = None
@@ -92,10 +95,9 @@ class Recorder:
             self.close()
         return None
 
-    @staticmethod
-    def name_for(opened: Opened) -> str:
+    def name_for(self, opened: Opened) -> str:
         """How the recording of such a source is called."""
-        return STREAM_NAMES[opened.codec in TRANSPORT]
+        return self._stem + SUFFIXES[opened.codec in TRANSPORT]
 
     def _open(self, opened: Opened) -> None:
         import av
@@ -146,4 +148,4 @@ class Recorder:
             disk.close()
 
 
-__all__ = ["Recorder"]
+__all__ = ["FILM", "Recorder"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import queue
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TextIO
@@ -21,9 +21,11 @@ from .clock import Times
 from .decoding import Decoding
 from .event import Event
 from .log import LOG
+from .meeting import Begin, Meeting, MeetingRecorder
+from .picture import Pictures
 from .pieces import Ended, Opened, Packet, Piece
 from .ready import Line, Ready
-from .recorder import Recorder
+from .resting import Resting
 from .seen import Seeing, Seen, Valued
 from .source import Hearing
 from .stamped import Stamped
@@ -40,6 +42,26 @@ READY_S, READY_EVERY_S = 3.0, 2.0
 """From the first frame on until what is said before a tow rests on enough of them; it is said again so often."""
 
 
+@dataclass(frozen=True)
+class Wanted:
+    """What is to be named while a tow is filmed, and whether it is to be shown.
+
+    Attributes
+    ----------
+    wall_m : less room to the wall
+    x_v_m : of a steady tow, that X_v's 95 % interval is no wider than so much to either side; None: no such wish
+    pictures : small ones go into out/live.jpg, a few times a second
+    """
+
+    wall_m: float = WALL_M
+    x_v_m: float | None = None
+    pictures: bool = False
+
+
+USUAL = Wanted()
+"""Where nobody says anything."""
+
+
 class Telling(Protocol):
     """Who shows what is seen."""
 
@@ -53,6 +75,14 @@ class Telling(Protocol):
 
     def ready(self, lines: list[Line]) -> None:
         """What is to be said before the tow; again and again, as it changes."""
+        ...
+
+    def steady(self, told: dict[str, Any]) -> None:
+        """Where a steady tow comes to rest, as it stands in live.jsonl."""
+        ...
+
+    def camera(self, name: str) -> Telling:
+        """Who shows what one of two cameras sees."""
         ...
 
     def ended(self) -> None:
@@ -137,101 +167,167 @@ class Looking:
 
 
 def live_tow(
-    source: str,
+    sources: Sequence[str],
+    stems: Sequence[str],
     folder: Path,
-    begin: Callable[[str, tuple[int, int]], tuple[Run, DatumFit]],
+    begin: Begin,
     telling: Telling,
     stopped: Callable[[], bool],
-    wall_m: float = WALL_M,
+    wanted: Wanted = USUAL,
     track: bool = True,
-) -> Counts:
-    """Film one tow: until ``stopped`` says so, or the source ends.
+    resting: Callable[[Run], Resting | None] = lambda _: None,
+) -> tuple[Counts, ...]:
+    """Film one tow: until ``stopped`` says so, or all sources have ended.
 
     Parameters
     ----------
-    source : as typed
+    sources : as typed; one, or one for each of the run's cameras
+    stems : what their recordings are called, before the suffix
     folder : of the run; made by ``begin``
-    begin : (name of the recording, picture's size) -> the run, whose folder is there from then on, and its datum's fit
+    begin : makes the run when all have answered
     telling : is told what is seen
     stopped : whether to end
-    wall_m : room to the wall that is wanted
+    wanted : what is to be named and shown
     track : make its tracks of the recording while that grows, so that they are there at its end
+    resting : begins to tell of a tow where it comes to rest; None: it is no tow for that
+
+    Returns
+    -------
+    counts : of each source
 
     Raises
     ------
-    VideoError : the source does not answer, or ends before a frame has come
+    VideoError : a source does not answer, or ends before a frame has come
     TowlineError : no run can be made for it
     """
-    scribe = _Scribe(telling)
-    recorder = _Beginning(folder, begin)
-    hearing = Hearing(source, recorder.take)
-    hearing.start()
-    error, tow, aside = "", None, None
+    meeting = Meeting(len(sources), begin)
+    feeds = [
+        _Feed(source, MeetingRecorder(folder, stem, meeting, place))
+        for place, (source, stem) in enumerate(zip(sources, stems, strict=True))
+    ]
+    ending, begun = False, False
+    rests: Resting | None = None
+    asides: list[TrackingAside] = []
+    for feed in feeds:
+        feed.hearing.start()
     try:
-        while True:
-            if stopped():
-                hearing.stop()
-            piece, times = _next(hearing)
-            if isinstance(piece, Ended):
-                error = piece.error
-                break
-            if isinstance(piece, Opened):
-                if tow is None:
-                    assert recorder.begun is not None
-                    run, fit = recorder.begun
-                    scribe.open(run)
-                    tow = _Tow(Decoding(piece), Looking(run, fit, piece.codec, wall_m), scribe)
-                else:
-                    tow.decoding.again(piece)
-            elif tow is not None:
-                tow.take(piece, times, hearing.pieces.qsize())
-                if track and aside is None and tow.said and recorder.begun is not None:
-                    aside = TrackingAside(recorder.begun[0])
+        while not all(feed.ended for feed in feeds):
+            # a camera that is gone does not end the tow for the other; before the run is there, it does
+            if not ending and (stopped() or (meeting.run is None and any(feed.ended for feed in feeds))):
+                ending = True
+                for feed in feeds:
+                    feed.hearing.stop()
+            heard = [feed.heard(TICK_S / len(feeds)) for feed in feeds if not feed.ended]
+            if meeting.run is None:
+                continue
+            if not begun:
+                begun = True
+                for feed, (view, fit) in zip(feeds, meeting.views, strict=True):
+                    feed.begin(view, fit, telling if len(feeds) == 1 else telling.camera(view.camera), wanted)
+            for feed, piece, times in heard:
+                feed.take(piece, times)
+            if track and not asides and all(feed.said for feed in feeds):
+                asides = [TrackingAside(meeting.run, place) for place in range(len(feeds))]
+            if rests is None and len(feeds) == 1 and feeds[0].said and not feeds[0].ended and not feeds[0].asked:
+                feeds[0].asked, rests = True, resting(meeting.run)
+            for told in rests.told() if rests is not None else ():
+                feeds[0].steady(told)
     except BaseException:
-        if aside is not None:
+        for aside in asides:
             aside.drop()
         raise
     finally:
-        hearing.stop()
-        hearing.join()
-        scribe.close()
+        for feed in feeds:
+            feed.hearing.stop()
+        for feed in feeds:
+            feed.hearing.join()
+            feed.close()
+        if rests is not None:
+            rests.end()
     telling.ended()
-    if aside is not None:
+    for aside in asides:
         aside.end()
-    counts = Counts() if tow is None else tow.counted(recorder.packets)
-    if not counts.packets:
-        raise VideoError(error if error.startswith(source) else f"{source}: {error or 'no picture came'}")
-    if error:
-        telling.event(Event("source", 0.0, f"the source ended: {error}", "fault"))
-    return counts
+    return tuple(feed.counted() for feed in feeds)
 
 
-def _next(hearing: Hearing) -> tuple[Piece | None, Times | None]:
-    try:
-        return hearing.pieces.get(timeout=TICK_S)
-    except queue.Empty:
-        return None, None
+class _Feed:
+    """One source: heard, recorded, and, when the run is there, looked at."""
 
+    def __init__(self, source: str, recorder: MeetingRecorder) -> None:
+        self._source, self._recorder = source, recorder
+        self.hearing = Hearing(source, recorder.take)
+        self._opened: Opened | None = None
+        self._begun: tuple[Run, DatumFit, _Scribe, Wanted] | None = None
+        self._tow: _Tow | None = None
+        self.ended, self.asked, self._error, self._last_s = False, False, "", 0.0
 
-class _Beginning(Recorder):
-    """A recorder that has the run's folder made when the source has answered, in the thread that hears."""
+    def heard(self, patience_s: float) -> tuple[_Feed, Piece | None, Times | None]:
+        """The next piece; None: nothing came for so long."""
+        try:
+            piece, times = self.hearing.pieces.get(timeout=patience_s)
+        except queue.Empty:
+            return self, None, None
+        if isinstance(piece, Ended):
+            self.ended, self._error = True, piece.error
+        if isinstance(piece, Opened):
+            if self._tow is not None:
+                self._tow.decoding.again(piece)
+            self._opened = piece
+        return self, piece, times
 
-    def __init__(self, folder: Path, begin: Callable[[str, tuple[int, int]], tuple[Run, DatumFit]]) -> None:
-        super().__init__(folder)
-        self._begin, self.begun = begin, None
+    def begin(self, view: Run, fit: DatumFit, telling: Telling, wanted: Wanted) -> None:
+        """The run is there."""
+        scribe = _Scribe(telling)
+        scribe.open(view)
+        self._begun = view, fit, scribe, wanted
 
-    def take(self, piece: Piece) -> Times | None:
-        """As ``Recorder.take``."""
-        if isinstance(piece, Opened) and self.begun is None:
-            self.begun = self._begin(self.name_for(piece), piece.size_px)
-        return super().take(piece)
+    def take(self, piece: Piece | None, times: Times | None) -> None:
+        """Look at what was heard."""
+        if self._tow is None and self._opened is not None and self._begun is not None:
+            view, fit, scribe, wanted = self._begun
+            looking = Looking(view, fit, self._opened.codec, wanted.wall_m)
+            self._tow = _Tow(Decoding(self._opened), looking, scribe, Pictures(view) if wanted.pictures else None)
+        if isinstance(piece, Ended) and piece.error and self._begun is not None and self._recorder.packets:
+            said = f"the source ended: {piece.error}"
+            self._begun[2].event(Event("source", self._last_s, said, "fault"))
+        if self._tow is None or isinstance(piece, (Opened, Ended)):
+            return
+        self._last_s = self._last_s if times is None else times.t_s
+        while self._recorder.early:
+            self._tow.pass_by(*self._recorder.early.pop(0))
+        self._tow.take(piece, times, self.hearing.pieces.qsize())
+
+    def steady(self, told: dict[str, Any]) -> None:
+        """Where the tow comes to rest."""
+        if self._begun is not None:
+            self._begun[2].steady(told)
+
+    @property
+    def said(self) -> bool:
+        """What is to be said before a tow was said."""
+        return self._tow is not None and self._tow.said
+
+    def close(self) -> None:
+        """No more is shown or written."""
+        if self._tow is not None:
+            self._tow.close()
+        if self._begun is not None:
+            self._begun[2].close()
+
+    def counted(self) -> Counts:
+        """What became of its frames."""
+        counts = Counts() if self._tow is None else self._tow.counted(self._recorder.packets)
+        if not counts.packets:
+            said = self._error or "no picture came"
+            raise VideoError(said if said.startswith(self._source) else f"{self._source}: {said}")
+        return counts
 
 
 class _Tow:
     """The loop's body: a piece in, what is said out."""
 
-    def __init__(self, decoding: Decoding, looking: Looking, scribe: _Scribe) -> None:
-        self.decoding, self._looking, self._scribe = decoding, looking, scribe
+    def __init__(self, decoding: Decoding, looking: Looking, scribe: _Scribe, pictures: Pictures | None) -> None:
+        self.decoding, self._looking, self._scribe, self._pictures = decoding, looking, scribe, pictures
         self._counts = Counts()
         self._said_s: float | None = None
         self._behind = False
@@ -251,14 +347,26 @@ class _Tow:
                 for event in self._looking.passed_by(stamped):
                     self._scribe.event(event)
             else:
-                self._look(stamped)
+                self._look(stamped, waiting)
+
+    def pass_by(self, packet: Packet, times: Times) -> None:
+        """A packet that came before anybody could look."""
+        for stamped in self.decoding.step(packet, times.t_s):
+            self._counts.not_looked_at += 1
+            for event in self._looking.passed_by(stamped):
+                self._scribe.event(event)
 
     @property
     def said(self) -> bool:
         """What is to be said before a tow was said."""
         return self._said_s is not None
 
-    def _look(self, stamped: Stamped) -> None:
+    def close(self) -> None:
+        """No more is shown."""
+        if self._pictures is not None:
+            self._pictures.close()
+
+    def _look(self, stamped: Stamped, waiting: int) -> None:
         seen, events = self._looking.step(stamped)
         latency_s = time.monotonic() - stamped.arrived_s
         for event in events:
@@ -267,6 +375,8 @@ class _Tow:
             self._scribe.frame(seen, latency_s)
             self._counts.frames += 1
             self._counts.late += latency_s > LATE_S
+            if self._pictures is not None and not waiting:
+                self._pictures.offer(stamped.frame, seen.marks)
         t_s = stamped.frame.t_s
         self._began_s = t_s if self._began_s is None else self._began_s
         if t_s - (self._began_s if self._said_s is None else self._said_s) >= (READY_EVERY_S if self.said else READY_S):
@@ -290,7 +400,7 @@ class _Scribe:
         self._file: TextIO | None = None
 
     def open(self, run: Run) -> None:
-        run.out.mkdir(exist_ok=True)
+        run.out.mkdir(parents=True, exist_ok=True)
         self._file = (run.out / LOG).open("w", encoding="utf-8", newline="\n")
 
     def frame(self, seen: Seen, latency_s: float) -> None:
@@ -305,6 +415,10 @@ class _Scribe:
         for line in lines:
             self._write({"ready": line.what, "t_s": round(t_s, 6), "good": line.good, "words": line.words})
         self._telling.ready(lines)
+
+    def steady(self, told: dict[str, Any]) -> None:
+        self._write(told)
+        self._telling.steady(told)
 
     def close(self) -> None:
         if self._file is not None:

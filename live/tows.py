@@ -27,7 +27,8 @@ from ..record.plan_file import PlanRequest
 from ..record.priors import DERIVATIVE_NAMES
 from ..record.results import DerivativesFile
 from ..record.toml import read_toml
-from .log import LOG, spoiling
+from .log import logs_of, spoiling
+from .session import Wanted
 
 RELEASE_FRAMES = 15
 """The release is where the model stood in the median of so many first frames: a choice, half a second of usual film."""
@@ -102,9 +103,10 @@ class Day:
         self._candidates: Candidates | None = None
 
     @property
-    def wall_m(self) -> float | None:
-        """Room to the wall that the plan wants; None without one."""
-        return None if self._request is None else self._request.limits.wall_m
+    def wanted(self) -> Wanted:
+        """What the plan wants to hear of while a tow is filmed."""
+        request = self._request
+        return Wanted() if request is None else Wanted(request.limits.wall_m, request.wish.x_v_m)
 
     def prepare(self, show: Callable[[str, int, int | None], None] | None = None) -> None:
         """Judge every tow that the plan allows, which takes its time: to be done before the first one is filmed.
@@ -135,7 +137,7 @@ class Day:
             except TowlineError as error:
                 problem = str(error)
         used = [m for m in used if m.run.name not in failed]
-        named = {m.run.name: tuple(spoiling(m.run.out / LOG)) for m in batch.runs}
+        named = {m.run.name: tuple(words for log in logs_of(m.run) for words in spoiling(log)) for m in batch.runs}
         standing = Standing(
             tuple(m.run.name for m in used),
             result,

@@ -123,6 +123,10 @@ class WishTable(Table):
     y_r_minus_mu: Positive | None = Field(default=None, description="of Y_r - mU")
     n_v: Positive | None = Field(default=None, description="of N_v")
     n_r: Positive | None = Field(default=None, description="of N_r")
+    x_v_m: Positive | None = Field(
+        default=None,
+        description="of X_v by steady tows, half-width in m: what `towline live` waits for while one settles",
+    )
     max_runs: Annotated[int, Field(ge=1, le=40)] = Field(default=8, description="runs that may be spent")
     criterion: Literal["A", "D"] = Field(
         default="A", description="A: mean square of sd over wish; D: volume of the joint interval"

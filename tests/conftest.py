@@ -119,6 +119,12 @@ def live_senders(root: Path) -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def live_settles(root: Path) -> ModuleType:
+    """Steady tows that settle."""
+    return _cases(root, "live_settles")
+
+
+@pytest.fixture(scope="session")
 def laws_truth(root: Path) -> ModuleType:
     """The judge of laws, which shares nothing with their search."""
     return _cases(root, "laws_truth")

@@ -12,8 +12,11 @@ from scipy.stats import chi2
 
 from towline.identify import fit_runs, fit_with_noise
 from towline.identify.colour.bootstrap import bootstrap
+from towline.identify.colour.choose import CLEARLY, white_bic
 from towline.identify.colour.innovations import maximise
-from towline.identify.colour.kalman import innovations
+from towline.identify.colour.kalman import Filtered, innovations
+from towline.identify.data import RunData
+from towline.identify.joint.problem import Answer
 from towline.identify.joint.thin import thinned
 from towline.identify.noise import ljung_box_p
 from towline.record import EstimationError, Priors
@@ -61,7 +64,7 @@ def test_the_innovations_have_the_likelihood_of_the_dense_covariance(campaigns: 
         c = dense(campaigns, six, noise, 1.649, t)
         return float(np.linalg.slogdet(c)[1] + z.T.ravel() @ np.linalg.solve(c, z.T.ravel()))
 
-    found = innovations(run, campaigns.SIX, noise, 1.28, z, np.zeros((2, 1, len(t))))
+    found = innovations([Filtered(run, z, np.zeros((2, 1, len(t))))], campaigns.SIX, noise, 1.28)[0]
     inverse = np.linalg.inv(found.spread)
     ours = np.linalg.slogdet(found.spread)[1].sum() + np.einsum("ni,nij,nj->", found.error, inverse, found.error)
     assert ours == pytest.approx(deviance(campaigns.SIX, noise), abs=1e-6)
@@ -83,6 +86,46 @@ def test_the_innovations_have_the_likelihood_of_the_dense_covariance(campaigns: 
         difference = (values[0] - values[1]) / (2 * step)
         # central differences of numbers near 1e3 by steps of 1e-4: 1e-16 * 1e3 / 1e-4, and the curvature
         assert slope[index] == pytest.approx(difference, rel=1e-4, abs=1e-5 / min(step, 1.0))
+
+
+def test_runs_filtered_side_by_side_are_each_as_alone(campaigns: ModuleType) -> None:
+    """Of unlike lengths, one with a gap, one whose noise grows; to the rounding of some hundred steps."""
+    rng, noise = np.random.default_rng(3), np.log([0.03, 0.01, 0.7, 1.2, 0.9])
+    cases = []
+    for x, seconds, columns in ((1.446, 6.0, 3), (1.649, 10.0, 2), (1.751, 8.0, 3)):
+        run = campaigns.still_run(x, campaigns.times(RATE_HZ, seconds))
+        kept = np.ones(len(run.t_s), bool)
+        kept[20:27] = x != 1.649
+        grown = run.covariance[kept] * np.linspace(1, 2 if x == 1.446 else 1, kept.sum())[:, None, None]
+        run = replace(run, t_s=run.t_s[kept], covariance=grown, y_m=run.y_m[kept], beta_rad=run.beta_rad[kept])
+        residual = rng.normal(size=(2, len(run.t_s))) * 2e-3
+        cases.append(Filtered(run, residual, rng.normal(size=(2, columns, len(run.t_s)))))
+    for one, beside in zip(cases, innovations(cases, campaigns.SIX, noise, 1.28), strict=True):
+        (alone,) = innovations([one], campaigns.SIX, noise, 1.28)
+        for name in ("error", "spread", "d_error", "d_spread"):
+            wanted = getattr(alone, name)
+            assert getattr(beside, name) == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
+
+
+def test_a_search_far_from_what_was_asked_for_ends_early(campaigns: ModuleType) -> None:
+    """White noise and no force: the whole search gains less than ``SLIGHT`` where the early one gave up, and takes longer."""
+    rng, t = np.random.default_rng(11), campaigns.times(16.0, 40.0)
+    runs = [campaigns.noisy(campaigns.still_run(x, t, "modal"), rng) for x in campaigns.POINTS_M[::3]]
+    fit = fit_runs(runs, "linear")
+    asked: list[float] = []
+
+    def wanted(few: list[RunData], answers: list[Answer]) -> float:
+        asked.append(white_bic(few, answers) - CLEARLY - 5 * np.log(sum(2 * len(d.t_s) for d in few)))
+        return asked[-1]
+
+    early = maximise(runs, "linear", fit.speed_m_s, fit.theta, asked=wanted)
+    whole = maximise(runs, "linear", fit.speed_m_s, fit.theta)
+    assert not early.converged
+    assert early.steps < whole.steps / 2
+    assert 0 <= early.deviance - whole.deviance < 1.0
+    assert whole.deviance > asked[-1]
+    near = maximise(runs, "linear", fit.speed_m_s, fit.theta, asked=lambda *_: whole.deviance)
+    assert near.steps == whole.steps
 
 
 def test_the_kalman_filters_fit_is_efficient_and_its_intervals_true(campaigns: ModuleType) -> None:
@@ -170,7 +213,8 @@ def test_a_spread_that_is_negative_in_both_channels_has_no_likelihood(
     ]
     fit = fit_runs(runs, "linear")
     whole = room.innovations
-    monkeypatch.setattr(room, "innovations", lambda *given: replace(found := whole(*given), spread=-found.spread))
+    negative = lambda *given: [replace(found, spread=-found.spread) for found in whole(*given)]  # noqa: E731
+    monkeypatch.setattr(room, "innovations", negative)
     with pytest.raises(EstimationError, match="no likelihood"):
         maximise(runs, "linear", fit.speed_m_s, fit.theta)
 
@@ -218,7 +262,7 @@ def test_a_gap_in_the_record_is_a_longer_step_of_the_filter(campaigns: ModuleTyp
     cut = replace(run, t_s=t[kept], covariance=run.covariance[kept], y_m=run.y_m[kept], beta_rad=run.beta_rad[kept])
     noise = np.log([0.02, 0.02, 0.5, 1.0, 1.0])
     z = np.random.default_rng(6).normal(size=(2, len(t))) * 2e-3
-    found = innovations(cut, campaigns.SIX, noise, 1.28, z[:, kept], np.zeros((2, 1, int(kept.sum()))))
+    found = innovations([Filtered(cut, z[:, kept], np.zeros((2, 1, int(kept.sum()))))], campaigns.SIX, noise, 1.28)[0]
     ours = np.linalg.slogdet(found.spread)[1].sum() + (found.white**2).sum()
     rows = np.flatnonzero(np.repeat(kept, 2))
     c = dense(campaigns, campaigns.SIX, noise, 1.649, t)[np.ix_(rows, rows)]

@@ -84,6 +84,10 @@ def test_the_end_of_a_log_says_what_was_named_and_what_is_in_order(tmp_path: Pat
     assert tail.version == before + 1
     assert tail.ready == {"bow": ("seen", True)}
     assert [event["words"] for event in tail.events] == ["stern is lost"]
+    assert tail.steady is None
+    told = {"steady": "X_v 0.22 +- 0.01 m", "t_s": 9.0, "stands": True, "settled": True}
+    tail = a_log(tmp_path, told)
+    assert tail.steady == told
     assert Tail(tmp_path / "none").curves() == {}
 
 
@@ -181,6 +185,13 @@ def test_a_tow_is_filmed_fitted_and_survives_reload_and_kill(browsers: ModuleTyp
             page.get_by_role("button", name="Film a tow", exact=True).click()
             page.locator(".plots .curve").first.wait_for()
             page.get_by_text("Being filmed.").wait_for()
+            picture = page.get_by_alt_text("The tow as the camera sees it")
+            picture.wait_for()
+            page.wait_for_function("document.querySelector('.livebox img').naturalWidth === 640")
+            first = picture.get_attribute("src")
+            page.wait_for_function(
+                "(old) => document.querySelector('.livebox img').getAttribute('src') !== old", arg=first
+            )
             page.screenshot(path=str(shots / "8-filming.png"))
             page.reload()
             page.locator(".head").wait_for()
@@ -192,6 +203,7 @@ def test_a_tow_is_filmed_fitted_and_survives_reload_and_kill(browsers: ModuleTyp
             wishes = page.get_by_label("Against the wish").inner_text()
             assert len(re.findall(r"not yet|met", wishes)) == 6
             page.get_by_text(re.compile(r"Not enough yet. The tow that helps most: X_T 1\.\d{3} m")).wait_for()
+            page.get_by_text("The last picture.").wait_for()
             page.screenshot(path=str(shots / "8-fitted.png"))
             page.get_by_role("button", name="Film a tow", exact=True).click()
             page.get_by_text("Filming tow-03").wait_for()

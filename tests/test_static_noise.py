@@ -17,7 +17,7 @@ from towline.cli import main
 from towline.identify import RunData, fit_runs, fit_with_noise
 from towline.identify.colour.bootstrap import drawn_record
 from towline.identify.colour.bootstrap import pushed as pushed_by
-from towline.identify.colour.kalman import innovations
+from towline.identify.colour.kalman import Filtered, innovations
 from towline.identify.noise import Whitener, from_correlation
 from towline.identify.static_records import colours
 from towline.identify.still import FEWEST, Slow, Still, block_colour, colour_of, correlation_left
@@ -117,7 +117,7 @@ def test_the_filter_with_a_slow_measurement_has_the_dense_likelihood(campaigns: 
     noise = np.log([1e-9, 1e-9, 0.7, 1.2, 0.9])
     slow = Slow(np.array([0.4, 0.7]), np.array([0.8, 2.5]))
     z = np.random.default_rng(1).normal(size=(2, len(t))) * [[1e-3], [2e-3]]
-    found = innovations(run, campaigns.SIX, noise, 1.28, z, np.zeros((2, 1, len(t))), slow)
+    found = innovations([Filtered(run, z, np.zeros((2, 1, len(t))), slow)], campaigns.SIX, noise, 1.28)[0]
     ours = np.linalg.slogdet(found.spread)[1].sum() + (found.white**2).sum()
     dense = 0.0
     lag = np.abs(t[:, None] - t[None, :])

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import copy
 import json
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import av
 import numpy as np
 import pytest
 import tomlkit
@@ -23,10 +25,14 @@ from towline.geometry.cameras.view import View, between, between_variance
 from towline.geometry.cameras.words import cameras_file
 from towline.geometry.motion import run_datum
 from towline.geometry.poses import poses_from_tracks
+from towline.live.meeting import Meeting, MeetingRecorder
+from towline.live.pieces import Ended, opened_of
+from towline.live.source import Hearing
 from towline.pipeline.stages import CAMERAS, compute_run_motion
 from towline.record import GeometryError, InputError, RunFile, read_run
 from towline.record.run import Run, cameras_of
 from towline.record.toml import check_tables
+from towline.vision import read_frames
 
 SHORT_S = 25.0
 """Of a tow here: about two swings."""
@@ -401,14 +407,20 @@ def test_what_is_wrong_with_two_cameras_is_named(
         check_tables(content, RunFile, "run.toml")
 
 
-def test_two_films_end_to_end(films: ModuleType, samples: Path, tmp_path: Path, capsys: Any) -> None:
-    """Two small films of some seconds, tracked and joined by the command, against the renderer's truth."""
+@pytest.fixture(scope="module")
+def filmed(films: ModuleType, samples: Path, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """Two small films of some seconds."""
     poses = (
         {"place_m": [-7.2, -1.6, -3.4], "look_at_m": [-2.5, 0.05, 0.15]},
         {"place_m": [-7.0, 1.9, -3.0], "look_at_m": [-2.5, -0.05, 0.15]},
     )
     scenario = samples / "mariner" / "x1446" / "scenario.toml"
-    filmed = films.film_two(scenario, tmp_path / "tow", poses, (7.0, 8.0), (12.0, 10.0), 0.63, 1e-4, 7, (400, 300))
+    folder = tmp_path_factory.mktemp("two") / "tow"
+    return films.film_two(scenario, folder, poses, (7.0, 8.0), (12.0, 10.0), 0.63, 1e-4, 7, (400, 300))
+
+
+def test_two_films_end_to_end(filmed: Any, capsys: Any) -> None:
+    """Tracked and joined by the command, against the renderer's truth."""
     assert main(["track", str(filmed.folder), "--no-overlay"]) == 0
     assert main(["motion", str(filmed.folder)]) == 0
     capsys.readouterr()
@@ -422,3 +434,63 @@ def test_two_films_end_to_end(films: ModuleType, samples: Path, tmp_path: Path, 
     z = (seen["y_cg_m"].to_numpy() - truth[:, 1]) / stated
     assert np.sqrt(np.mean(z**2)) < 2.0
     assert set(seen["camera"]) == {"port", "starboard", "port+starboard"} - ({"port"} if offset["value"] < 0 else set())
+
+
+def test_two_sources_are_filmed_into_one_run(filmed: Any, tmp_path: Path, capsys: Any) -> None:
+    """The two films, played at their own rate: the run folder that is made is one of two cameras, with every picture of both, each
+    camera's values while it was filmed, the clock's offset, and the day's fit."""
+    setup, day = filmed.folder, tmp_path / "day"
+    words = [str(setup / "port.mp4"), str(setup / "starboard.mp4"), str(day), "--like", str(setup)]
+    assert main(["live", *words]) == 0
+    said = capsys.readouterr().out
+    run = read_run(day / "tow-01")
+    assert [camera.video for camera in run.file.cameras] == ["port.ts", "starboard.ts"]
+    truth_y_m = filmed.truth(np.linspace(0, 8, 801))[:, 1]
+    for name, film in zip(("port", "starboard"), ("port.mp4", "starboard.mp4"), strict=True):
+        sent, recorded = (list(read_frames(path)) for path in (setup / film, run.folder / f"{name}.ts"))
+        assert len(sent) == len(recorded)
+        assert all(np.array_equal(a.luma, b.luma) for a, b in zip(sent, recorded, strict=True))
+        assert f"{name}: {len(sent)} pictures recorded" in said
+        records = [json.loads(line) for line in (run.out / name / "live.jsonl").read_text().splitlines()]
+        seen = np.array([r["y_cg_m"][0] for r in records if r.get("y_cg_m")])
+        assert len(seen) > 0
+        assert seen.min() > truth_y_m.min() - 0.02
+        assert seen.max() < truth_y_m.max() + 0.02
+    assert json.loads((day / "day.json").read_text())["tows"] == [run.name]
+    offset = json.loads((run.out / CAMERAS).read_text())["offset_s"]
+    assert abs(offset["value"] - filmed.offset_s) < 4 * offset["std"]
+    capsys.readouterr()
+    assert main(["live", words[0], str(day), "--like", str(setup)]) == 1
+    assert "one source to film from, but the set-up has two [[camera]] (port, starboard)" in capsys.readouterr().err
+
+
+def test_the_source_that_answers_first_waits_and_loses_nothing(filmed: Any, tmp_path: Path) -> None:
+    """Its packets come before the other has answered: written first when it has, in their order, each with its time."""
+    answers: list[Any] = []
+    held: list[Any] = []
+
+    def begin(given: Any) -> tuple[Any, list[Any]]:
+        answers.extend(given)
+        (tmp_path / "run").mkdir()
+        return read_run(filmed.folder), []
+
+    meeting = Meeting(2, begin)
+    first, second = (
+        MeetingRecorder(tmp_path / "run", name, meeting, k) for k, name in enumerate(("port", "starboard"))
+    )
+    hearing = Hearing(str(filmed.folder / "port.mp4"), lambda piece: held.append(piece) or first.take(piece))
+    with av.open(str(filmed.folder / "starboard.mp4")) as other:
+        hearing.start()
+        while len(held) < 20:
+            time.sleep(0.01)
+        assert first.packets == 0
+        assert not (tmp_path / "run").exists()
+        second.take(opened_of(other.streams.video[0], True))
+        hearing.join()
+        second.take(Ended())
+    assert [(a.recording, a.size_px) for a in answers] == [("port.ts", (400, 300)), ("starboard.ts", (400, 300))]
+    sent = list(read_frames(filmed.folder / "port.mp4"))
+    assert len(list(read_frames(tmp_path / "run" / "port.ts"))) == len(sent) == first.packets
+    early = [times.t_s for _, times in first.early]
+    assert len(early) >= 19
+    assert (np.diff(early) > 0).all()

@@ -12,7 +12,7 @@ from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..data import RunData
 from ..fit import Fit, beside_of, common_errors, fit_runs, modes_along
-from ..joint.problem import OWN, Problem
+from ..joint.problem import OWN, Answer, Problem
 from ..joint.thin import thinned
 from ..noise import ljung_box_p, measured, stated
 from ..static_records import colours
@@ -104,18 +104,26 @@ def _asked(
     """Fit a force to the residuals of ``fit`` to the runs ``along`` its path, and hold it against coloured measurement noise."""
     known = any(colours(along))
     what = "coloured beyond what the static records show" if known else "coloured"
+    few = [thinned(d, keep_first=True, keep_modes=True) for d in along]
+    answers = Problem(few, form, fit.speed_m_s).evaluate(fit.theta)
+    measurement, margin = measurement_bic(few, answers), 0.0 if known else CLEARLY
+    size = NOISE * float(np.log(sum(2 * len(d.t_s) for d in few)))
+
+    def asked(few: list[RunData], answers: list[Answer]) -> float:
+        return (measurement if known else min(measurement, white_bic(few, answers))) - margin - size
+
     try:
-        found = maximise(along, form, fit.speed_m_s, fit.theta, begin, progress, each=each)
+        ends = asked if noise == "auto" else None
+        found = maximise(along, form, fit.speed_m_s, fit.theta, begin, progress, each=each, asked=ends)
     except EstimationError as error:
         if noise == "innovations":
             raise
         return _Asked(None, f"the residuals are {what}; no force on the hull could be fitted to them ({error})")
-    samples = sum(2 * len(d.t_s) for d in found.problem.runs)
-    force_bic = found.deviance + NOISE * np.log(samples)
-    gap = measurement_bic(along, form, fit) - force_bic
+    force_bic = found.deviance + size
+    gap = measurement - force_bic
     # an autoregression for every channel of every run costs much: a force must also be seen against plain white noise
-    unseen = not known and white_bic(found) - force_bic < CLEARLY
-    if noise == "auto" and (unseen or gap < (0.0 if known else CLEARLY)):
+    unseen = not known and white_bic(found.problem.runs, found.answers) - force_bic < CLEARLY
+    if noise == "auto" and (unseen or gap < margin):
         against = "explains it as well as" if gap >= 0 else "explains it better than"
         words = f"the residuals are {what}, and " + (
             "a force on the hull explains none of it: output error, whitened by an autoregression"
@@ -162,17 +170,14 @@ def _least_p(fit: Fit, known: list[Colour | None]) -> list[float]:
     return chances
 
 
-def measurement_bic(runs: list[RunData], form: str, fit: Fit) -> float:
+def measurement_bic(few: list[RunData], answers: list[Answer]) -> float:
     """BIC of the output error with an autoregression per channel, on the same block means as the innovations.
 
     Parameters
     ----------
-    runs : the runs, in their order
-    form : "full" or "linear"
-    fit : of ``runs``
+    few : block means of the runs
+    answers : of the output error's optimum
     """
-    few = [thinned(d, keep_first=True, keep_modes=True) for d in runs]
-    answers = Problem(few, form, fit.speed_m_s).evaluate(fit.theta)
     total, orders, samples = 0.0, 0, 0
     for data, answer in zip(few, answers, strict=True):
         first = stated(data.covariance, data.t_s)
@@ -185,11 +190,16 @@ def measurement_bic(runs: list[RunData], form: str, fit: Fit) -> float:
     return total + orders * float(np.log(samples))
 
 
-def white_bic(found: LikelihoodFit) -> float:
-    """BIC of the same paths without the force: block means that scatter as white noise, in each channel so much in all runs."""
-    few = found.problem.runs
+def white_bic(few: list[RunData], answers: list[Answer]) -> float:
+    """BIC of paths without the force: block means that scatter as white noise, in each channel so much in all runs.
+
+    Parameters
+    ----------
+    few : block means of the runs
+    answers : along the paths
+    """
     white = np.concatenate(
-        [stated(d.covariance, d.t_s).along(a.residual) for d, a in zip(few, found.answers, strict=True)], axis=1
+        [stated(d.covariance, d.t_s).along(a.residual) for d, a in zip(few, answers, strict=True)], axis=1
     )
     count = white.shape[1]
     spread = count * float(np.log((white**2).mean(axis=1)).sum()) + 2 * count

@@ -8,6 +8,7 @@ Where a static record shows that the measurement itself is coloured, two more fi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,12 +23,16 @@ NOISE_NAMES = ("force", "moment", "time", "scale_y", "scale_beta")
 """Logarithms of: sd of the force N, of the moment N m, their time constant s, measurement scatter over the stated sigmas."""
 MOVING = 6 + len(NOISE_NAMES)
 """What the covariances move with: the six derivatives and the noise."""
+BENDING = 9
+"""Of these so many may change the transition; the rest, the measurement's scatter, does not."""
 STATES = 6
 """y, beta, v, r, and the coloured force and moment."""
 STEP_SHARE = 0.01
 """Steps of time that differ by less than this share of the usual one count as equal."""
 STEADY_SHARE = 1e-10
 """The filter's covariance is steady, and not computed again, when it changes from sample to sample by less than this share."""
+STEADY_ASKED = 8
+"""Whether it is steady is asked after so many samples."""
 EPS = 1e-30
 """Step of the complex derivative: so small that it is exact to rounding, as nothing is subtracted."""
 
@@ -115,93 +120,159 @@ def _slow_variance(data: RunData, noise: Array, slow: Slow) -> Array:
     return (1 - slow.share) * np.exp(2 * noise[3:5]) * np.einsum("nii->i", data.covariance) / len(data.covariance)
 
 
-def innovations(
-    data: RunData,
-    six: Array,
-    noise: Array,
-    speed_m_s: float,
-    residual: Array,
-    slope: Array,
-    slow: Slow | None = None,
-) -> Innovations:
-    """Filter a run.
+@dataclass(frozen=True)
+class Filtered:
+    """What a filter takes of one run.
 
-    Parameters
+    Attributes
     ----------
     data : block means (``joint.thin.thinned``); covariance of a sample
-    six, noise : parameters; noise (5,), ``NOISE_NAMES``
-    speed_m_s : at which ``six`` is quoted
     residual : (2, n), measured minus mean response
     slope : (2, k, n), change of the mean response
     slow : the measurement's own colour, where a static record tells it; else it is taken as white
     """
-    count = len(data.t_s)
-    which, steps = _steps(data.t_s)
-    transition, added = step_model(data, six, noise, speed_m_s, steps, slow)
+
+    data: RunData
+    residual: Array
+    slope: Array
+    slow: Slow | None = None
+
+    @property
+    def states(self) -> int:
+        """Of its filter."""
+        return STATES if self.slow is None else STATES + 2
+
+
+def innovations(runs: Sequence[Filtered], six: Array, noise: Array, speed_m_s: float) -> list[Innovations]:
+    """Filter runs, side by side: a step of several takes hardly longer than a step of one.
+
+    Parameters
+    ----------
+    runs : with equally many states
+    six, noise : parameters; noise (5,), ``NOISE_NAMES``
+    speed_m_s : at which ``six`` is quoted
+    """
+    order = sorted(range(len(runs)), key=lambda i: -len(runs[i].data.t_s))
+    found = _side_by_side([runs[i] for i in order], six, noise, speed_m_s)
+    return [found[order.index(i)] for i in range(len(runs))]
+
+
+def _side_by_side(runs: Sequence[Filtered], six: Array, noise: Array, speed_m_s: float) -> list[Innovations]:
+    """``innovations`` of runs of which none is longer than the one before it."""
+    kinds = [_steps(run.data.t_s) for run in runs]
+    models = [
+        step_model(run.data, six, noise, speed_m_s, steps, run.slow)
+        for run, (_, steps) in zip(runs, kinds, strict=True)
+    ]
+    transition, added = (np.concatenate(parts) for parts in zip(*models, strict=True))
     # each value once, and its change by each of what moves it: real products of small matrices, not complex ones of twelve copies
     step, d_step = np.real(transition[:, 0]).copy(), np.imag(transition[:, 1:]) / EPS
     drive, d_drive = np.real(added[:, 0]).copy(), np.imag(added[:, 1:]) / EPS
-    states = step.shape[-1]
-    white = data.covariance if slow is None else data.covariance * np.sqrt(np.outer(slow.share, slow.share))
+    states, sizes = step.shape[-1], np.array([len(run.data.t_s) for run in runs])
+    many, longest, columns = len(runs), int(sizes[0]), max(run.slope.shape[1] for run in runs)
+    d_some = d_step[:, :BENDING].reshape(
+        len(d_step), -1, states
+    )  # products of one tall matrix take the time of one small one
     scale = np.exp(noise[3:5])
     factor, d_factor = np.outer(scale, scale), np.zeros((MOVING, 2, 2))
-    covariance, d_covariance = np.zeros((states, states)), np.zeros((MOVING, states, states))
     for i in range(2):
         d_factor[9 + i, i] += factor[i]
         d_factor[9 + i, :, i] += factor[:, i]
-        covariance[4 + i, 4 + i] = np.exp(2 * noise[i])
-        d_covariance[6 + i, 4 + i, 4 + i] = 2 * covariance[4 + i, 4 + i]
-        if slow is not None:
-            covariance[STATES + i, STATES + i] = _slow_variance(data, noise, slow)[i]
-            d_covariance[9 + i, STATES + i, STATES + i] = 2 * covariance[STATES + i, STATES + i]
-    measured = np.concatenate([residual[:, None], slope], axis=1).transpose(2, 0, 1).copy()  # (n, 2, 1 + k)
-    mean, d_mean = np.zeros((states, measured.shape[2])), np.zeros((MOVING, states))
-    spread, d_spread = np.empty((count, 2, 2)), np.empty((count, MOVING, 2, 2))
-    error, shifted = np.empty(measured.shape), np.empty((count, MOVING, 2))
-    steady = False
-    gained, d_gained = np.zeros((states, 2)), np.zeros((MOVING, states, 2))
-    d_closed = np.zeros((MOVING, states, states))
-    closed = np.zeros((states, states))
-    for k in range(count):
-        kind = which[k]
-        # a steady gain is used while neither step nor weight changes
-        steady = steady and kind == which[k - 1] and np.array_equal(data.covariance[k], data.covariance[k - 1])
+    which, white = np.zeros((longest, many), dtype=int), np.zeros((longest, many, 1, 2, 2))
+    measured = np.zeros((longest, many, 2, 1 + columns))
+    covariance, d_covariance = np.zeros((many, states, states)), np.zeros((many, MOVING, states, states))
+    same, before = np.ones((longest, many), dtype=bool), 0
+    for r, (run, (kind, steps)) in enumerate(zip(runs, kinds, strict=True)):
+        data, size = run.data, sizes[r]
+        share = 1.0 if run.slow is None else np.sqrt(np.outer(run.slow.share, run.slow.share))
+        which[:size, r], white[:size, r, 0] = kind + before, data.covariance * share
+        measured[:size, r, :, 0] = run.residual.T
+        measured[:size, r, :, 1 : 1 + run.slope.shape[1]] = run.slope.transpose(2, 0, 1)
+        same[1:size, r] = (data.covariance[1:] == data.covariance[:-1]).all(axis=(1, 2)) & (kind[1:] == kind[:-1])
+        before += len(steps)
+        for i in range(2):
+            covariance[r, 4 + i, 4 + i] = np.exp(2 * noise[i])
+            d_covariance[r, 6 + i, 4 + i, 4 + i] = 2 * covariance[r, 4 + i, 4 + i]
+            if run.slow is not None:
+                covariance[r, STATES + i, STATES + i] = _slow_variance(data, noise, run.slow)[i]
+                d_covariance[r, 9 + i, STATES + i, STATES + i] = 2 * covariance[r, STATES + i, STATES + i]
+    going = (sizes[None, :] > np.arange(longest)[:, None]).sum(axis=1).tolist()
+    unchanged = np.asarray(same.all(axis=1))
+    mean, d_mean = np.zeros((many, states, 1 + columns)), np.zeros((many, MOVING, states))
+    spread, d_spread = np.empty((longest, many, 2, 2)), np.empty((longest, many, MOVING, 2, 2))
+    error, shifted = np.empty(measured.shape), np.empty((longest, many, MOVING, 2))
+    steady: bool = False
+    flat, cube = (-1, states), (-1, states, states)
+    index = np.arange(0)
+    on = d_on = gain = gained = inverse = closed = on_t = gained_t = closed_t = np.zeros(0)
+    for k in range(longest):
+        here = going[k]
+        # a steady gain is used while neither step nor weight changes, and no run ends
+        steady = steady and bool(unchanged[k]) and here == going[k - 1]
         if steady:
             spread[k], d_spread[k] = spread[k - 1], d_spread[k - 1]
         else:
-            on, d_on = step[kind], d_step[kind]
-            across, d_across = _seen(covariance), _seen(d_covariance)
-            total = _seen(across.T) + factor * white[k]
-            d_total = _seen(d_across.transpose(0, 2, 1)) + d_factor * white[k]
-            spread[k], d_spread[k] = total, d_total
-            (a, b), (c, d) = total.tolist()
-            inverse = np.array([[d, -b], [-c, a]]) / (a * d - b * c)
+            if here < len(covariance):
+                covariance, d_covariance, mean, d_mean = (a[:here] for a in (covariance, d_covariance, mean, d_mean))
+            index = which[k, :here]
+            on, d_on = step[index], d_some[index]
+            across = _seen(covariance)
+            spread[k, :here] = _seen(_turned(across)) + factor * white[k, :here, 0]
+            d_spread[k, :here] = _seen(_turned(_seen(d_covariance))) + d_factor * white[k, :here]
+            inverse = _inverse(spread[k, :here])
             gain = across @ inverse
-            d_gain = (d_across - gain @ d_total) @ inverse
-            left = covariance - gain @ across.T
-            lost = gain @ d_across.transpose(0, 2, 1)
-            d_left = d_covariance - d_gain @ across.T - lost
-            turned = on @ left
-            after = turned @ on.T + drive[kind]
-            bent = d_on @ turned.T
-            d_after = on @ d_left @ on.T + d_drive[kind] + bent + bent.transpose(0, 2, 1)
-            # an asymmetry of rounding would grow
-            after, d_after = (after + after.T) / 2, (d_after + d_after.transpose(0, 2, 1)) / 2
-            size = after.diagonal()
-            steady = bool(
-                (np.abs(size - covariance.diagonal()) < STEADY_SHARE * size).all()
-                and (np.abs((d_after - d_covariance).diagonal(axis1=1, axis2=2)) < 1e3 * STEADY_SHARE * size).all()
-            )
+            gained = on @ gain
+            closed = _without(on, gained)
+            on_t, gained_t, closed_t = _turned(on), _turned(gained), _turned(closed)
+        e = measured[k, :here] - _turned(_seen(_turned(mean)))
+        error[k, :here], shifted[k, :here] = e, _seen(d_mean)
+        # the gain moves too: what that does goes by the error alone, and no gain's derivative is written down
+        first = e[:, :, :1]
+        weighed = (inverse @ first)[:, None]
+        d_across = (_seen(d_covariance) @ weighed)[..., 0]
+        d_weight = (d_spread[k, :here] @ weighed)[..., 0]
+        d_mean = d_mean @ closed_t + d_across @ on_t - d_weight @ gained_t
+        d_mean[:, :BENDING] += (d_on @ (mean[:, :, :1] + gain @ first)).reshape(here, *flat)
+        mean = on @ mean + gained @ e
+        if not steady:
+            turned = closed @ covariance
+            after = turned @ on_t + drive[index]
+            after = (after + _turned(after)) / 2  # an asymmetry of rounding would grow
+            half = (d_covariance.reshape(here, *flat) @ closed_t).reshape(here, *cube)
+            d_after = (_turned(half).reshape(here, *flat) @ closed_t).reshape(half.shape) + d_drive[index]
+            bent = (d_on @ _turned(turned)).reshape(here, *cube)
+            d_after[:, :BENDING] += bent + _turned(bent)
+            d_after[:, BENDING:] += gained[:, None] @ (d_factor[BENDING:] * white[k, :here]) @ gained_t[:, None]
+            steady = k % STEADY_ASKED == 0 and _is_steady(covariance, after, d_covariance, d_after)
             covariance, d_covariance = after, d_after
-            gained, d_gained = on @ gain, d_on @ gain + on @ d_gain
-            closed, d_closed = _without(on, gained), _without(d_on, d_gained)
-        e = measured[k] - _seen(mean.T).T
-        error[k] = e
-        shifted[k] = _seen(d_mean)
-        d_mean = d_mean @ closed.T + d_closed @ mean[:, 0] + d_gained @ measured[k, :, 0]
-        mean = step[kind] @ mean + gained @ e
-    d_error = np.concatenate([-error[:, :, 1:].transpose(0, 2, 1), -shifted], axis=1)
-    return Innovations(error[:, :, 0], spread, d_error, d_spread)
+    return [
+        Innovations(
+            error[:n, r, :, 0],
+            spread[:n, r],
+            np.concatenate([-error[:n, r, :, 1 : 1 + run.slope.shape[1]].transpose(0, 2, 1), -shifted[:n, r]], axis=1),
+            d_spread[:n, r],
+        )
+        for r, (run, n) in enumerate(zip(runs, sizes.tolist(), strict=True))
+    ]
+
+
+def _is_steady(before: Array, after: Array, d_before: Array, d_after: Array) -> bool:
+    """The covariance no longer changes, (r, s, s), nor does its change, (r, 11, s, s)."""
+    size = after.diagonal(axis1=1, axis2=2)
+    change = np.abs(size - before.diagonal(axis1=1, axis2=2))
+    d_change = np.abs((d_after - d_before).diagonal(axis1=2, axis2=3))
+    return bool((change < STEADY_SHARE * size).all() and (d_change < 1e3 * STEADY_SHARE * size[:, None]).all())
+
+
+def _inverse(pairs: Array) -> Array:
+    """Of (r, 2, 2)."""
+    a, b, c, d = pairs[:, 0, 0], pairs[:, 0, 1], pairs[:, 1, 0], pairs[:, 1, 1]
+    return np.array([[d, -b], [-c, a]]).transpose(2, 0, 1) / (a * d - b * c)[:, None, None]
+
+
+def _turned(matrices: Array) -> Array:
+    """(..., i, j) -> (..., j, i)."""
+    return np.swapaxes(matrices, -1, -2)
 
 
 def _seen(rows: Array) -> Array:

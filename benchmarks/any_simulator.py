@@ -66,6 +66,8 @@ class Case:
     outputs: tuple[int, ...]
     noise: tuple[float, ...]
     effects: dict[str, tuple[str, float]]
+    give: float = 0.0
+    """How far bristles give before they slide."""
 
 
 def truth(case: Case, p: Array, start: Array, drive: Array, kind: str, size: float) -> Array:
@@ -99,9 +101,15 @@ def truth(case: Case, p: Array, start: Array, drive: Array, kind: str, size: flo
             before = min(int(at), len(levels) - 2)
             u = levels[before] + (at - before) * (levels[before + 1] - levels[before])
         more = [(u - state[-1]) / lag] if lag else []
-        found = list(case.plain(x, state[-1] if lag else u, p))
         v = x[index]
-        if kind == "constant":
+        found = list(case.plain(x, state[-1] if lag else u, p))
+        if kind == "bristles":
+            # LuGre's z in its own units: half as much again at rest, no sigma_1
+            z, sigma = state[-1], 1.5 * abs(size) / case.give
+            grip = abs(size) * (1 + 0.5 * np.exp(-((v / (0.1 * case.speed)) ** 2)))
+            more = [v - sigma * abs(v) * z / max(grip, 1e-12)]
+            found[index] -= np.sign(size) * sigma * z
+        elif kind == "constant":
             found[index] += size
         elif kind == "dry":
             found[index] -= size * np.tanh(v / v0)
@@ -116,7 +124,7 @@ def truth(case: Case, p: Array, start: Array, drive: Array, kind: str, size: flo
         return [*found, *more]
 
     at = t * (1 + size) if kind == "clock" else t
-    first = [*start, drive[0]] if lag else list(start)
+    first = [*start, drive[0]] if lag else [*start, 0.0] if kind == "bristles" else list(start)
     solved = solve_ivp(
         rates, (0, at[-1]), first, t_eval=at, method="LSODA", rtol=1e-6, atol=1e-9, max_step=4 * case.step_s
     )
@@ -194,7 +202,8 @@ def cases() -> list[Case]:
              ((0.6, 0.0), (1.3, 0.0)), 0.04, 200, None, 1, 0, 8.0, (0,), (0.004,),
              {"rate_dry_friction": ("dry", 0.3), "rate_quadratic_damping": ("quadratic", 0.02),
               "rate_cubic_stiffness": ("cubic_stiffness", 2.0),
-              "rate_stiffness_above": ("above", 1.0), "angle_offset": ("offset", 0.02), "angle_drift": ("drift", 0.03)}),
+              "rate_stiffness_above": ("above", 1.0), "angle_offset": ("offset", 0.02), "angle_drift": ("drift", 0.03),
+              "rate_lugre_friction": ("bristles", 0.3)}, give=0.05),
         Case("drive", drive, lambda x, u, p: [-p[0] * x[0] - p[1] * np.tanh(x[0] / (TURN * 20)) + p[2] * u], (1.5, 6.0, 25.0),
              ((0.0,), (5.0,)), 0.02, 200, chirp(2.0, 0.2, 1.5), 0, None, 20.0, (0,), (0.1,),
              {"speed_quadratic_damping": ("quadratic", 0.03), "volt_backlash": ("backlash", 0.3), "volt_delay": ("delay", 0.02),
@@ -202,7 +211,8 @@ def cases() -> list[Case]:
         Case("Duffing", duffing, lambda x, u, p: [x[1], -p[0] * x[0] - p[1] * x[1] - p[2] * x[0] ** 3 + u], (36.0, 0.4, 25.0),
              ((0.5, 0.0), (-0.3, 0.0)), 0.04, 200, chirp(12.0, 0.3, 1.8), 1, 0, 4.0, (0,), (0.004,),
              {"v_dry_friction": ("dry", 0.5), "v_quadratic_damping": ("quadratic", 0.06), "v_stiffness_above": ("above", 3.0),
-              "u_delay": ("delay", 0.02), "u_lag": ("lag", 0.03), "x_offset": ("offset", 0.02)}),
+              "u_delay": ("delay", 0.02), "u_lag": ("lag", 0.03), "x_offset": ("offset", 0.02),
+              "v_lugre_friction": ("bristles", 0.5)}, give=0.03),
         Case("two tanks", tanks,
              lambda x, u, p: [p[0] * u - p[1] * np.sqrt(max(x[0], 1e-9)),
                               p[1] * np.sqrt(max(x[0], 1e-9)) - p[2] * np.sqrt(max(x[1], 1e-9))], (0.01, 0.018, 0.017),
@@ -226,8 +236,8 @@ def left_out(case: Case, effect: str) -> list[str]:
     """Names that are not offered: the effect's, and those that do the same to these records in all but name."""
     if effect in TWINS:
         return [effect, TWINS[effect]]
-    if effect.endswith("dry_friction"):
-        return [effect, effect.replace("dry", "static")]
+    if effect.endswith("_friction"):
+        return [effect.replace("_dry_", f"_{kind}_").replace("_lugre_", f"_{kind}_") for kind in ("dry", "static", "lugre")]
     if effect.endswith(("_lag", "_delay")):
         names = [*(i.name for i in case.model.inputs), *(o.name for o in case.model.outputs)]
         return ["clock_offset", *(f"{name}_{what}" for name in names for what in ("lag", "delay"))]

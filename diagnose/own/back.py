@@ -22,6 +22,8 @@ from .model import Missing, System
 
 ARGUMENTS = {"equation": "t, x, u, p", "input": "t, u", "output": "t, y", "clock": "t"}
 """What ``Missing.changes`` is given first, by where it acts."""
+OF_MEMORY = ("m", "rate")
+"""What it is given behind them where it has a state of its own: that, and its rate."""
 USED = ("delayed", "lagged", "limited", "played")
 """Functions of ``library`` that an effect's code may call."""
 NUMPY = ("tanh", "exp", "abs", "maximum", "newaxis")
@@ -135,7 +137,7 @@ def corrected_file(gap: OwnGap) -> CorrectedFile:
         acts: Literal["equation", "input", "output", "clock"] = "clock"
         acts = "equation" if m.equation else "input" if m.input else "output" if m.output else acts
         on = m.equation or m.input or m.output
-        put.append(PutIn(effect=m.name, acts=acts, on=on, code=m.code, numbers=own))
+        put.append(PutIn(effect=m.name, acts=acts, on=on, code=m.code, memory=m.memory_code, numbers=own))
     return CorrectedFile(
         schema="towline/corrected",
         tool=file.tool,
@@ -170,11 +172,13 @@ def from_file(file: CorrectedFile, system: System, path: str | Path = "corrected
                 parameters,
                 "",
                 "",
-                _compiled(put, path),
+                _compiled(put, _lambda(put), path),
                 on["equation"],
                 on["input"],
                 on["output"],
                 code=put.code,
+                memory=_compiled(put, _of_memory(put), path) if put.memory else None,
+                memory_code=put.memory,
             )
         elif put.effect in own:
             made = own[put.effect]
@@ -184,16 +188,15 @@ def from_file(file: CorrectedFile, system: System, path: str | Path = "corrected
     return put_in(system, {name: n.value for name, n in file.numbers.items()}, missing)
 
 
-def _compiled(put: PutIn, path: str | Path) -> Any:
-    """The effect's code as a function: arithmetic of its arguments and numbers, and what towline calls in it; nothing else."""
+def _compiled(put: PutIn, text: str, path: str | Path) -> Any:
+    """An effect's code as a function: arithmetic of its arguments and numbers, and what towline calls in it; nothing else."""
     from . import library
 
-    text = _lambda(put.acts, list(put.numbers), put.code)
     try:
         tree = ast.parse(text, mode="eval")
     except SyntaxError:
         raise InputError(path, f"effects {put.effect}", "its code is no Python expression") from None
-    known = {*ARGUMENTS[put.acts].split(", "), *put.numbers, *USED, "np"}
+    known = {*ARGUMENTS[put.acts].split(", "), *OF_MEMORY, *put.numbers, *USED, "np"}
     for node in ast.walk(tree):
         name = node.id if isinstance(node, ast.Name) else ""
         attribute = isinstance(node, ast.Attribute)
@@ -206,8 +209,13 @@ def _compiled(put: PutIn, path: str | Path) -> Any:
     return eval(compile(tree, "corrected.json", "eval"), names)  # of what was looked through above
 
 
-def _lambda(acts: str, numbers: Sequence[str], code: str) -> str:
-    return f"lambda {ARGUMENTS[acts]}, {', '.join(numbers)}: {code}"
+def _lambda(put: PutIn) -> str:
+    memory = OF_MEMORY if put.memory else ()
+    return f"lambda {', '.join((ARGUMENTS[put.acts], *memory, *put.numbers))}: {put.code}"
+
+
+def _of_memory(put: PutIn) -> str:
+    return f"lambda {', '.join((ARGUMENTS[put.acts], *put.numbers))}: {put.memory}"
 
 
 def corrected_python(gap: OwnGap, model: Path, out: Path) -> str:
@@ -230,7 +238,7 @@ def corrected_python(gap: OwnGap, model: Path, out: Path) -> str:
         "",
     ]
     used = sorted({name for put in file.effects for name in USED if f"{name}(" in put.code})
-    if any("np." in put.code for put in file.effects):
+    if any("np." in put.code + put.memory for put in file.effects):
         lines += ["import numpy as np", ""]
     if file.effects:
         lines += ["from towline.diagnose.effects import Parameter", "from towline.diagnose.own import Missing"]
@@ -264,7 +272,8 @@ def corrected_python(gap: OwnGap, model: Path, out: Path) -> str:
             f"            ({parameters.rstrip()}),",
             f"            {m.physics!r},",
             f"            {m.cure!r},",
-            f"            {_lambda(put.acts, list(put.numbers), put.code)},{place}",
+            f"            {_lambda(put)},{place}",
+            *([f"            memory={_of_memory(put)},"] if put.memory else []),
             "        ),",
             f"        ({', '.join(repr(n.value) for n in put.numbers.values())},),",
             "    ),",

@@ -147,20 +147,33 @@ def _integrated(
     """(s, count, k)."""
     names = [one.name for one in system.states]
     added = [(names.index(put.missing.equation), put) for put in puts]
+    of_memory = [k for k, (_, put) in enumerate(added) if put.missing.memory is not None]
     pushed: Array | float = 0.0
     stays = np.flatnonzero(grid.stays)
 
-    def rates(t: float, x: Array, u: Array) -> Array:
+    def rates(t: float, x: Array, u: Array, memory: Sequence[Array]) -> tuple[Array, list[Linear]]:
+        """Rates of the states, and (drive, decay) of each memory."""
         found = system.derivatives(t, x, u, p)
+        linear: list[Linear] = []
         if added:
             arguments = system.arguments(x, u, p)
             for index, put in added:
-                found[index] += put.missing.changes(t, *arguments, *put.numbers)
-        return found + pushed
+                own: tuple[Array, ...] = ()
+                if put.missing.memory is not None:
+                    m = memory[len(linear)]
+                    drive, decay = put.missing.memory(t, *arguments, *put.numbers)
+                    linear.append((drive, decay))
+                    own = (m, drive - decay * m)
+                found[index] += put.missing.changes(t, *arguments, *own, *put.numbers)
+        return found + pushed, linear
+
+    def ahead(memory: Sequence[Array], linear: Sequence[Linear], length: float) -> list[Array]:
+        return [relaxed(m, length * drive, length * decay) for m, (drive, decay) in zip(memory, linear, strict=True)]
 
     h = grid.step_s / grid.inner
     path = np.empty((len(start), grid.count, start.shape[1]))
     path[:, 0] = x = np.array(start, dtype=float)
+    memory = [np.zeros(start.shape[1]) for _ in of_memory]
     at = 0
     for sample in range(1, grid.count):
         if push is not None:
@@ -171,15 +184,51 @@ def _integrated(
                 # what stays jumps between two steps, never in one
                 before, after = before.copy(), after.copy()
                 before[stays] = after[stays] = middle[stays]
-            k1 = rates(t, x, before)
-            k2 = rates(t + 0.5 * h, x + 0.5 * h * k1, middle)
-            k3 = rates(t + 0.5 * h, x + 0.5 * h * k2, middle)
-            k4 = rates(t + h, x + h * k3, after)
+            k1, m1 = rates(t, x, before, memory)
+            k2, m2 = rates(t + 0.5 * h, x + 0.5 * h * k1, middle, ahead(memory, m1, 0.5 * h))
+            k3, m3 = rates(t + 0.5 * h, x + 0.5 * h * k2, middle, ahead(memory, m2, 0.5 * h))
+            k4, m4 = rates(t + h, x + h * k3, after, ahead(memory, m3, h))
             x = x + h / 6 * (k1 + 2 * (k2 + k3) + k4)
+            memory = [over_step(h, *those) for those in zip(memory, m1, m2, m3, m4, strict=True)]
             at += 2
         x = np.clip(np.nan_to_num(x, nan=FAR, posinf=FAR, neginf=-FAR), -FAR, FAR)
         path[:, sample] = x
     return path
+
+
+Linear = tuple[Array, Array]
+"""Drive and decay of m' = drive - decay m."""
+
+
+def relaxed(m: Array, drive: Array, decay: Array) -> Array:
+    """Where m' = drive - decay m is after a unit of time, exactly: no decay, however fast, grows beyond bounds.
+
+    Parameters
+    ----------
+    m, drive, decay : (k,)
+
+    Examples
+    --------
+    >>> relaxed(np.array([1.0, 1.0]), np.array([0.5, 3e9]), np.array([0.0, 1e9]))
+    array([1.5, 3. ])
+    """
+    small = np.abs(decay) < 1e-9
+    share = np.where(small, 1.0 - 0.5 * decay, -np.expm1(-decay) / np.where(small, 1.0, decay))
+    return m * np.exp(-decay) + share * drive
+
+
+def over_step(h: float, m: Array, *stages: Linear) -> Array:
+    """Where m' = drive - decay m is after a step, of fourth order (Magnus): the stages are those of Runge and Kutta.
+
+    Parameters
+    ----------
+    h : length of the step
+    m : (k,)
+    stages : (drive, decay) at its beginning, twice in its middle, at its end
+    """
+    (a1, b1), (a2, b2), (a3, b3), (a4, b4) = stages
+    drive = h / 6 * (a1 + 2 * (a2 + a3) + a4) + h**2 / 12 * (b1 * a4 - b4 * a1)
+    return relaxed(m, drive, h / 6 * (b1 + 2 * (b2 + b3) + b4))
 
 
 def _changed_outputs(system: System, grid: Grid, seen: Array, puts: Sequence[Put]) -> Array:
@@ -228,4 +277,4 @@ def read_at(values: Array, shift: Array) -> Array:
     return np.where((s >= 0) & (s <= 1), inside, straight)
 
 
-__all__ = ["FAR", "Grid", "Put", "held", "read_at", "simulated"]
+__all__ = ["FAR", "Grid", "Put", "held", "over_step", "read_at", "relaxed", "simulated"]

@@ -237,7 +237,9 @@ def left_out(case: Case, effect: str) -> list[str]:
     if effect in TWINS:
         return [effect, TWINS[effect]]
     if effect.endswith("_friction"):
-        return [effect.replace("_dry_", f"_{kind}_").replace("_lugre_", f"_{kind}_") for kind in ("dry", "static", "lugre")]
+        return [
+            effect.replace("_dry_", f"_{kind}_").replace("_lugre_", f"_{kind}_") for kind in ("dry", "static", "lugre")
+        ]
     if effect.endswith(("_lag", "_delay")):
         names = [*(i.name for i in case.model.inputs), *(o.name for o in case.model.outputs)]
         return ["clock_offset", *(f"{name}_{what}" for name in names for what in ("lag", "delay"))]

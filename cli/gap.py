@@ -33,6 +33,15 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
         metavar="DATA",
         help="records kept aside to measure the shrink on",
     )
+    sub.add_argument(
+        "--try",
+        dest="tried",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="INPUTS",
+        help="tables of inputs that could come next: which would best tell what is still open ([[next]] of data.toml: a box)",
+    )
     sub.add_argument("-o", "--out", type=Path, help="where the results go (default: out beside the first table)")
 
 
@@ -49,7 +58,7 @@ def call(options: argparse.Namespace) -> int:
             else:
                 print(f"{text} ...", file=sys.stderr, flush=True)
 
-        found = gap_of_model(options.model, options.tables, options.columns, options.hold_out, tell)
+        found = gap_of_model(options.model, options.tables, options.columns, options.hold_out, tell, options.tried)
     file = found.file
     written = write_gap(options.out or options.tables[0].parent / "out", found, options.model)
     print_notes(found.notes)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..__version__ import __version__
 from ..diagnose.own.back import corrected_file, corrected_python
+from ..diagnose.own.designs import designs_of
 from ..diagnose.own.fmu import FmuModel
 from ..diagnose.own.gap import OwnGap, own_gap
 from ..diagnose.own.model import Model
@@ -28,6 +29,7 @@ def gap_of_model(
     data: Path | None = None,
     held_out: Sequence[Path] = (),
     progress: Progress | None = None,
+    tried: Sequence[Path] = (),
 ) -> OwnGap:
     """Diagnose a model of one's own.
 
@@ -38,6 +40,7 @@ def gap_of_model(
     data : what says what their columns are; None: NAME.toml or data.toml beside each
     held_out : records kept aside for the shrink; none: each in turn
     progress : is told what is done
+    tried : tables of inputs that the next record may have, beside what [[next]] of data.toml spans
 
     Raises
     ------
@@ -55,18 +58,22 @@ def gap_of_model(
         inputs[str(table)] = sha256_of_file(table)
         file = read_data_file(table, data)[0]
         inputs[str(file)] = sha256_of_file(file)
+    for table in tried:
+        inputs[str(table)] = sha256_of_file(table)
+    designs = designs_of(adapted, records, every[0], tried, data)
     held = list(range(len(tables), len(every))) or None
     say = None if progress is None else lambda text: progress(text, 0, None)
     # the bootstrap of an interval: the same records give the same answer
     rng = np.random.default_rng(int.from_bytes("".join(sorted(inputs.values())).encode()[:8].ljust(8, b"0"), "big"))
     try:
-        return own_gap(adapted, records, __version__, inputs, held, rng, say)
+        return own_gap(adapted, records, __version__, inputs, held, rng, say, designs=designs)
     except np.linalg.LinAlgError as error:
         raise EstimationError(f"the records' normal equations cannot be solved ({error}); do they move?") from error
 
 
 def write_gap(out: Path, found: OwnGap, model: Path) -> list[Path]:
-    """Write gap.json, and the corrected model as corrected.json and corrected.py where there is an answer.
+    """Write gap.json, the corrected model as corrected.json and corrected.py where there is an answer, and next.csv, the inputs
+    to record next, where they are none of the user's tables.
 
     Parameters
     ----------
@@ -85,6 +92,11 @@ def write_gap(out: Path, found: OwnGap, model: Path) -> list[Path]:
         write_result(out / "corrected.json", corrected_file(found))
         write_text(path, corrected_python(found, model, path))
         written += [out / "corrected.json", path]
+    if found.proposed is not None and found.proposed.columns:
+        columns = found.proposed.columns
+        rows = [",".join(f"{v:.9g}" for v in row) for row in zip(*columns.values(), strict=True)]
+        write_text(out / "next.csv", "\n".join([",".join(columns), *rows]) + "\n")
+        written.append(out / "next.csv")
     return written
 
 

@@ -17,7 +17,8 @@ class PutIn(_Part):
     on: str = Field(description="name of the state, input or output; empty: the clock")
     code: str = Field(description="what it does, as Python, of its numbers; empty: the model's own file has it")
     memory: str = Field(
-        default="", description="drive and decay of a state m of its own, m' = drive - decay m, as Python; empty: it has none"
+        default="",
+        description="drive and decay of a state m of its own, m' = drive - decay m, as Python; empty: it has none",
     )
     numbers: dict[str, Measured] = Field(description="in their order")
 

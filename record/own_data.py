@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from .errors import InputError
 from .files import TABLE_BYTES, read_bytes
-from .schema import Number, Positive
+from .schema import Number, Positive, Span
 from .tables import numbers_of, read_table
 from .toml import Table, read_toml
 
@@ -82,6 +82,36 @@ class OwnStage(Table):
     stage: str = Field(description="what it is called")
 
 
+class OwnNext(Table):
+    """[[next]]: what could be done in the next record, to tell what is still open."""
+
+    input: str = Field(default="", description="name of an input of the model that can be moved as one likes")
+    state: str = Field(default="", description="or of a state that can be begun where one likes")
+    unit: str | None = Field(default=None, description="of what stands here; absent: the model's own")
+    amplitude: Span | None = Field(default=None, description="of an input: smallest and largest of a sine or a sweep")
+    frequency_hz: Span | None = Field(default=None, description="of an input: slowest and fastest of it")
+    offset: Number = Field(
+        default=0.0, description="of an input: about which it moves, and where it rests while others move"
+    )
+    range: Span | None = Field(default=None, description="of a state: smallest and largest value at first")
+
+    @model_validator(mode="after")
+    def _one(self) -> OwnNext:
+        if bool(self.input) == bool(self.state):
+            raise ValueError("input or state, one of the two")
+        wanted = (
+            {"amplitude": self.amplitude, "frequency_hz": self.frequency_hz} if self.input else {"range": self.range}
+        )
+        for key, span in wanted.items():
+            if span is None:
+                raise ValueError(f"{key}: missing; two numbers are expected")
+            if not span[0] <= span[1] or (self.input and span[0] <= 0):
+                raise ValueError(
+                    f"{key}: {span[0]:g}, {span[1]:g}: the smaller first{', above 0' if self.input else ''}"
+                )
+        return self
+
+
 class OwnData(Table):
     """data.toml."""
 
@@ -90,6 +120,7 @@ class OwnData(Table):
     number: tuple[OwnNumber, ...] = Field(default=(), description="numbers of the model")
     state: tuple[OwnState, ...] = Field(default=(), description="starts of its states")
     stage: tuple[OwnStage, ...] = Field(default=(), description="names of stages, of an FMU say")
+    next: tuple[OwnNext, ...] = Field(default=(), description="what could be done next")
     static: str = Field(
         default="",
         description="table of the same columns with everything at rest: its scatter is the noise, where no noise_sd is given",
@@ -184,6 +215,7 @@ __all__ = [
     "OwnClock",
     "OwnColumn",
     "OwnData",
+    "OwnNext",
     "OwnNumber",
     "OwnStage",
     "OwnState",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -132,6 +133,26 @@ class OwnSimulator(UsersSimulator):
         self._dynamic = [s for s in system.states if self.random.get(s.name)]
         self.most_force = MOST_FORCE / USUAL_FORCE * FORCE_SD_N
         self.half_sure, self.sure_width = HALF_SURE, WIDTH
+
+    @property
+    def own_names(self) -> list[str]:
+        """States whose starts are fitted."""
+        return [s.name for s in self._free]
+
+    def with_records(self, records: Sequence[Record]) -> OwnSimulator:
+        """The same model, effects and sizes with other records of the same step, for what is simulated and not fitted.
+
+        Parameters
+        ----------
+        records : of any lengths
+        """
+        other = copy(self)
+        other.__dict__.pop("_held", None)
+        other.blocks = [Blocks(record, self.blocks[0].size) for record in records]
+        other._runs, other._begun = [blocks.run for blocks in other.blocks], None
+        other.own_sd, other.stated = (np.tile(a[:1], (len(records), 1)) for a in (self.own_sd, self.stated))
+        other.modes = [np.zeros((*run.values.shape, 0)) for run in other._runs]
+        return other
 
     @property
     def dynamic(self) -> dict[str, float]:

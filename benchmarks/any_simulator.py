@@ -319,14 +319,20 @@ def by_bic(made: Made, offered: list[str]) -> tuple[str, dict[str, float]]:
     return name, chi
 
 
+def record_of(case: Case, name: str, drive: Array, values: Array) -> Record:
+    """As the engine has it."""
+    inputs = drive[:, None] if case.drive is not None else np.zeros((case.count, 0))
+    noises = tuple(SampleNoise(s) for s in case.noise)
+    return Record(name, case.step_s, inputs, values, noises, (False,) if case.drive is not None else ())
+
+
 def answered(made: Made, without: list[str]) -> Any:
     """The engine's gap.json."""
     case = made.case
     records = [
-        Record(f"record {k + 1}", case.step_s, drive[:, None] if case.drive is not None else np.zeros((case.count, 0)), values,
-               tuple(SampleNoise(s) for s in case.noise), (False,) if case.drive is not None else ())
+        record_of(case, f"record {k + 1}", drive, values)
         for k, (drive, values) in enumerate(zip(made.drives, made.values, strict=True))
-    ]  # fmt: skip
+    ]
     return own_gap(case.model, together(records), "benchmark", {}, rng=np.random.default_rng(0), without=without).file
 
 

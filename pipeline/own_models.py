@@ -16,7 +16,7 @@ from ..diagnose.own.model import Model
 from ..diagnose.own.read import named_model, read_model
 from ..diagnose.own.records import read_records
 from ..record.errors import EstimationError
-from ..record.files import sha256_of_file, write_text
+from ..record.files import sha256_of_file, sha256_of_texts, write_text
 from ..record.own_data import read_data_file
 from ..record.results import write_result
 
@@ -55,7 +55,7 @@ def gap_of_model(
     every = [Path(table) for table in (*tables, *held_out)]
     adapted, records = read_records(system, every, data)
     for table in every:
-        inputs[str(table)] = sha256_of_file(table)
+        inputs[str(table)] = _sha256(table)
         file = read_data_file(table, data)[0]
         inputs[str(file)] = sha256_of_file(file)
     for table in tried:
@@ -69,6 +69,13 @@ def gap_of_model(
         return own_gap(adapted, records, __version__, inputs, held, rng, say, designs=designs)
     except np.linalg.LinAlgError as error:
         raise EstimationError(f"the records' normal equations cannot be solved ({error}); do they move?") from error
+
+
+def _sha256(table: Path) -> str:
+    """Of a file, or of all files of a folder."""
+    if not table.is_dir():
+        return sha256_of_file(table)
+    return sha256_of_texts(*(f"{p.name} {sha256_of_file(p)}" for p in sorted(table.iterdir()) if p.is_file()))
 
 
 def write_gap(out: Path, found: OwnGap, model: Path) -> list[Path]:

@@ -95,7 +95,7 @@ class Experiment(_Part):
     told: float = Field(
         description="expected probability that it tells the true hypothesis from the others that are open"
     )
-    distance: float = Field(description="expected D of the true one from its nearest rival")
+    distance: float = Field(description="expected D between them")
 
 
 class NextExperiment(_Part):
@@ -131,7 +131,8 @@ class GapFile(ResultFile):
         default=None, description="null: neither of the best two can be measured without a tow"
     )
     next_experiment: NextExperiment | None = Field(
-        default=None, description="of a model of one's own: what to record next; null: nothing was given to choose from"
+        default=None,
+        description="of a model of one's own: what to record next; null: nothing was given to choose from, or one holds 95 %",
     )
     kept_aside: bool = Field(
         default=True,

@@ -62,7 +62,7 @@ def designs_of(
     pattern = max(records.records, key=lambda r: len(r.values))
     found = [_of_table(system, pattern, table, given) for table in tables]
     if file.next:
-        found += _of_box(system, pattern, file, path)
+        found += box_of(system, pattern, file, path)
     if len(found) > MOST_DESIGNS:
         raise InputError(
             path, "next", f"spans {len(found)} records; at most {MOST_DESIGNS} are tried: name fewer inputs"
@@ -99,14 +99,30 @@ class _Move:
     settings: dict[str, float]
 
 
-def _of_box(system: System, pattern: Record, file: OwnData, path: Path) -> list[Design]:
+def box_of(system: System, pattern: Record, file: OwnData, path: Path) -> list[Design]:
+    """What [[next]] spans: each input alone and all together, by sines of three amplitudes and frequencies and by sweeps, from each
+    end and the middle of every start.
+
+    Parameters
+    ----------
+    system : the model
+    pattern : the longest record that was made
+    file, path : data.toml
+
+    Raises
+    ------
+    InputError : a name that the model does not have, a unit that does not fit, a frequency that the samples do not show
+    """
     moved = [n for n in file.next if n.input]
     begun = [n for n in file.next if n.state]
     names, states = [i.name for i in system.inputs], [s.name for s in system.states if not s.known]
     for one in file.next:
         _there(path, one.input, names, f"input of {system.name}")
         _there(path, one.state, states, f"state of {system.name} whose start is free")
-    starts = [[(f"{n.state} from {value:g}{_of_unit(n)}", n, value) for value in n.range or ()] for n in begun]
+    starts = [
+        [(f"{n.state} from {value:g}{_of_unit(n)}", n, value) for value in _spread(*n.range or (0.0, 0.0))]
+        for n in begun
+    ]
     found = []
     for moves in _moves(moved, pattern, path) or [{}]:
         inputs = _inputs(system, pattern, moved, moves, path)
@@ -159,6 +175,10 @@ def _levels(least: float, most: float) -> list[float]:
     return [least] if least == most else [least, float(np.sqrt(least * most)), most]
 
 
+def _spread(least: float, most: float) -> list[float]:
+    return [least] if least == most else [least, 0.5 * (least + most), most]
+
+
 def _inputs(system: System, pattern: Record, moved: Sequence[OwnNext], moves: dict[str, _Move], path: Path) -> Array:
     """(n, m) in the model's units; an input that nothing is said of stays where it mostly was."""
     found = np.tile(np.median(pattern.inputs, axis=0), (len(pattern.values), 1))
@@ -198,4 +218,4 @@ def _of_unit(one: OwnNext) -> str:
     return f" {one.unit}" if one.unit else ""
 
 
-__all__ = ["Design", "designs_of"]
+__all__ = ["Design", "box_of", "designs_of"]

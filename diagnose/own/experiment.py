@@ -48,8 +48,8 @@ class Experiment:
     Attributes
     ----------
     design : of the record
-    told : expected probability that the true hypothesis is told from every other that is open
-    distance : squared distance of the true one from its nearest rival, in the mean
+    told : probability that two of the open hypotheses, each drawn by its probability, are told apart
+    distance : their squared distance in the mean
     """
 
     design: Design
@@ -58,7 +58,7 @@ class Experiment:
 
 
 def open_hypotheses(ranking: Ranking) -> list[Open]:
-    """Those of OPEN and more, the most probable first; at least two, the nearest rival where one is as good as sure.
+    """Those of OPEN and more, the most probable first; at least two.
 
     Parameters
     ----------

@@ -107,7 +107,7 @@ def own_gap(
     )
     titles = {e.name: e.title for e in library}
     tried: list[Experiment] = []
-    if designs:
+    if designs and len(found.ranking.set95) > 1:
         say("what to record next")
         here = open_hypotheses(found.ranking)
         tried = experiments(simulator, here, designs)
@@ -129,8 +129,8 @@ def _proposed(
             record_file.Experiment(name=e.design.name, settings=e.design.settings, told=e.told, distance=e.distance)
             for e in tried
         ],
-        why=f"{best.design.name}: tells {', '.join(names[:-1])} and {names[-1]} apart with a probability of {best.told:.2f} "
-        f"(expected D {best.distance:.0f}; 20 is enough)",
+        why=f"{best.design.name}; it tells two of what is open ({', '.join(names[:-1])} or {names[-1]}) apart with a probability "
+        f"of {best.told:.2f} (expected D {best.distance:.0f}; 20 is enough)",
     )
 
 

@@ -27,7 +27,7 @@ class Scales:
 
     Attributes
     ----------
-    state, rate : state -> size of it, and of its rate
+    state, rate, term : state -> size of it, of its rate, and of the largest term of its rate
     turns : states that are above and below zero
     input, output : name -> largest absolute value
     moves : input or output -> standard deviation
@@ -36,6 +36,7 @@ class Scales:
 
     state: Mapping[str, float]
     rate: Mapping[str, float]
+    term: Mapping[str, float]
     turns: Sequence[str]
     input: Mapping[str, float]
     output: Mapping[str, float]
@@ -57,7 +58,7 @@ def library_for(system: System, kinematic: Mapping[str, str], scales: Scales) ->
     --------
     >>> from .model import Model, Number, Output, State
     >>> tank = Model([State("h", "m")], [], [Number("a", "1/s", 1.0)], [Output("h", "m")], lambda t, x, u, p: [-p.a * x.h])
-    >>> sizes = Scales({"h": 1.0}, {"h": 1.0}, [], {}, {"h": 1.0}, {"h": 0.3}, 0.1, 10.0)
+    >>> sizes = Scales({"h": 1.0}, {"h": 1.0}, {"h": 1.0}, [], {}, {"h": 1.0}, {"h": 0.3}, 0.1, 10.0)
     >>> [m.name for m in library_for(tank, {}, sizes)][:3]
     ['h_constant', 'h_quadratic_damping', 'h_cubic_damping']
     """
@@ -81,7 +82,7 @@ def library_for(system: System, kinematic: Mapping[str, str], scales: Scales) ->
 
 def _in_equation(v: str, places: Sequence[str], scales: Scales) -> list[Missing]:
     size, rate = scales.state[v], scales.rate[v]
-    usual = SHARE * rate
+    usual = SHARE * scales.term[v]
 
     def one(
         name: str,

@@ -301,7 +301,7 @@ def _record(system: System, table: Path, path: Path, file: OwnData, static: dict
         if one.name not in inputs:
             raise InputError(path, f"input {one.name}", f"{system.name} needs it, and no column is it")
     time = (file.clock.column,) if file.clock.column else ()
-    columns = read_columns(table, (*time, *(c.name for c in (*outputs.values(), *inputs.values()))))
+    columns = read_columns(table, (*time, *(c.name for c in (*outputs.values(), *inputs.values()))), file)
     count = len(next(iter(columns.values())))
     if time:
         t_s = columns[time[0]] * converted(path, "clock.unit", file.clock.unit, "s")
@@ -397,7 +397,7 @@ def _static(path: Path, file: OwnData) -> dict[str, Array] | None:
     if not file.static:
         return None
     names = tuple(c.name for c in file.column if c.role == "output" and c.noise_sd is None)
-    return read_columns(path.parent / file.static, names) if names else None
+    return read_columns(path.parent / file.static, names, file) if names else None
 
 
 def _noise(path: Path, column: OwnColumn, share: float, static: dict[str, Array] | None, step_s: float) -> SampleNoise:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..__version__ import __version__
 from ..diagnose.own.back import corrected_file, corrected_python
+from ..diagnose.own.back_fmu import corrected_fmu
 from ..diagnose.own.designs import designs_of
 from ..diagnose.own.fmu import FmuModel
 from ..diagnose.own.gap import OwnGap, own_gap
@@ -21,6 +22,8 @@ from ..record.own_data import read_data_file
 from ..record.results import write_result
 
 Progress = Callable[[str, int, int | None], None]
+ANSWERS = ("effect", "form_not_exact", "no_gap")
+"""Verdicts that a corrected model follows from."""
 
 
 def gap_of_model(
@@ -94,17 +97,38 @@ def write_gap(out: Path, found: OwnGap, model: Path) -> list[Path]:
     """
     written = [out / "gap.json"]
     write_result(written[0], found.file)
-    if found.file.verdict in ("effect", "form_not_exact", "no_gap"):
-        path = out / "corrected.py"
-        write_result(out / "corrected.json", corrected_file(found))
-        write_text(path, corrected_python(found, model, path))
-        written += [out / "corrected.json", path]
     if found.proposed is not None and found.proposed.columns:
         columns = found.proposed.columns
         rows = [",".join(f"{v:.9g}" for v in row) for row in zip(*columns.values(), strict=True)]
         write_text(out / "next.csv", "\n".join([",".join(columns), *rows]) + "\n")
         written.append(out / "next.csv")
+    if found.file.verdict in ANSWERS:
+        path = out / "corrected.py"
+        write_result(out / "corrected.json", corrected_file(found))
+        write_text(path, corrected_python(found, model, path))
+        written += [out / "corrected.json", path]
     return written
 
 
-__all__ = ["gap_of_model", "write_gap"]
+def write_fmu(out: Path, found: OwnGap, model: Path) -> list[Path]:
+    """Write the corrected model as corrected.fmu where there is an answer.
+
+    Parameters
+    ----------
+    out, found, model : as of ``write_gap``
+
+    Returns
+    -------
+    written : paths
+
+    Raises
+    ------
+    InputError : it cannot be an FMU (``back_fmu.check_wrappable``)
+    """
+    if found.file.verdict not in ANSWERS:
+        return []
+    corrected_fmu(found, model, out / "corrected.fmu")
+    return [out / "corrected.fmu"]
+
+
+__all__ = ["gap_of_model", "write_fmu", "write_gap"]

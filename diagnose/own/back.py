@@ -113,8 +113,10 @@ def corrected(gap: OwnGap) -> System:
 
 
 def _values(gap: OwnGap) -> dict[str, float]:
+    """As fitted; those that were known as data.toml says them."""
+    known = {n.name: float(n.start) for n in gap.system.numbers if n.known}
     names = gap.simulator.shared_names
-    return {name: float(v) for name, v in zip(names, gap.fitted.hypothesis.shared, strict=True)}
+    return known | {name: float(v) for name, v in zip(names, gap.fitted.hypothesis.shared, strict=True)}
 
 
 def corrected_file(gap: OwnGap) -> CorrectedFile:
@@ -126,7 +128,8 @@ def corrected_file(gap: OwnGap) -> CorrectedFile:
     """
     file = gap.file
     fitted = file.derivatives.get("after") or file.derivatives["before"]
-    numbers = {name: Measured(value=value, std=fitted[name].std) for name, value in _values(gap).items()}
+    sd = {name: number.std for name, number in fitted.items()}
+    numbers = {name: Measured(value=value, std=sd.get(name, 0.0)) for name, value in _values(gap).items()}
     row = file.ranking[0].parameters if gap.put_in else {}
     put = []
     for m, values in gap.put_in:

@@ -137,6 +137,11 @@ class OwnSimulator(UsersSimulator):
         self.half_sure, self.sure_width = HALF_SURE, WIDTH
 
     @property
+    def longest_step_s(self) -> float:
+        """Steps of integration that were short enough."""
+        return self.blocks[0].record.step_s / self._inner
+
+    @property
     def own_names(self) -> list[str]:
         """States whose starts are fitted."""
         return [s.name for s in self._free]

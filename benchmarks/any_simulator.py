@@ -1,21 +1,25 @@
 """The gap of any simulator, scored on sealed cases: five systems with an effect, with it left out of the library, and complete.
 
-    python benchmarks/any_simulator.py --effects 4 --left-out 4 --complete 8 [--seed 1] > benchmarks/any_simulator.txt
+    python benchmarks/any_simulator.py --kept FILE.jsonl --python PEERS/bin/python [--seed 1] > benchmarks/any_simulator.txt
 
 The truth is made by ``truth`` below with scipy's solve_ivp; it shares no code with the engine. Beside it in the table, on the same
 records: scipy's least squares of the model and of the model with each effect, the one of the smallest BIC named (six steps at most,
-begun at the truth). D is twice the log likelihood that the true model has over the best of what is left without its effect: of the
-model as it is, and, where the effect is left out of the library, of the model with any other effect of the case, too. Cases of D
-below 20 are not scored: no method could tell. One counts as named where it is the headline or is told as not to be distinguished
-from it.
+begun at the truth); and sparse regression (pysindy, by an interpreter of its own). D is twice the log likelihood that the true
+model has over the best of what is left without its effect: of the model as it is, and, where the effect is left out of the library,
+of the model with any other effect of the case, too. Cases of D below 20 are not scored: no method could tell. One counts as named
+where it is the headline or is told as not to be distinguished from it. What is done stands in the file of --kept, and is not done
+again.
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
+import json
+import subprocess
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from time import monotonic
 from typing import Any
 
@@ -28,6 +32,8 @@ from towline.diagnose.own.gap import own_gap
 from towline.diagnose.own.records import Record, SampleNoise, together
 
 LEAST_D = 20.0
+LONGEST_S = 120
+"""Sparse regression may take so long."""
 TURN = 0.01
 """Dry friction turns within this share of the usual speed."""
 Array = np.ndarray
@@ -336,6 +342,62 @@ def answered(made: Made, without: list[str]) -> Any:
     return own_gap(case.model, together(records), "benchmark", {}, rng=np.random.default_rng(0), without=without).file
 
 
+def by_sparse(made: Made, python: str) -> str:
+    """Terms that sparse regression takes beside the model's own, joined by " + " ("": none), by an interpreter of its own."""
+    case = made.case
+    others = [v[:, 0] if v.shape[1] > 1 else np.full(len(v), np.nan) for v in made.values]
+    with tempfile.TemporaryDirectory() as folder:
+        given, found = Path(folder) / "case.npz", Path(folder) / "found.json"
+        np.savez(
+            given,
+            system=case.name,
+            t=np.arange(case.count) * case.step_s,
+            x=[v[:, -1] for v in made.values],
+            x2=others,
+            u=made.drives,
+            speed=case.speed,
+        )
+        script = Path(__file__).with_name("any_simulator_sparse.py")
+        subprocess.run([python, "-W", "ignore", str(script), str(given), str(found)], check=True, timeout=LONGEST_S)
+        return " + ".join(json.loads(found.read_text()))
+
+
+def judged(case: Case, kind: str, effect: str, seed: list[int], bic: bool, python: str) -> dict[str, Any]:
+    """One case by all methods."""
+    names = list(case.effects)
+    made = drawn(case, effect, np.random.default_rng(seed))
+    gone = left_out(case, effect) if kind == "left out" else []
+    began = monotonic()
+    file = answered(made, gone)
+    took = monotonic() - began
+    named = " + ".join(file.ranking[0].effects) if file.verdict in ("effect", "form_not_exact") else file.verdict
+    named = f"about {named}" if file.verdict == "form_not_exact" else named
+    alike = [n for group in file.indistinguishable for n in group]
+    right = {
+        "effect": file.verdict in ("effect", "form_not_exact") and effect in (*file.ranking[0].effects, *alike),
+        "left out": file.verdict == "unknown",
+        "complete": file.verdict == "no_gap",
+    }[kind]
+    row: dict[str, Any] = {
+        "system": case.name,
+        "kind": kind,
+        "effect": effect,
+        "named": named,
+        "right": right,
+        "took": took,
+    }
+    if bic:
+        chosen, chi = by_bic(made, [n for n in names if n not in gone])
+        own = chi[effect] if effect in chi else fitted(made, *case.effects[effect])[0]
+        others = [c for name, c in chi.items() if name != effect] if kind == "left out" else [chi[""]]
+        right = {"effect": chosen == effect, "left out": False, "complete": chosen == ""}[kind]
+        row |= {"d": min(others) - own, "bic": chosen, "bic_right": right}
+    if python:
+        terms = by_sparse(made, python)
+        row |= {"sparse": terms, "sparse_right": terms == effect if kind != "left out" else False}
+    return row
+
+
 def main() -> None:
     """All cases, a line each, and the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -345,8 +407,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--systems", nargs="+", default=[])
     parser.add_argument("--no-bic", action="store_true")
+    parser.add_argument("--python", default="", help="an interpreter that has pysindy")
+    parser.add_argument(
+        "--kept", type=Path, help="what is done, a line a case; a score that was cut short goes on from it"
+    )
     given = parser.parse_args()
-    rows: list[tuple[str, str, bool, bool, bool, float]] = []
+    lines = given.kept.read_text().splitlines() if given.kept is not None and given.kept.is_file() else []
+    rows: dict[str, dict[str, Any]] = {row["key"]: row for row in map(json.loads, lines)}
     todo: list[tuple[int, int, str, str, Case]] = []
     for index, case in enumerate(cases()):
         if given.systems and case.name not in given.systems:
@@ -357,59 +424,43 @@ def main() -> None:
         todo += [(k, index, "complete", "", case) for k in range(given.complete)]
     # all systems in turn, so that a score that is cut short has some of each
     for k, index, kind, effect, case in sorted(todo, key=lambda one: one[:3]):
-        names = list(case.effects)
-        rng = np.random.default_rng([given.seed, index, ("effect", "left out", "complete").index(kind), k])
-        made = drawn(case, effect, rng)
-        gone = left_out(case, effect) if kind == "left out" else []
-        began = monotonic()
-        file = answered(made, gone)
-        took = monotonic() - began
-        named = " + ".join(file.ranking[0].effects) if file.verdict in ("effect", "form_not_exact") else file.verdict
-        named = f"about {named}" if file.verdict == "form_not_exact" else named
-        alike = [n for group in file.indistinguishable for n in group]
-        right = {
-            "effect": file.verdict in ("effect", "form_not_exact") and effect in (*file.ranking[0].effects, *alike),
-            "left out": file.verdict == "unknown",
-            "complete": file.verdict == "no_gap",
-        }[kind]
-        chosen, d = "-", np.nan
-        if not given.no_bic:
-            chosen, chi = by_bic(made, [n for n in names if n not in gone])
-            own = chi[effect] if effect in chi else fitted(made, *case.effects[effect])[0]
-            others = [c for name, c in chi.items() if name != effect] if kind == "left out" else [chi[""]]
-            d = min(others) - own
-        bic = {"effect": chosen == effect, "left out": False, "complete": chosen == ""}[kind]
-        counts = kind == "complete" or given.no_bic or d > LEAST_D
-        rows.append((case.name, kind, right, bic, counts, took))
-        print(f"{case.name:10} {kind:9} {effect or '-':24} D {d:8.0f}  engine {named:42} {'right' if right else 'WRONG':6}"
-              f"BIC {chosen or 'the model as it is':24} {took:5.1f} s", flush=True)  # fmt: skip
-        # of what is done so far: a long score that is cut short has one all the same
-        _table(rows)
+        key = f"{given.seed} {case.name} {kind} {k} {effect}"
+        if key not in rows:
+            seed = [given.seed, index, ("effect", "left out", "complete").index(kind), k]
+            rows[key] = {"key": key, **judged(case, kind, effect, seed, not given.no_bic, given.python)}
+            if given.kept is not None:
+                with given.kept.open("a") as file:
+                    file.write(json.dumps(rows[key]) + "\n")
+        print(_line(rows[key]), flush=True)
+    _table(list(rows.values()))
 
 
-def _table(rows: list[tuple[str, str, bool, bool, bool, float]]) -> None:
+def _line(r: dict[str, Any]) -> str:
+    others = f"BIC {r['bic'] or 'the model as it is':24}" if "bic" in r else ""
+    others += f" sparse {r['sparse'] or 'the model as it is'}" if "sparse" in r else ""
+    d = f"D {r['d']:8.0f}" if "d" in r else ""
+    said = "right" if r["right"] else "WRONG"
+    return f"{r['system']:10} {r['kind']:9} {r['effect'] or '-':24} {d} engine {r['named']:42} {said:6}{r['took']:6.1f} s {others}"
+
+
+def _table(rows: list[dict[str, Any]]) -> None:
     print()
     print(f"{'':12}{'effect named':>24}{'left out: unknown':>24}{'complete: no_gap':>24}")
-    for name in dict.fromkeys(r[0] for r in rows):
-        print(
-            f"{name:12}"
-            + "".join(
-                _cell([r for r in rows if r[0] == name and r[1] == kind]) for kind in ("effect", "left out", "complete")
-            )
-        )
+    for name in [*dict.fromkeys(r["system"] for r in rows), "all"]:
+        mine = [r for r in rows if name in ("all", r["system"])]
+        cells = [_cell([r for r in mine if r["kind"] == kind]) for kind in ("effect", "left out", "complete")]
+        print(f"{name:12}{''.join(cells)}")
     print(
-        f"{'all':12}" + "".join(_cell([r for r in rows if r[1] == kind]) for kind in ("effect", "left out", "complete"))
+        f"Each cell: the engine, least squares with BIC, sparse regression, of how many (cases of D below {LEAST_D:g} are not "
+        "counted). The two others have no word for the unknown."
     )
-    print(
-        f"Each cell: the engine, least squares with BIC, of how many (cases of D below {LEAST_D:g} are not counted). "
-        "BIC has no word for the unknown."
-    )
-    print(f"Median time of the engine: {np.median([r[5] for r in rows]):.1f} s on one busy core.", file=sys.stdout)
+    print(f"Median time of the engine: {np.median([r['took'] for r in rows]):.1f} s on one busy core.")
 
 
-def _cell(rows: list[tuple[str, str, bool, bool, bool, float]]) -> str:
-    counted = [r for r in rows if r[4]]
-    return f"{sum(r[2] for r in counted):8d} {sum(r[3] for r in counted):4d} of {len(counted):3d}    "
+def _cell(rows: list[dict[str, Any]]) -> str:
+    counted = [r for r in rows if r["kind"] == "complete" or r.get("d", np.inf) > LEAST_D]
+    said = "".join(f"{sum(r[key] for r in counted if key in r):5d}" for key in ("right", "bic_right", "sparse_right"))
+    return f"{said} of {len(counted):3d}  "
 
 
 if __name__ == "__main__":

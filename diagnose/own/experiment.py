@@ -167,7 +167,7 @@ def _fitted(simulator: OwnSimulator, hypotheses: Sequence[Open], design: Design)
             if cost < best[k]:
                 best[k], at[k] = cost, z
                 matrix = np.concatenate([columns, np.eye(len(z))])
-                steps[k] = np.linalg.lstsq(matrix, np.concatenate([white, -z]), rcond=None)[0]
+                steps[k] = np.asarray(np.linalg.lstsq(matrix, np.concatenate([white, -z]), rcond=None)[0], dtype=float)
                 damping[k] = max(damping[k] / MORE, 1.0)
             else:
                 damping[k] *= MORE

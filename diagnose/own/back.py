@@ -24,6 +24,8 @@ ARGUMENTS = {"equation": "t, x, u, p", "input": "t, u", "output": "t, y", "clock
 """What ``Missing.changes`` is given first, by where it acts."""
 OF_MEMORY = ("m", "rate")
 """What it is given behind them where it has a state of its own: that, and its rate."""
+INNER = 4
+"""Steps of integration between two samples of a corrected model, where nobody says how many."""
 USED = ("delayed", "lagged", "limited", "played")
 """Functions of ``library`` that an effect's code may call."""
 NUMPY = ("tanh", "exp", "abs", "maximum", "newaxis")
@@ -72,7 +74,7 @@ def run_model(
     count: int,
     start: Mapping[str, float] | None = None,
     inputs: Mapping[str, Array] | None = None,
-    inner: int = 4,
+    inner: int = INNER,
 ) -> dict[str, Array]:
     """A model's outputs, with its numbers where they begin.
 

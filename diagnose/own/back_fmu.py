@@ -19,7 +19,7 @@ from ...record.errors import InputError
 from ...record.files import replacing
 from ...record.results import read_result, write_result
 from ...simulate.model import Array
-from .back import corrected_file, from_file
+from .back import INNER, corrected_file, from_file
 from .course import Grid, Put, Steps, changed_inputs, changed_outputs, held
 from .gap import OwnGap
 from .model import Missing, System
@@ -227,7 +227,10 @@ def corrected_fmu(gap: OwnGap, model: Path, out: Path) -> None:
     from pythonfmu import FmuBuilder
 
     name = "corrected_" + re.sub(r"\W", "_", model.stem)
-    setting = {"model": model.name, "longest_s": gap.simulator.longest_step_s}
+    setting = {
+        "model": model.name,
+        "longest_s": min(gap.simulator.longest_step_s, gap.simulator.blocks[0].record.step_s / INNER),
+    }
     with tempfile.TemporaryDirectory(prefix="towline_fmu_") as folder, replacing(out) as target:
         here = Path(folder)
         (here / f"{name}.py").write_text(SLAVE.format(name=name, model=model.name))

@@ -18,7 +18,9 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
         metavar="MODEL",
         help="MODEL.py with a Model, or MODEL.fmu; this RUNS the file as a program: name none that you would not run yourself",
     )
-    sub.add_argument("tables", nargs="+", type=Path, metavar="DATA", help="records: CSV, Parquet or MAT")
+    sub.add_argument(
+        "tables", nargs="+", type=Path, metavar="DATA", help="records: CSV, Parquet, MAT, MCAP or a ROS bag"
+    )
     sub.add_argument(
         "--columns",
         type=Path,

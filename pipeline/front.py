@@ -316,7 +316,7 @@ def gap(
     Parameters
     ----------
     model : a Python file with a ``Model`` (its code is run), an FMU, or a ``Model``
-    tables : records: CSV, Parquet or MAT
+    tables : records: CSV, Parquet, MAT, MCAP or a ROS bag
     columns : TOML that says what their columns are; default: NAME.toml beside NAME.csv, else data.toml
     held_out : records kept aside to say how far the gap shrinks; default: each in turn
     tried : tables of inputs that the next record may have, beside what [[next]] of data.toml spans

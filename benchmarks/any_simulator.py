@@ -1,21 +1,25 @@
 """The gap of any simulator, scored on sealed cases: five systems with an effect, with it left out of the library, and complete.
 
-    python benchmarks/any_simulator.py --effects 4 --left-out 4 --complete 8 [--seed 1] > benchmarks/any_simulator.txt
+    python benchmarks/any_simulator.py --kept FILE.jsonl --python PEERS/bin/python [--seed 1] > benchmarks/any_simulator.txt
 
 The truth is made by ``truth`` below with scipy's solve_ivp; it shares no code with the engine. Beside it in the table, on the same
 records: scipy's least squares of the model and of the model with each effect, the one of the smallest BIC named (six steps at most,
-begun at the truth). D is twice the log likelihood that the true model has over the best of what is left without its effect: of the
-model as it is, and, where the effect is left out of the library, of the model with any other effect of the case, too. Cases of D
-below 20 are not scored: no method could tell. One counts as named where it is the headline or is told as not to be distinguished
-from it.
+begun at the truth); and sparse regression (pysindy, by an interpreter of its own). D is twice the log likelihood that the true
+model has over the best of what is left without its effect: of the model as it is, and, where the effect is left out of the library,
+of the model with any other effect of the case, too. Cases of D below 20 are not scored: no method could tell. One counts as named
+where it is the headline or is told as not to be distinguished from it. What is done stands in the file of --kept, and is not done
+again.
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
+import json
+import subprocess
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from time import monotonic
 from typing import Any
 
@@ -28,6 +32,8 @@ from towline.diagnose.own.gap import own_gap
 from towline.diagnose.own.records import Record, SampleNoise, together
 
 LEAST_D = 20.0
+LONGEST_S = 120
+"""Sparse regression may take so long."""
 TURN = 0.01
 """Dry friction turns within this share of the usual speed."""
 Array = np.ndarray
@@ -66,6 +72,8 @@ class Case:
     outputs: tuple[int, ...]
     noise: tuple[float, ...]
     effects: dict[str, tuple[str, float]]
+    give: float = 0.0
+    """How far bristles give before they slide."""
 
 
 def truth(case: Case, p: Array, start: Array, drive: Array, kind: str, size: float) -> Array:
@@ -99,9 +107,15 @@ def truth(case: Case, p: Array, start: Array, drive: Array, kind: str, size: flo
             before = min(int(at), len(levels) - 2)
             u = levels[before] + (at - before) * (levels[before + 1] - levels[before])
         more = [(u - state[-1]) / lag] if lag else []
-        found = list(case.plain(x, state[-1] if lag else u, p))
         v = x[index]
-        if kind == "constant":
+        found = list(case.plain(x, state[-1] if lag else u, p))
+        if kind == "bristles":
+            # LuGre's z in its own units: half as much again at rest, no sigma_1
+            z, sigma = state[-1], 1.5 * abs(size) / case.give
+            grip = abs(size) * (1 + 0.5 * np.exp(-((v / (0.1 * case.speed)) ** 2)))
+            more = [v - sigma * abs(v) * z / max(grip, 1e-12)]
+            found[index] -= np.sign(size) * sigma * z
+        elif kind == "constant":
             found[index] += size
         elif kind == "dry":
             found[index] -= size * np.tanh(v / v0)
@@ -116,7 +130,7 @@ def truth(case: Case, p: Array, start: Array, drive: Array, kind: str, size: flo
         return [*found, *more]
 
     at = t * (1 + size) if kind == "clock" else t
-    first = [*start, drive[0]] if lag else list(start)
+    first = [*start, drive[0]] if lag else [*start, 0.0] if kind == "bristles" else list(start)
     solved = solve_ivp(
         rates, (0, at[-1]), first, t_eval=at, method="LSODA", rtol=1e-6, atol=1e-9, max_step=4 * case.step_s
     )
@@ -194,7 +208,8 @@ def cases() -> list[Case]:
              ((0.6, 0.0), (1.3, 0.0)), 0.04, 200, None, 1, 0, 8.0, (0,), (0.004,),
              {"rate_dry_friction": ("dry", 0.3), "rate_quadratic_damping": ("quadratic", 0.02),
               "rate_cubic_stiffness": ("cubic_stiffness", 2.0),
-              "rate_stiffness_above": ("above", 1.0), "angle_offset": ("offset", 0.02), "angle_drift": ("drift", 0.03)}),
+              "rate_stiffness_above": ("above", 1.0), "angle_offset": ("offset", 0.02), "angle_drift": ("drift", 0.03),
+              "rate_lugre_friction": ("bristles", 0.3)}, give=0.05),
         Case("drive", drive, lambda x, u, p: [-p[0] * x[0] - p[1] * np.tanh(x[0] / (TURN * 20)) + p[2] * u], (1.5, 6.0, 25.0),
              ((0.0,), (5.0,)), 0.02, 200, chirp(2.0, 0.2, 1.5), 0, None, 20.0, (0,), (0.1,),
              {"speed_quadratic_damping": ("quadratic", 0.03), "volt_backlash": ("backlash", 0.3), "volt_delay": ("delay", 0.02),
@@ -202,7 +217,8 @@ def cases() -> list[Case]:
         Case("Duffing", duffing, lambda x, u, p: [x[1], -p[0] * x[0] - p[1] * x[1] - p[2] * x[0] ** 3 + u], (36.0, 0.4, 25.0),
              ((0.5, 0.0), (-0.3, 0.0)), 0.04, 200, chirp(12.0, 0.3, 1.8), 1, 0, 4.0, (0,), (0.004,),
              {"v_dry_friction": ("dry", 0.5), "v_quadratic_damping": ("quadratic", 0.06), "v_stiffness_above": ("above", 3.0),
-              "u_delay": ("delay", 0.02), "u_lag": ("lag", 0.03), "x_offset": ("offset", 0.02)}),
+              "u_delay": ("delay", 0.02), "u_lag": ("lag", 0.03), "x_offset": ("offset", 0.02),
+              "v_lugre_friction": ("bristles", 0.5)}, give=0.03),
         Case("two tanks", tanks,
              lambda x, u, p: [p[0] * u - p[1] * np.sqrt(max(x[0], 1e-9)),
                               p[1] * np.sqrt(max(x[0], 1e-9)) - p[2] * np.sqrt(max(x[1], 1e-9))], (0.01, 0.018, 0.017),
@@ -226,8 +242,10 @@ def left_out(case: Case, effect: str) -> list[str]:
     """Names that are not offered: the effect's, and those that do the same to these records in all but name."""
     if effect in TWINS:
         return [effect, TWINS[effect]]
-    if effect.endswith("dry_friction"):
-        return [effect, effect.replace("dry", "static")]
+    if effect.endswith("_friction"):
+        return [
+            effect.replace("_dry_", f"_{kind}_").replace("_lugre_", f"_{kind}_") for kind in ("dry", "static", "lugre")
+        ]
     if effect.endswith(("_lag", "_delay")):
         names = [*(i.name for i in case.model.inputs), *(o.name for o in case.model.outputs)]
         return ["clock_offset", *(f"{name}_{what}" for name in names for what in ("lag", "delay"))]
@@ -307,15 +325,77 @@ def by_bic(made: Made, offered: list[str]) -> tuple[str, dict[str, float]]:
     return name, chi
 
 
+def record_of(case: Case, name: str, drive: Array, values: Array) -> Record:
+    """As the engine has it."""
+    inputs = drive[:, None] if case.drive is not None else np.zeros((case.count, 0))
+    noises = tuple(SampleNoise(s) for s in case.noise)
+    return Record(name, case.step_s, inputs, values, noises, (False,) if case.drive is not None else ())
+
+
 def answered(made: Made, without: list[str]) -> Any:
     """The engine's gap.json."""
     case = made.case
     records = [
-        Record(f"record {k + 1}", case.step_s, drive[:, None] if case.drive is not None else np.zeros((case.count, 0)), values,
-               tuple(SampleNoise(s) for s in case.noise), (False,) if case.drive is not None else ())
+        record_of(case, f"record {k + 1}", drive, values)
         for k, (drive, values) in enumerate(zip(made.drives, made.values, strict=True))
-    ]  # fmt: skip
+    ]
     return own_gap(case.model, together(records), "benchmark", {}, rng=np.random.default_rng(0), without=without).file
+
+
+def by_sparse(made: Made, python: str) -> str:
+    """Terms that sparse regression takes beside the model's own, joined by " + " ("": none), by an interpreter of its own."""
+    case = made.case
+    others = [v[:, 0] if v.shape[1] > 1 else np.full(len(v), np.nan) for v in made.values]
+    with tempfile.TemporaryDirectory() as folder:
+        given, found = Path(folder) / "case.npz", Path(folder) / "found.json"
+        np.savez(
+            given,
+            system=case.name,
+            t=np.arange(case.count) * case.step_s,
+            x=[v[:, -1] for v in made.values],
+            x2=others,
+            u=made.drives,
+            speed=case.speed,
+        )
+        script = Path(__file__).with_name("any_simulator_sparse.py")
+        subprocess.run([python, "-W", "ignore", str(script), str(given), str(found)], check=True, timeout=LONGEST_S)
+        return " + ".join(json.loads(found.read_text()))
+
+
+def judged(case: Case, kind: str, effect: str, seed: list[int], bic: bool, python: str) -> dict[str, Any]:
+    """One case by all methods."""
+    names = list(case.effects)
+    made = drawn(case, effect, np.random.default_rng(seed))
+    gone = left_out(case, effect) if kind == "left out" else []
+    began = monotonic()
+    file = answered(made, gone)
+    took = monotonic() - began
+    named = " + ".join(file.ranking[0].effects) if file.verdict in ("effect", "form_not_exact") else file.verdict
+    named = f"about {named}" if file.verdict == "form_not_exact" else named
+    alike = [n for group in file.indistinguishable for n in group]
+    right = {
+        "effect": file.verdict in ("effect", "form_not_exact") and effect in (*file.ranking[0].effects, *alike),
+        "left out": file.verdict == "unknown",
+        "complete": file.verdict == "no_gap",
+    }[kind]
+    row: dict[str, Any] = {
+        "system": case.name,
+        "kind": kind,
+        "effect": effect,
+        "named": named,
+        "right": right,
+        "took": took,
+    }
+    if bic:
+        chosen, chi = by_bic(made, [n for n in names if n not in gone])
+        own = chi[effect] if effect in chi else fitted(made, *case.effects[effect])[0]
+        others = [c for name, c in chi.items() if name != effect] if kind == "left out" else [chi[""]]
+        right = {"effect": chosen == effect, "left out": False, "complete": chosen == ""}[kind]
+        row |= {"d": min(others) - own, "bic": chosen, "bic_right": right}
+    if python:
+        terms = by_sparse(made, python)
+        row |= {"sparse": terms, "sparse_right": terms == effect if kind != "left out" else False}
+    return row
 
 
 def main() -> None:
@@ -327,8 +407,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--systems", nargs="+", default=[])
     parser.add_argument("--no-bic", action="store_true")
+    parser.add_argument("--python", default="", help="an interpreter that has pysindy")
+    parser.add_argument(
+        "--kept", type=Path, help="what is done, a line a case; a score that was cut short goes on from it"
+    )
     given = parser.parse_args()
-    rows: list[tuple[str, str, bool, bool, bool, float]] = []
+    lines = given.kept.read_text().splitlines() if given.kept is not None and given.kept.is_file() else []
+    rows: dict[str, dict[str, Any]] = {row["key"]: row for row in map(json.loads, lines)}
     todo: list[tuple[int, int, str, str, Case]] = []
     for index, case in enumerate(cases()):
         if given.systems and case.name not in given.systems:
@@ -339,59 +424,43 @@ def main() -> None:
         todo += [(k, index, "complete", "", case) for k in range(given.complete)]
     # all systems in turn, so that a score that is cut short has some of each
     for k, index, kind, effect, case in sorted(todo, key=lambda one: one[:3]):
-        names = list(case.effects)
-        rng = np.random.default_rng([given.seed, index, ("effect", "left out", "complete").index(kind), k])
-        made = drawn(case, effect, rng)
-        gone = left_out(case, effect) if kind == "left out" else []
-        began = monotonic()
-        file = answered(made, gone)
-        took = monotonic() - began
-        named = " + ".join(file.ranking[0].effects) if file.verdict in ("effect", "form_not_exact") else file.verdict
-        named = f"about {named}" if file.verdict == "form_not_exact" else named
-        alike = [n for group in file.indistinguishable for n in group]
-        right = {
-            "effect": file.verdict in ("effect", "form_not_exact") and effect in (*file.ranking[0].effects, *alike),
-            "left out": file.verdict == "unknown",
-            "complete": file.verdict == "no_gap",
-        }[kind]
-        chosen, d = "-", np.nan
-        if not given.no_bic:
-            chosen, chi = by_bic(made, [n for n in names if n not in gone])
-            own = chi[effect] if effect in chi else fitted(made, *case.effects[effect])[0]
-            others = [c for name, c in chi.items() if name != effect] if kind == "left out" else [chi[""]]
-            d = min(others) - own
-        bic = {"effect": chosen == effect, "left out": False, "complete": chosen == ""}[kind]
-        counts = kind == "complete" or given.no_bic or d > LEAST_D
-        rows.append((case.name, kind, right, bic, counts, took))
-        print(f"{case.name:10} {kind:9} {effect or '-':24} D {d:8.0f}  engine {named:42} {'right' if right else 'WRONG':6}"
-              f"BIC {chosen or 'the model as it is':24} {took:5.1f} s", flush=True)  # fmt: skip
-        # of what is done so far: a long score that is cut short has one all the same
-        _table(rows)
+        key = f"{given.seed} {case.name} {kind} {k} {effect}"
+        if key not in rows:
+            seed = [given.seed, index, ("effect", "left out", "complete").index(kind), k]
+            rows[key] = {"key": key, **judged(case, kind, effect, seed, not given.no_bic, given.python)}
+            if given.kept is not None:
+                with given.kept.open("a") as file:
+                    file.write(json.dumps(rows[key]) + "\n")
+        print(_line(rows[key]), flush=True)
+    _table(list(rows.values()))
 
 
-def _table(rows: list[tuple[str, str, bool, bool, bool, float]]) -> None:
+def _line(r: dict[str, Any]) -> str:
+    others = f"BIC {r['bic'] or 'the model as it is':24}" if "bic" in r else ""
+    others += f" sparse {r['sparse'] or 'the model as it is'}" if "sparse" in r else ""
+    d = f"D {r['d']:8.0f}" if "d" in r else ""
+    said = "right" if r["right"] else "WRONG"
+    return f"{r['system']:10} {r['kind']:9} {r['effect'] or '-':24} {d} engine {r['named']:42} {said:6}{r['took']:6.1f} s {others}"
+
+
+def _table(rows: list[dict[str, Any]]) -> None:
     print()
     print(f"{'':12}{'effect named':>24}{'left out: unknown':>24}{'complete: no_gap':>24}")
-    for name in dict.fromkeys(r[0] for r in rows):
-        print(
-            f"{name:12}"
-            + "".join(
-                _cell([r for r in rows if r[0] == name and r[1] == kind]) for kind in ("effect", "left out", "complete")
-            )
-        )
+    for name in [*dict.fromkeys(r["system"] for r in rows), "all"]:
+        mine = [r for r in rows if name in ("all", r["system"])]
+        cells = [_cell([r for r in mine if r["kind"] == kind]) for kind in ("effect", "left out", "complete")]
+        print(f"{name:12}{''.join(cells)}")
     print(
-        f"{'all':12}" + "".join(_cell([r for r in rows if r[1] == kind]) for kind in ("effect", "left out", "complete"))
+        f"Each cell: the engine, least squares with BIC, sparse regression, of how many (cases of D below {LEAST_D:g} are not "
+        "counted). The two others have no word for the unknown."
     )
-    print(
-        f"Each cell: the engine, least squares with BIC, of how many (cases of D below {LEAST_D:g} are not counted). "
-        "BIC has no word for the unknown."
-    )
-    print(f"Median time of the engine: {np.median([r[5] for r in rows]):.1f} s on one busy core.", file=sys.stdout)
+    print(f"Median time of the engine: {np.median([r['took'] for r in rows]):.1f} s on one busy core.")
 
 
-def _cell(rows: list[tuple[str, str, bool, bool, bool, float]]) -> str:
-    counted = [r for r in rows if r[4]]
-    return f"{sum(r[2] for r in counted):8d} {sum(r[3] for r in counted):4d} of {len(counted):3d}    "
+def _cell(rows: list[dict[str, Any]]) -> str:
+    counted = [r for r in rows if r["kind"] == "complete" or r.get("d", np.inf) > LEAST_D]
+    said = "".join(f"{sum(r[key] for r in counted if key in r):5d}" for key in ("right", "bic_right", "sparse_right"))
+    return f"{said} of {len(counted):3d}  "
 
 
 if __name__ == "__main__":

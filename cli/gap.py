@@ -18,7 +18,9 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
         metavar="MODEL",
         help="MODEL.py with a Model, or MODEL.fmu; this RUNS the file as a program: name none that you would not run yourself",
     )
-    sub.add_argument("tables", nargs="+", type=Path, metavar="DATA", help="records: CSV, Parquet or MAT")
+    sub.add_argument(
+        "tables", nargs="+", type=Path, metavar="DATA", help="records: CSV, Parquet, MAT, MCAP or a ROS bag"
+    )
     sub.add_argument(
         "--columns",
         type=Path,
@@ -36,14 +38,32 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--law", action="store_true", help="search a missing term of the states, too, for what no effect explains"
     )
+    sub.add_argument(
+        "--try",
+        dest="tried",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="INPUTS",
+        help="tables of inputs that could come next: which would best tell what is still open ([[next]] of data.toml: a box)",
+    )
+    sub.add_argument(
+        "--fmu",
+        action="store_true",
+        help="write the corrected model as an FMU as well (corrected.fmu; needs pythonfmu)",
+    )
     sub.add_argument("-o", "--out", type=Path, help="where the results go (default: out beside the first table)")
 
 
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
-    from ..pipeline.own_models import gap_of_model, write_gap
+    from ..diagnose.own.back_fmu import check_wrappable
+    from ..diagnose.own.read import read_model
+    from ..pipeline.own_models import gap_of_model, write_fmu, write_gap
     from .common import EXIT_OK, print_notes, show_progress
 
+    if options.fmu:
+        check_wrappable(read_model(options.model))
     with show_progress() as show:
 
         def tell(text: str, done: int, total: int | None) -> None:
@@ -52,9 +72,12 @@ def call(options: argparse.Namespace) -> int:
             else:
                 print(f"{text} ...", file=sys.stderr, flush=True)
 
-        found = gap_of_model(options.model, options.tables, options.columns, options.hold_out, tell, options.law)
+        found = gap_of_model(
+            options.model, options.tables, options.columns, options.hold_out, tell, options.tried, options.law
+        )
     file = found.file
-    written = write_gap(options.out or options.tables[0].parent / "out", found, options.model)
+    out = options.out or options.tables[0].parent / "out"
+    written = write_gap(out, found, options.model)
     print_notes(found.notes)
     for sentence in file.sentences:
         print(sentence)
@@ -67,5 +90,7 @@ def call(options: argparse.Namespace) -> int:
     print(f"{'unknown':44}{file.p_unknown:12.3f}")
     print(f"where: {', '.join(f'{stage} {share:.2f}' for stage, share in file.where.share.items())}")
     options.outcome.result["gap"] = file
+    if options.fmu:
+        written += write_fmu(out, found, options.model)
     options.outcome.wrote(*written)
     return EXIT_OK

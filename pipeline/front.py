@@ -305,16 +305,21 @@ def diagnose(
 
 
 def gap(
-    model: Folder | Model, *tables: Folder, columns: Folder | None = None, held_out: Sequence[Folder] = ()
+    model: Folder | Model,
+    *tables: Folder,
+    columns: Folder | None = None,
+    held_out: Sequence[Folder] = (),
+    tried: Sequence[Folder] = (),
 ) -> GapFile:
     """What a model of your own misses against measured records: which effect, where, and how far the gap shrinks with it.
 
     Parameters
     ----------
     model : a Python file with a ``Model`` (its code is run), an FMU, or a ``Model``
-    tables : records: CSV, Parquet or MAT
+    tables : records: CSV, Parquet, MAT, MCAP or a ROS bag
     columns : TOML that says what their columns are; default: NAME.toml beside NAME.csv, else data.toml
     held_out : records kept aside to say how far the gap shrinks; default: each in turn
+    tried : tables of inputs that the next record may have, beside what [[next]] of data.toml spans
 
     Returns
     -------
@@ -341,8 +346,8 @@ def gap(
     """
     from .own_models import gap_of_model
 
-    given, aside = ([Path(one) for one in some] for some in (tables, held_out))
-    return gap_of_model(model, given, None if columns is None else Path(columns), aside).file
+    given, aside, next_ones = ([Path(one) for one in some] for some in (tables, held_out, tried))
+    return gap_of_model(model, given, None if columns is None else Path(columns), aside, tried=next_ones).file
 
 
 def simulate(scenario: Folder, *, effects: Sequence[Folder] = (), line: Line | None = None) -> pd.DataFrame:

@@ -16,6 +16,10 @@ class PutIn(_Part):
     acts: Literal["equation", "input", "output", "clock"] = Field(description="what it changes")
     on: str = Field(description="name of the state, input or output; empty: the clock")
     code: str = Field(description="what it does, as Python, of its numbers; empty: the model's own file has it")
+    memory: str = Field(
+        default="",
+        description="drive and decay of a state m of its own, m' = drive - decay m, as Python; empty: it has none",
+    )
     numbers: dict[str, Measured] = Field(description="in their order")
 
 

@@ -85,6 +85,27 @@ class NextMeasurement(_Part):
     why: str = Field(description="in words")
 
 
+class Experiment(_Part):
+    """A record that could be made next with a model of one's own."""
+
+    name: str = Field(description="a table's, or what is done, in words")
+    settings: dict[str, float] = Field(
+        description="input.amplitude, input.from_hz, input.to_hz, state.start; empty: a table"
+    )
+    told: float = Field(
+        description="expected probability that it tells the true hypothesis from the others that are open"
+    )
+    distance: float = Field(description="expected D between them")
+
+
+class NextExperiment(_Part):
+    """Of the records that could be made next, which would best tell what is open."""
+
+    open: list[list[str]] = Field(description="hypotheses that are told apart: [] is no gap, [unknown] a free form")
+    tried: list[Experiment] = Field(description="what was tried, the best first")
+    why: str = Field(description="in words")
+
+
 class GapFile(ResultFile):
     """out/gap.json."""
 
@@ -108,6 +129,10 @@ class GapFile(ResultFile):
     next_run: NextRun | None = Field(description="null: nothing is left to tell apart")
     next_measurement: NextMeasurement | None = Field(
         default=None, description="null: neither of the best two can be measured without a tow"
+    )
+    next_experiment: NextExperiment | None = Field(
+        default=None,
+        description="of a model of one's own: what to record next; null: nothing was given to choose from, or one holds 95 %",
     )
     kept_aside: bool = Field(
         default=True,

@@ -1,4 +1,4 @@
-"""Records for a model of one's own: a table (CSV, Parquet, MAT) and data.toml, which says what its columns are."""
+"""Records for a model of one's own: a table (CSV, Parquet, MAT, messages) and data.toml, which says what its columns are."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from .bags import Meant, bag_columns, is_bag
 from .errors import InputError
 from .files import TABLE_BYTES, read_bytes
-from .schema import Number, Positive
+from .schema import Number, Positive, Span
 from .tables import numbers_of, read_table
 from .toml import Table, read_toml
 
@@ -23,7 +24,10 @@ Array = NDArray[np.float64]
 class OwnClock(Table):
     """[clock]: when each row was taken."""
 
-    column: str = Field(default="", description="column of the time; empty: rows come at rate_hz")
+    column: str = Field(
+        default="",
+        description="column of the time (of messages: log_time, or header.stamp); empty: rows come at rate_hz",
+    )
     unit: str = Field(default="s", description="of that column: s, ms, min, ...")
     rate_hz: Positive | None = Field(default=None, description="rows per second, where no column has the time")
 
@@ -37,7 +41,7 @@ class OwnClock(Table):
 class OwnColumn(Table):
     """[[column]]: what a column of the tables is."""
 
-    name: str = Field(description="the column's header")
+    name: str = Field(description="the column's header; of a recording of messages topic and field: /joint.position[1]")
     role: Literal["input", "output"] = Field(description="what the model is given, or what it must explain")
     of: str = Field(default="", description="name of that input or output in the model; empty: the column's own")
     unit: str | None = Field(default=None, description="of the column; absent: the model's own")
@@ -82,6 +86,36 @@ class OwnStage(Table):
     stage: str = Field(description="what it is called")
 
 
+class OwnNext(Table):
+    """[[next]]: what could be done in the next record, to tell what is still open."""
+
+    input: str = Field(default="", description="name of an input of the model that can be moved as one likes")
+    state: str = Field(default="", description="or of a state that can be begun where one likes")
+    unit: str | None = Field(default=None, description="of what stands here; absent: the model's own")
+    amplitude: Span | None = Field(default=None, description="of an input: smallest and largest of a sine or a sweep")
+    frequency_hz: Span | None = Field(default=None, description="of an input: slowest and fastest of it")
+    offset: Number = Field(
+        default=0.0, description="of an input: about which it moves, and where it rests while others move"
+    )
+    range: Span | None = Field(default=None, description="of a state: smallest and largest value at first")
+
+    @model_validator(mode="after")
+    def _one(self) -> OwnNext:
+        if bool(self.input) == bool(self.state):
+            raise ValueError("input or state, one of the two")
+        wanted = (
+            {"amplitude": self.amplitude, "frequency_hz": self.frequency_hz} if self.input else {"range": self.range}
+        )
+        for key, span in wanted.items():
+            if span is None:
+                raise ValueError(f"{key}: missing; two numbers are expected")
+            if not span[0] <= span[1] or (self.input and span[0] <= 0):
+                raise ValueError(
+                    f"{key}: {span[0]:g}, {span[1]:g}: the smaller first{', above 0' if self.input else ''}"
+                )
+        return self
+
+
 class OwnData(Table):
     """data.toml."""
 
@@ -90,6 +124,7 @@ class OwnData(Table):
     number: tuple[OwnNumber, ...] = Field(default=(), description="numbers of the model")
     state: tuple[OwnState, ...] = Field(default=(), description="starts of its states")
     stage: tuple[OwnStage, ...] = Field(default=(), description="names of stages, of an FMU say")
+    next: tuple[OwnNext, ...] = Field(default=(), description="what could be done next")
     static: str = Field(
         default="",
         description="table of the same columns with everything at rest: its scatter is the noise, where no noise_sd is given",
@@ -118,13 +153,14 @@ def read_data_file(table: Path, given: Path | None) -> tuple[Path, OwnData]:
     return path, file
 
 
-def read_columns(path: Path, names: tuple[str, ...]) -> dict[str, Array]:
+def read_columns(path: Path, names: tuple[str, ...], file: OwnData) -> dict[str, Array]:
     """Columns of a table as numbers.
 
     Parameters
     ----------
-    path : CSV, Parquet or MAT (vectors of one length)
+    path : CSV, Parquet, MAT (vectors of one length), or a recording of messages (``bags``)
     names : of the columns
+    file : says what they are, of messages that come at times of their own
 
     Returns
     -------
@@ -134,12 +170,20 @@ def read_columns(path: Path, names: tuple[str, ...]) -> dict[str, Array]:
     ------
     InputError : it cannot be read, has no row, or not these columns
     """
+    if is_bag(path):
+        told = {c.name: c for c in file.column}
+        clock = file.clock.column if file.clock.column in names else ""
+        return bag_columns(path, {n: _meant(told[n]) for n in names if n != clock}, clock)
     if path.suffix.lower() == ".mat":
         return _mat_columns(path, names)
     table = read_table(path, names)
     if not len(table):
         raise InputError(path, "", "holds no row")
     return {name: _of_numbers(path, name, table[name]) for name in names}
+
+
+def _meant(column: OwnColumn) -> Meant:
+    return "output" if column.role == "output" else column.hold
 
 
 def _of_numbers(path: Path, name: str, column: Any) -> Array:
@@ -184,6 +228,7 @@ __all__ = [
     "OwnClock",
     "OwnColumn",
     "OwnData",
+    "OwnNext",
     "OwnNumber",
     "OwnStage",
     "OwnState",

@@ -22,6 +22,10 @@ from .model import Missing, System
 
 ARGUMENTS = {"equation": "t, x, u, p", "input": "t, u", "output": "t, y", "clock": "t"}
 """What ``Missing.changes`` is given first, by where it acts."""
+OF_MEMORY = ("m", "rate")
+"""What it is given behind them where it has a state of its own: that, and its rate."""
+INNER = 4
+"""Steps of integration between two samples of a corrected model, where nobody says how many."""
 USED = ("delayed", "lagged", "limited", "played")
 """Functions of ``library`` that an effect's code may call."""
 NUMPY = ("tanh", "exp", "abs", "maximum", "newaxis")
@@ -70,7 +74,7 @@ def run_model(
     count: int,
     start: Mapping[str, float] | None = None,
     inputs: Mapping[str, Array] | None = None,
-    inner: int = 4,
+    inner: int = INNER,
 ) -> dict[str, Array]:
     """A model's outputs, with its numbers where they begin.
 
@@ -111,8 +115,10 @@ def corrected(gap: OwnGap) -> System:
 
 
 def _values(gap: OwnGap) -> dict[str, float]:
+    """As fitted; those that were known as data.toml says them."""
+    known = {n.name: float(n.start) for n in gap.system.numbers if n.known}
     names = gap.simulator.shared_names
-    return {name: float(v) for name, v in zip(names, gap.fitted.hypothesis.shared, strict=True)}
+    return known | {name: float(v) for name, v in zip(names, gap.fitted.hypothesis.shared, strict=True)}
 
 
 def corrected_file(gap: OwnGap) -> CorrectedFile:
@@ -124,7 +130,8 @@ def corrected_file(gap: OwnGap) -> CorrectedFile:
     """
     file = gap.file
     fitted = file.derivatives.get("after") or file.derivatives["before"]
-    numbers = {name: Measured(value=value, std=fitted[name].std) for name, value in _values(gap).items()}
+    sd = {name: number.std for name, number in fitted.items()}
+    numbers = {name: Measured(value=value, std=sd.get(name, 0.0)) for name, value in _values(gap).items()}
     row = file.ranking[0].parameters if gap.put_in else {}
     put = []
     for m, values in gap.put_in:
@@ -135,7 +142,7 @@ def corrected_file(gap: OwnGap) -> CorrectedFile:
         acts: Literal["equation", "input", "output", "clock"] = "clock"
         acts = "equation" if m.equation else "input" if m.input else "output" if m.output else acts
         on = m.equation or m.input or m.output
-        put.append(PutIn(effect=m.name, acts=acts, on=on, code=m.code, numbers=own))
+        put.append(PutIn(effect=m.name, acts=acts, on=on, code=m.code, memory=m.memory_code, numbers=own))
     return CorrectedFile(
         schema="towline/corrected",
         tool=file.tool,
@@ -170,11 +177,13 @@ def from_file(file: CorrectedFile, system: System, path: str | Path = "corrected
                 parameters,
                 "",
                 "",
-                _compiled(put, path),
+                _compiled(put, _lambda(put), path),
                 on["equation"],
                 on["input"],
                 on["output"],
                 code=put.code,
+                memory=_compiled(put, _of_memory(put), path) if put.memory else None,
+                memory_code=put.memory,
             )
         elif put.effect in own:
             made = own[put.effect]
@@ -184,16 +193,15 @@ def from_file(file: CorrectedFile, system: System, path: str | Path = "corrected
     return put_in(system, {name: n.value for name, n in file.numbers.items()}, missing)
 
 
-def _compiled(put: PutIn, path: str | Path) -> Any:
-    """The effect's code as a function: arithmetic of its arguments and numbers, and what towline calls in it; nothing else."""
+def _compiled(put: PutIn, text: str, path: str | Path) -> Any:
+    """An effect's code as a function: arithmetic of its arguments and numbers, and what towline calls in it; nothing else."""
     from . import library
 
-    text = _lambda(put.acts, list(put.numbers), put.code)
     try:
         tree = ast.parse(text, mode="eval")
     except SyntaxError:
         raise InputError(path, f"effects {put.effect}", "its code is no Python expression") from None
-    known = {*ARGUMENTS[put.acts].split(", "), *put.numbers, *USED, "np"}
+    known = {*ARGUMENTS[put.acts].split(", "), *OF_MEMORY, *put.numbers, *USED, "np"}
     for node in ast.walk(tree):
         name = node.id if isinstance(node, ast.Name) else ""
         attribute = isinstance(node, ast.Attribute)
@@ -206,8 +214,13 @@ def _compiled(put: PutIn, path: str | Path) -> Any:
     return eval(compile(tree, "corrected.json", "eval"), names)  # of what was looked through above
 
 
-def _lambda(acts: str, numbers: Sequence[str], code: str) -> str:
-    return f"lambda {ARGUMENTS[acts]}, {', '.join(numbers)}: {code}"
+def _lambda(put: PutIn) -> str:
+    memory = OF_MEMORY if put.memory else ()
+    return f"lambda {', '.join((ARGUMENTS[put.acts], *memory, *put.numbers))}: {put.code}"
+
+
+def _of_memory(put: PutIn) -> str:
+    return f"lambda {', '.join((ARGUMENTS[put.acts], *put.numbers))}: {put.memory}"
 
 
 def corrected_python(gap: OwnGap, model: Path, out: Path) -> str:
@@ -230,7 +243,7 @@ def corrected_python(gap: OwnGap, model: Path, out: Path) -> str:
         "",
     ]
     used = sorted({name for put in file.effects for name in USED if f"{name}(" in put.code})
-    if any("np." in put.code for put in file.effects):
+    if any("np." in put.code + put.memory for put in file.effects):
         lines += ["import numpy as np", ""]
     if file.effects:
         lines += ["from towline.diagnose.effects import Parameter", "from towline.diagnose.own import Missing"]
@@ -264,7 +277,8 @@ def corrected_python(gap: OwnGap, model: Path, out: Path) -> str:
             f"            ({parameters.rstrip()}),",
             f"            {m.physics!r},",
             f"            {m.cure!r},",
-            f"            {_lambda(put.acts, list(put.numbers), put.code)},{place}",
+            f"            {_lambda(put)},{place}",
+            *([f"            memory={_of_memory(put)},"] if put.memory else []),
             "        ),",
             f"        ({', '.join(repr(n.value) for n in put.numbers.values())},),",
             "    ),",

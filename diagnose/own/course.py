@@ -113,7 +113,7 @@ def simulated(
     own = [Put(m, tuple(np.full(start.shape[1], v) for v in numbers)) for m, numbers in system.built_in]
     puts = [*own, *puts]
     with np.errstate(all="ignore"):
-        u = _changed_inputs(system, grid, inputs, puts)
+        u = changed_inputs(system, grid, inputs, puts)
         if system.whole:
             # between two samples an input is what it is in the middle
             seen = system.course(grid.times_s, start, np.moveaxis(u[grid.inner :: 2 * grid.inner], 0, 1), p)
@@ -121,10 +121,16 @@ def simulated(
             x = _integrated(system, grid, start, u, p, [q for q in puts if q.missing.equation], push)
             at = np.moveaxis(u[:: 2 * grid.inner], 0, 1)
             seen = system.seen(grid.times_s[:, None], x, at, p[:, None])
-        return _changed_outputs(system, grid, np.moveaxis(seen, 0, 1), puts)
+        return changed_outputs(system, grid, np.moveaxis(seen, 0, 1), puts)
 
 
-def _changed_inputs(system: System, grid: Grid, inputs: Array, puts: Sequence[Put]) -> Array:
+def changed_inputs(system: System, grid: Grid, inputs: Array, puts: Sequence[Put]) -> Array:
+    """What comes of inputs (halves, m, k), as of ``held``, by what is put in.
+
+    Parameters
+    ----------
+    system, grid, inputs, puts : as of ``simulated``
+    """
     names = [one.name for one in system.inputs]
     found = inputs
     for put in puts:
@@ -145,45 +151,132 @@ def _integrated(
     push: Callable[[int], Array] | None,
 ) -> Array:
     """(s, count, k)."""
-    names = [one.name for one in system.states]
-    added = [(names.index(put.missing.equation), put) for put in puts]
-    pushed: Array | float = 0.0
-    stays = np.flatnonzero(grid.stays)
-
-    def rates(t: float, x: Array, u: Array) -> Array:
-        found = system.derivatives(t, x, u, p)
-        if added:
-            arguments = system.arguments(x, u, p)
-            for index, put in added:
-                found[index] += put.missing.changes(t, *arguments, *put.numbers)
-        return found + pushed
-
-    h = grid.step_s / grid.inner
+    steps = Steps(system, grid, start, p, puts)
     path = np.empty((len(start), grid.count, start.shape[1]))
-    path[:, 0] = x = np.array(start, dtype=float)
-    at = 0
+    path[:, 0] = steps.x
     for sample in range(1, grid.count):
-        if push is not None:
-            pushed = push(sample - 1)
-        for _ in range(grid.inner):
-            t, (before, middle, after) = 0.5 * h * at, u[at : at + 3]
-            if len(stays):
-                # what stays jumps between two steps, never in one
-                before, after = before.copy(), after.copy()
-                before[stays] = after[stays] = middle[stays]
-            k1 = rates(t, x, before)
-            k2 = rates(t + 0.5 * h, x + 0.5 * h * k1, middle)
-            k3 = rates(t + 0.5 * h, x + 0.5 * h * k2, middle)
-            k4 = rates(t + h, x + h * k3, after)
-            x = x + h / 6 * (k1 + 2 * (k2 + k3) + k4)
-            at += 2
-        x = np.clip(np.nan_to_num(x, nan=FAR, posinf=FAR, neginf=-FAR), -FAR, FAR)
-        path[:, sample] = x
+        path[:, sample] = steps.to_next(u, 0.0 if push is None else push(sample - 1))
     return path
 
 
-def _changed_outputs(system: System, grid: Grid, seen: Array, puts: Sequence[Put]) -> Array:
-    """(count, c, k); the sensors first, then the clock that reads them."""
+class Steps:
+    """A model on its way from sample to sample.
+
+    Parameters
+    ----------
+    system : the model
+    grid : of the course; its count is not looked at
+    start : (s, k)
+    p : (q, k)
+    puts : what is missing in its equations, put in
+
+    Attributes
+    ----------
+    x : (s, k) states where it is
+    """
+
+    def __init__(self, system: System, grid: Grid, start: Array, p: Array, puts: Sequence[Put]) -> None:
+        names = [one.name for one in system.states]
+        self._system, self._p, self._inner = system, p, grid.inner
+        self._h = grid.step_s / grid.inner
+        self._stays = np.flatnonzero(grid.stays)
+        self._added = [(names.index(put.missing.equation), put) for put in puts]
+        self._memory = [np.zeros(start.shape[1]) for put in puts if put.missing.memory is not None]
+        self._at, self.x = 0, np.array(start, dtype=float)
+
+    def _rates(self, t: float, x: Array, u: Array, memory: Sequence[Array]) -> tuple[Array, list[Linear]]:
+        """Rates of the states, and (drive, decay) of each memory."""
+        found = self._system.derivatives(t, x, u, self._p)
+        linear: list[Linear] = []
+        if self._added:
+            arguments = self._system.arguments(x, u, self._p)
+            for index, put in self._added:
+                own: tuple[Array, ...] = ()
+                if put.missing.memory is not None:
+                    m = memory[len(linear)]
+                    drive, decay = put.missing.memory(t, *arguments, *put.numbers)
+                    linear.append((drive, decay))
+                    own = (m, drive - decay * m)
+                found[index] += put.missing.changes(t, *arguments, *own, *put.numbers)
+        return found, linear
+
+    def to_next(self, u: Array, pushed: Array | float = 0.0) -> Array:
+        """States (s, k) at the next sample.
+
+        Parameters
+        ----------
+        u : (halves, m, k) inputs, as of ``held``, at least to the next sample
+        pushed : (s, k), added to the rates until there
+        """
+        h, x, memory = self._h, self.x, self._memory
+        for _ in range(self._inner):
+            t, (before, middle, after) = 0.5 * h * self._at, u[self._at : self._at + 3]
+            if len(self._stays):
+                # what stays jumps between two steps, never in one
+                before, after = before.copy(), after.copy()
+                before[self._stays] = after[self._stays] = middle[self._stays]
+            k1, m1 = self._rates(t, x, before, memory)
+            k1 = k1 + pushed
+            k2, m2 = self._rates(t + 0.5 * h, x + 0.5 * h * k1, middle, _ahead(memory, m1, 0.5 * h))
+            k2 = k2 + pushed
+            k3, m3 = self._rates(t + 0.5 * h, x + 0.5 * h * k2, middle, _ahead(memory, m2, 0.5 * h))
+            k3 = k3 + pushed
+            k4, m4 = self._rates(t + h, x + h * k3, after, _ahead(memory, m3, h))
+            x = x + h / 6 * (k1 + 2 * (k2 + k3) + k4 + pushed)
+            memory = [over_step(h, *those) for those in zip(memory, m1, m2, m3, m4, strict=True)]
+            self._at += 2
+        self._memory = memory
+        self.x = np.clip(np.nan_to_num(x, nan=FAR, posinf=FAR, neginf=-FAR), -FAR, FAR)
+        return self.x
+
+
+def _ahead(memory: Sequence[Array], linear: Sequence[Linear], length: float) -> list[Array]:
+    return [relaxed(m, length * drive, length * decay) for m, (drive, decay) in zip(memory, linear, strict=True)]
+
+
+Linear = tuple[Array, Array]
+"""Drive and decay of m' = drive - decay m."""
+
+
+def relaxed(m: Array, drive: Array, decay: Array) -> Array:
+    """Where m' = drive - decay m is after a unit of time, exactly: no decay, however fast, grows beyond bounds.
+
+    Parameters
+    ----------
+    m, drive, decay : (k,)
+
+    Examples
+    --------
+    >>> relaxed(np.array([1.0, 1.0]), np.array([0.5, 3e9]), np.array([0.0, 1e9]))
+    array([1.5, 3. ])
+    """
+    small = np.abs(decay) < 1e-9
+    share = np.where(small, 1.0 - 0.5 * decay, -np.expm1(-decay) / np.where(small, 1.0, decay))
+    return m * np.exp(-decay) + share * drive
+
+
+def over_step(h: float, m: Array, *stages: Linear) -> Array:
+    """Where m' = drive - decay m is after a step, of fourth order (Magnus): the stages are those of Runge and Kutta.
+
+    Parameters
+    ----------
+    h : length of the step
+    m : (k,)
+    stages : (drive, decay) at its beginning, twice in its middle, at its end
+    """
+    (a1, b1), (a2, b2), (a3, b3), (a4, b4) = stages
+    drive = h / 6 * (a1 + 2 * (a2 + a3) + a4) + h**2 / 12 * (b1 * a4 - b4 * a1)
+    return relaxed(m, drive, h / 6 * (b1 + 2 * (b2 + b3) + b4))
+
+
+def changed_outputs(system: System, grid: Grid, seen: Array, puts: Sequence[Put]) -> Array:
+    """What is measured (count, c, k) by what is put in: the sensors first, then the clock that reads them.
+
+    Parameters
+    ----------
+    system, grid, puts : as of ``simulated``
+    seen : (count, c, k) of the model
+    """
     names = [one.name for one in system.outputs]
     found = seen
     for put in puts:
@@ -228,4 +321,16 @@ def read_at(values: Array, shift: Array) -> Array:
     return np.where((s >= 0) & (s <= 1), inside, straight)
 
 
-__all__ = ["FAR", "Grid", "Put", "held", "read_at", "simulated"]
+__all__ = [
+    "FAR",
+    "Grid",
+    "Put",
+    "Steps",
+    "changed_inputs",
+    "changed_outputs",
+    "held",
+    "over_step",
+    "read_at",
+    "relaxed",
+    "simulated",
+]

@@ -91,7 +91,7 @@ def _added(equation: str, state: str, scales: Scales) -> Missing:
         return bumps(getattr(x, state) / size, numbers)
 
     name = f"free_{equation}_by_{state}"
-    return Missing(name, _parameters(SHARE * scales.rate[equation]), WORDS, WORDS, changes, equation=equation)
+    return Missing(name, _parameters(SHARE * scales.term[equation]), WORDS, WORDS, changes, equation=equation)
 
 
 def _odd(equation: str, state: str, scales: Scales) -> Missing:
@@ -100,7 +100,7 @@ def _odd(equation: str, state: str, scales: Scales) -> Missing:
     def changes(t: Any, x: Any, u: Any, p: Any, *numbers: Array) -> Array:
         return odd_bumps(getattr(x, state) / size, numbers)
 
-    numbers = _parameters(SHARE * scales.rate[equation], int((CENTRES > 0).sum()))
+    numbers = _parameters(SHARE * scales.term[equation], int((CENTRES > 0).sum()))
     return Missing(f"free_{equation}_odd_in_{state}", numbers, WORDS, WORDS, changes, equation=equation)
 
 
@@ -112,7 +112,7 @@ def _driven(equation: str, name: str, scales: Scales) -> Missing:
         return bumps(getattr(u, name) / size, numbers) * getattr(x, equation) / own
 
     form = f"free_{equation}_with_{name}"
-    return Missing(form, _parameters(SHARE * scales.rate[equation]), WORDS, WORDS, changes, equation=equation)
+    return Missing(form, _parameters(SHARE * scales.term[equation]), WORDS, WORDS, changes, equation=equation)
 
 
 def _changed(name: str, size: float, height: float, given: str, seen: str) -> Missing:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from ...record import gap_file as record_file
 from ...record.gap_file import GapFile
 from ..gap import Diagnosis, diagnosed
 from ..inference.evidence import Fitted
 from ..inference.noise import FORCE_SD_N
 from ..inference.spread import Spread, one_by_one
+from .designs import Design
+from .experiment import Experiment, Open, experiments, open_hypotheses
 from .model import Missing, System
 from .records import Records
 from .simulator import OwnSimulator
@@ -29,6 +32,7 @@ class OwnGap:
     system : the model
     simulator : with its records
     notes : what was done with the records
+    proposed : the record to make next, of those that were given to choose from
     """
 
     file: GapFile
@@ -36,6 +40,7 @@ class OwnGap:
     system: System
     simulator: OwnSimulator
     notes: tuple[str, ...]
+    proposed: Design | None = None
 
     @property
     def fitted(self) -> Fitted:
@@ -63,6 +68,7 @@ def own_gap(
     progress: Callable[[str], None] | None = None,
     spread: Spread = one_by_one,
     without: Sequence[str] = (),
+    designs: Sequence[Design] = (),
     law: bool = False,
 ) -> OwnGap:
     """Diagnose a model of one's own.
@@ -77,6 +83,7 @@ def own_gap(
     progress : is told in a sentence what is done
     spread : does what is independent
     without : names of effects that are not offered
+    designs : records that could be made next (``designs.designs_of``)
     law : terms of the states are offered, too
 
     Raises
@@ -101,8 +108,32 @@ def own_gap(
         }
     )
     titles = {e.name: e.title for e in library}
+    tried: list[Experiment] = []
+    if designs and len(found.ranking.set95) > 1:
+        say("what to record next")
+        here = open_hypotheses(found.ranking)
+        tried = experiments(simulator, here, designs)
+        file = file.model_copy(update={"next_experiment": _proposed(here, tried, titles)})
     file = file.model_copy(update={"sentences": sentences(file, found.held, found.ranking.rest, titles)})
-    return OwnGap(file, found, system, simulator, records.notes)
+    return OwnGap(file, found, system, simulator, records.notes, tried[0].design if tried else None)
+
+
+def _proposed(
+    here: Sequence[Open], tried: Sequence[Experiment], titles: Mapping[str, str]
+) -> record_file.NextExperiment | None:
+    if not tried:
+        return None
+    names = [" and ".join(titles.get(n) or n for n in one.names) or "nothing missing" for one in here]
+    best = tried[0]
+    return record_file.NextExperiment(
+        open=[list(one.names) for one in here],
+        tried=[
+            record_file.Experiment(name=e.design.name, settings=e.design.settings, told=e.told, distance=e.distance)
+            for e in tried
+        ],
+        why=f"{best.design.name}; it tells two of what is open ({', '.join(names[:-1])} or {names[-1]}) apart with a probability "
+        f"of {best.told:.2f} (expected D {best.distance:.0f}; 20 is enough)",
+    )
 
 
 def _random(simulator: OwnSimulator, fitted: Fitted) -> dict[str, float]:

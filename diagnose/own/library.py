@@ -10,14 +10,11 @@ import numpy as np
 
 from ...simulate.model import Array
 from ..effects import Parameter
+from .friction import DAMPING, frictions
 from .model import Missing, System
 
 SHARE = 0.1
 """What is missing is usually this share of what is there; ``Effect.sizes`` lets it be a thirtieth of that."""
-STICKS = 0.01
-"""Dry friction has turned by this share of the usual speed: no integrator takes a jump."""
-STRIBECK = 0.1
-"""Speed at which static friction has gone over into sliding, of the usual one."""
 LAG_STEPS, DELAY_STEPS = 5.0, 3.0
 """How many samples a missing lag and a missing delay usually are."""
 CLOCK_RATE = 0.01
@@ -30,7 +27,7 @@ class Scales:
 
     Attributes
     ----------
-    state, rate : state -> size of it, and of its rate
+    state, rate, term : state -> size of it, of its rate, and of the largest term of its rate
     turns : states that are above and below zero
     input, output : name -> largest absolute value
     moves : input or output -> standard deviation
@@ -39,6 +36,7 @@ class Scales:
 
     state: Mapping[str, float]
     rate: Mapping[str, float]
+    term: Mapping[str, float]
     turns: Sequence[str]
     input: Mapping[str, float]
     output: Mapping[str, float]
@@ -60,7 +58,7 @@ def library_for(system: System, kinematic: Mapping[str, str], scales: Scales) ->
     --------
     >>> from .model import Model, Number, Output, State
     >>> tank = Model([State("h", "m")], [], [Number("a", "1/s", 1.0)], [Output("h", "m")], lambda t, x, u, p: [-p.a * x.h])
-    >>> sizes = Scales({"h": 1.0}, {"h": 1.0}, [], {}, {"h": 1.0}, {"h": 0.3}, 0.1, 10.0)
+    >>> sizes = Scales({"h": 1.0}, {"h": 1.0}, {"h": 1.0}, [], {}, {"h": 1.0}, {"h": 0.3}, 0.1, 10.0)
     >>> [m.name for m in library_for(tank, {}, sizes)][:3]
     ['h_constant', 'h_quadratic_damping', 'h_cubic_damping']
     """
@@ -84,8 +82,7 @@ def library_for(system: System, kinematic: Mapping[str, str], scales: Scales) ->
 
 def _in_equation(v: str, places: Sequence[str], scales: Scales) -> list[Missing]:
     size, rate = scales.state[v], scales.rate[v]
-    usual, turn, slow = SHARE * rate, STICKS * size, STRIBECK * size
-    damping = "Add the term to the equation, or find what drags."
+    usual = SHARE * scales.term[v]
 
     def one(
         name: str,
@@ -94,18 +91,11 @@ def _in_equation(v: str, places: Sequence[str], scales: Scales) -> list[Missing]
         changes: Any,
         code: str,
         scale: float = 1.0,
-        cure: str = damping,
+        cure: str = DAMPING,
         sided: bool = True,
     ) -> Missing:
         number = Parameter("size", "", usual / scale, one_sided=sided)
         return Missing(f"{v}_{name}", (number,), physics, cure, changes, equation=v, title=f"{what} in {v}", code=code)
-
-    def dry(t: Any, x: Any, u: Any, p: Any, f: Array) -> Array:
-        return -f * np.tanh(getattr(x, v) / turn)
-
-    def static(t: Any, x: Any, u: Any, p: Any, f: Array, more: Array) -> Array:
-        s = getattr(x, v)
-        return -(f + more * np.exp(-((s / slow) ** 2))) * np.tanh(s / turn)
 
     def square(t: Any, x: Any, u: Any, p: Any, q: Array) -> Array:
         return -q * getattr(x, v) * np.abs(getattr(x, v))
@@ -118,24 +108,11 @@ def _in_equation(v: str, places: Sequence[str], scales: Scales) -> list[Missing]
 
     found = [
         one("constant", "a constant", "Something pushes all the time.", constant, "size", sided=False, cure="Add the constant."),
-        one("dry_friction", "dry friction", "It rubs with a constant force (Coulomb).", dry, f"-size * np.tanh(x.{v} / {turn!r})"),
-        Missing(
-            f"{v}_static_friction",
-            (Parameter("sliding", "", usual, one_sided=True), Parameter("sticking", "", usual, one_sided=True)),
-            "It rubs, and more where it hardly moves (Stribeck).",
-            damping,
-            static,
-            equation=v,
-            title=f"friction that is larger at rest in {v}",
-            code=f"-(sliding + sticking * np.exp(-(x.{v} / {slow!r}) ** 2)) * np.tanh(x.{v} / {turn!r})",
-        ),
+        *(frictions(v, usual, size, rate) if v in scales.turns else ()),  # what always goes one way rubs with a constant
         one("quadratic_damping", "quadratic damping", "It drags with the square of the speed.", square,
             f"-size * x.{v} * np.abs(x.{v})", size**2),
         one("cubic_damping", "cubic damping", "It drags with the cube of the speed.", cube, f"-size * x.{v} ** 3", size**3),
     ]  # fmt: skip
-    if v not in scales.turns:
-        # what always goes one way rubs with a constant
-        found = [m for m in found if not m.name.endswith("friction")]
     for place in places:
         found += _stiffness(v, place, usual, scales.state[place], place in scales.turns)
     return found

@@ -138,6 +138,9 @@ class Missing:
     cost : log evidence that is taken off
     begins : its numbers where it is looked for, too, as it has hardly a slope where it is absent; empty: there alone
     code : of ``changes`` as Python, for the corrected model; empty: its own file's
+    memory : (t, x, u, p, *numbers) -> drive, decay of a state m of its own that the model does not have, m' = drive - decay m with
+        decay >= 0, begun at 0; with ``equation`` only. ``changes`` is given m and m' then: (t, x, u, p, m, m', *numbers)
+    memory_code : of ``memory`` as Python
     """
 
     name: str
@@ -153,6 +156,8 @@ class Missing:
     cost: float = 0.0
     begins: tuple[tuple[float, ...], ...] = ()
     code: str = ""
+    memory: Callable[..., Any] | None = None
+    memory_code: str = ""
 
     def effect(self, stage: str) -> Effect:
         """As the engine knows it; ``stage``: where it acts."""

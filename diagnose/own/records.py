@@ -154,7 +154,7 @@ def _changed(those: Sequence[Any], told: Sequence[Any], path: Path, kind: str) -
             key: value for key, value in one.model_dump().items() if value is not None and key not in ("name", "unit")
         }
         if getattr(one, "unit", None) is not None:
-            share = _conversion(path, f"{kind} {one.name}", one.unit, found[k].unit)
+            share = converted(path, f"{kind} {one.name}", one.unit, found[k].unit)
             given = {key: value * share if key != "known" else value for key, value in given.items()}
         found[k] = replace(found[k], **given)
     return found
@@ -222,7 +222,7 @@ def together(records: Sequence[Record]) -> Records:
     longest = max(len(r.values) for r in records)
     thin = -(-longest // MOST_SAMPLES)
     if thin > 1:
-        records = [_thinned(record, thin) for record in records]
+        records = [thinned(record, thin) for record in records]
         notes.append(f"means of {thin} neighbouring rows are taken: {longest} rows are more than {MOST_SAMPLES}")
         longest = max(len(r.values) for r in records)
     channels = max(records[0].values.shape[1], 2)
@@ -252,7 +252,14 @@ def _within(record: Record, size: int) -> float:
     return max(shares)
 
 
-def _thinned(record: Record, size: int) -> Record:
+def thinned(record: Record, size: int) -> Record:
+    """A record of means of neighbours.
+
+    Parameters
+    ----------
+    record : with its samples
+    size : of so many each
+    """
     count = len(record.values) // size
 
     def means(values: Array) -> Array:
@@ -267,6 +274,24 @@ def _thinned(record: Record, size: int) -> Record:
 # one table -----------------------------------------------------------------------------------------------------------
 
 
+def inputs_alone(system: System, table: Path, given: Path | None = None) -> Record:
+    """A table of inputs, of a record that is not made yet: nothing is measured in it.
+
+    Parameters
+    ----------
+    system : the model
+    table : with the columns of the inputs, and of the clock
+    given : what says what they are; None: beside it
+
+    Raises
+    ------
+    InputError : as of ``read_records``
+    """
+    path, file = read_data_file(table, given)
+    columns = tuple(c for c in file.column if c.role == "input")
+    return _record(system, table, path, file.model_copy(update={"column": columns}), None)
+
+
 def _record(system: System, table: Path, path: Path, file: OwnData, static: dict[str, Array] | None) -> Record:
     outputs = {(c.of or c.name): c for c in file.column if c.role == "output"}
     inputs = {(c.of or c.name): c for c in file.column if c.role == "input"}
@@ -276,10 +301,10 @@ def _record(system: System, table: Path, path: Path, file: OwnData, static: dict
         if one.name not in inputs:
             raise InputError(path, f"input {one.name}", f"{system.name} needs it, and no column is it")
     time = (file.clock.column,) if file.clock.column else ()
-    columns = read_columns(table, (*time, *(c.name for c in (*outputs.values(), *inputs.values()))))
+    columns = read_columns(table, (*time, *(c.name for c in (*outputs.values(), *inputs.values()))), file)
     count = len(next(iter(columns.values())))
     if time:
-        t_s = columns[time[0]] * _conversion(path, "clock.unit", file.clock.unit, "s")
+        t_s = columns[time[0]] * converted(path, "clock.unit", file.clock.unit, "s")
     else:
         t_s = np.arange(count) / (file.clock.rate_hz or 1.0)
     at, step_s = _even(table, t_s)
@@ -345,12 +370,23 @@ def _even(table: Path, t_s: Array) -> tuple[np.ndarray, float]:
 
 
 def _share(path: Path, column: OwnColumn, one: Input | Output) -> float:
-    if column.unit is None:
+    return converted(path, f'column "{column.name}"', column.unit, one.unit)
+
+
+def converted(path: Path, where: str, given: str | None, wanted: str) -> float:
+    """What a number in one unit is in another; without a unit it is in the other already.
+
+    Parameters
+    ----------
+    path, where : of the number
+    given, wanted : units
+
+    Raises
+    ------
+    InputError : they do not fit
+    """
+    if given is None:
         return 1.0
-    return _conversion(path, f'column "{column.name}"', column.unit, one.unit)
-
-
-def _conversion(path: Path, where: str, given: str, wanted: str) -> float:
     try:
         return conversion(given, wanted)
     except ValueError as error:
@@ -361,7 +397,7 @@ def _static(path: Path, file: OwnData) -> dict[str, Array] | None:
     if not file.static:
         return None
     names = tuple(c.name for c in file.column if c.role == "output" and c.noise_sd is None)
-    return read_columns(path.parent / file.static, names) if names else None
+    return read_columns(path.parent / file.static, names, file) if names else None
 
 
 def _noise(path: Path, column: OwnColumn, share: float, static: dict[str, Array] | None, step_s: float) -> SampleNoise:
@@ -385,4 +421,15 @@ def _names(those: Sequence[State | Input | Output | Number]) -> str:
     return ", ".join(one.name for one in those)
 
 
-__all__ = ["Model", "Record", "Records", "SampleNoise", "adapted", "read_records", "together"]
+__all__ = [
+    "Model",
+    "Record",
+    "Records",
+    "SampleNoise",
+    "adapted",
+    "converted",
+    "inputs_alone",
+    "read_records",
+    "thinned",
+    "together",
+]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -40,6 +41,8 @@ by the cube, a lag and a delay), so that what takes less is more likely a relati
 effects left out of the library (seed 11 of benchmarks/any_simulator.py, D over 20) the nearest relative took 0.94 at most, and a
 pair 0.98 once.
 """
+TERM_STEP = 1e-4
+"""Share by which a number is changed to see its term."""
 LARGE = 95.0
 """Percentile of a state's absolute value that is its usual size."""
 
@@ -137,6 +140,31 @@ class OwnSimulator(UsersSimulator):
         self._dynamic = [s for s in system.states if self.random.get(s.name)]
         self.most_force = MOST_FORCE / USUAL_FORCE * FORCE_SD_N
         self.half_sure, self.sure_width = HALF_SURE, WIDTH
+
+    @property
+    def longest_step_s(self) -> float:
+        """Steps of integration that were short enough."""
+        return self.blocks[0].record.step_s / self._inner
+
+    @property
+    def own_names(self) -> list[str]:
+        """States whose starts are fitted."""
+        return [s.name for s in self._free]
+
+    def with_records(self, records: Sequence[Record]) -> OwnSimulator:
+        """The same model, effects and sizes with other records of the same step, for what is simulated and not fitted.
+
+        Parameters
+        ----------
+        records : of any lengths
+        """
+        other = copy(self)
+        other.__dict__.pop("_held", None)
+        other.blocks = [Blocks(record, self.blocks[0].size) for record in records]
+        other._runs, other._begun = [blocks.run for blocks in other.blocks], None
+        other.own_sd, other.stated = (np.tile(a[:1], (len(records), 1)) for a in (self.own_sd, self.stated))
+        other.modes = [np.zeros((*run.values.shape, 0)) for run in other._runs]
+        return other
 
     @property
     def dynamic(self) -> dict[str, float]:
@@ -320,12 +348,14 @@ class OwnSimulator(UsersSimulator):
 
     def _scaled(self, h: Hypothesis) -> tuple[Scales, dict[str, float]]:
         """Sizes along a course, and usual random changes of the rates of equations that have physics."""
-        state, rate, random = {}, {}, {}
+        state, rate, term, random = {}, {}, {}, {}
         turns: list[str] = []
-        states, rates = self._path(h) if not self.system.whole else (np.zeros((0, 1)), np.zeros((0, 1)))
+        nothing = np.zeros((0, 1))
+        states, rates, terms = (nothing, nothing, nothing) if self.system.whole else self._path(h)
         for k, one in enumerate(() if self.system.whole else self.system.states):
             state[one.name] = _large(states[k]) or usual_size(one.start, one.size)
             rate[one.name] = _large(rates[k])
+            term[one.name] = max(rate[one.name], _large(terms[k]))
             if states[k].min() < -TURNS * state[one.name] and states[k].max() > TURNS * state[one.name]:
                 turns.append(one.name)
             if one.name not in self.kinematic:
@@ -338,6 +368,7 @@ class OwnSimulator(UsersSimulator):
         scales = Scales(
             state,
             rate,
+            term,
             turns,
             {name: float(np.abs(v).max()) for name, v in given},
             {name: float(np.nanmax(np.abs(v))) for name, v in names},
@@ -347,19 +378,36 @@ class OwnSimulator(UsersSimulator):
         )
         return scales, random
 
-    def _path(self, h: Hypothesis) -> tuple[Array, Array]:
-        """States and their rates (s, n) of all runs, one after the other."""
+    def _path(self, h: Hypothesis) -> tuple[Array, Array, Array]:
+        """States, their rates, and the largest term of each rate (s, n) of all runs, one after the other.
+
+        A number's term is what the rate changes by with it, times the number: what balances others is in no rate.
+        """
         p, start = self._filled([(h, k, self._here(h, k)[:, None]) for k in range(len(self._runs))])
         most = max(blocks.count * blocks.size for blocks in self.blocks)
         grid = Grid(self.blocks[0].record.step_s, most, self._inner, self.blocks[0].record.stays)
         watched = _Watched(self.system)
         x = np.moveaxis(simulated(watched, grid, start, self._inputs(grid), p), 1, 0)
         u = np.moveaxis(self._inputs(grid)[:: 2 * self._inner], 0, 1)
+        # beside the numbers themselves, each of them a little larger
+        runs, ways = len(self._runs), 1 + len(p)
+        table = np.tile(p, (1, ways))
+        for k in range(len(p)):
+            table[k, runs * (k + 1) : runs * (k + 2)] *= 1 + TERM_STEP
         with np.errstate(all="ignore"):
-            rates = np.array([self.system.derivatives(t, x[:, k], u[:, k], p) for k, t in enumerate(grid.times_s)])
-        length = [blocks.count * blocks.size for blocks in self.blocks]
-        parts = [(x[:, :n, k], np.moveaxis(rates, 1, 0)[:, :n, k]) for k, n in enumerate(length)]
-        return np.concatenate([a for a, _ in parts], axis=1), np.concatenate([b for _, b in parts], axis=1)
+            every = np.array(
+                [
+                    self.system.derivatives(t, np.tile(x[:, k], (1, ways)), np.tile(u[:, k], (1, ways)), table)
+                    for k, t in enumerate(grid.times_s)
+                ]
+            )
+            every = np.moveaxis(every, 1, 0).reshape(len(x), len(grid.times_s), ways, runs)
+            rates = every[:, :, 0]
+            terms = np.nan_to_num(np.abs(every - every[:, :, :1]).max(axis=2) / TERM_STEP)
+        found = []
+        for part in (x, rates, terms):
+            found.append(np.concatenate([part[:, : b.count * b.size, k] for k, b in enumerate(self.blocks)], axis=1))
+        return found[0], found[1], found[2]
 
     # noise ----------------------------------------------------------------------------------------------------------
 

@@ -25,6 +25,8 @@ def sentences(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mappin
     titles : of the effects, by name
     """
     said = _of_verdict(file, held, rest, titles)
+    if file.next_experiment is not None:
+        said.append(f"To record next: {file.next_experiment.why}.")
     if not file.kept_aside:
         said.append(
             "There is one record only: the gaps are those of what was fitted itself, and fall further than another's would."

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...simulate.model import Tow, alpha_from_y
+from ..inference.discern import distance_left
 from ..inference.evidence import STEEP, Array, Fitted, Inference
 from ..inference.hypothesis import Hypothesis
 from .data import TowRun
@@ -90,9 +91,7 @@ def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | No
         spread = first.solved.covariance[:count, :count]
         known = np.linalg.cholesky(spread + 1e-12 * np.diag(np.diag(spread)))
         columns = np.concatenate([own * own_sd[index], shared @ known], axis=1)
-        inner = np.eye(columns.shape[1]) + columns.T @ columns
-        pull = columns.T @ white
-        distance = float(white @ white - pull @ np.linalg.solve(inner, pull))
+        distance = distance_left(white, columns)
         if best is None or distance > best.distance:
             best = Design(
                 x_t, line, speed, y, beta, distance, differing([r.data.tow for r in model.runs], settings[index])

@@ -82,7 +82,7 @@ def test_a_term_is_what_it_is_written_as() -> None:
         [State("a", "rad"), State("b", "m")], [], [], [Output("a", "rad")], lambda t, x, u, p: (-x.a + x.b, -x.b)
     )
     sizes = {"a": 0.7, "b": 2.0}
-    scales = Scales(sizes, sizes, ["a", "b"], {}, {"a": 0.7}, {"a": 0.3}, 0.1, 10.0)
+    scales = Scales(sizes, sizes, sizes, ["a", "b"], {}, {"a": 0.7}, {"a": 0.3}, 0.1, 10.0)
     terms = laws_for(model, {}, scales)
     names = [m.name for m in (*terms, *library_for(model, {}, scales))]
     assert len(set(names)) == len(names)

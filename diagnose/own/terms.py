@@ -59,7 +59,7 @@ def laws_for(system: System, kinematic: Mapping[str, str], scales: Scales) -> li
     --------
     >>> from .model import Model, Number, Output, State
     >>> tank = Model([State("h", "m")], [], [Number("a", "1/s", 1.0)], [Output("h", "m")], lambda t, x, u, p: [-p.a * x.h])
-    >>> sizes = Scales({"h": 1.0}, {"h": 1.0}, [], {}, {"h": 1.0}, {"h": 0.3}, 0.1, 10.0)
+    >>> sizes = Scales({"h": 1.0}, {"h": 1.0}, {"h": 1.0}, [], {}, {"h": 1.0}, {"h": 0.3}, 0.1, 10.0)
     >>> [m.name for m in laws_for(tank, {}, sizes)][:3]
     ['law h: |h|', 'law h: h^2', 'law h: h^4']
     """
@@ -83,7 +83,7 @@ def _missing(equation: str, term: Term, scales: Scales) -> Missing:
     words = f"something that goes with {term.text} in {equation}"
     return Missing(
         f"{NAME} {equation}: {term.text}",
-        (Parameter("size", "", SHARE * scales.rate[equation] / term.usual),),
+        (Parameter("size", "", SHARE * scales.term[equation] / term.usual),),
         f"The equation of {equation} lacks a term with {term.text}.",
         "Put the term into the equation, or find what makes it.",
         changes,

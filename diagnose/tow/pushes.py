@@ -171,7 +171,7 @@ def gains(matrix: Array, pull: Array) -> Array:
         whole = matrix * sd**2 + np.eye(matrix.shape[-1])
         answer = np.linalg.solve(whole, sd * pull[..., None])[..., 0]
         logs.append(0.5 * (sd * pull * answer).sum(axis=-1) - 0.5 * np.linalg.slogdet(whole)[1])
-    return logsumexp(logs, axis=0) - float(np.log(len(SIZES)))
+    return np.asarray(logsumexp(logs, axis=0)) - np.log(len(SIZES))
 
 
 __all__ = ["Push", "gains", "left_to_it", "pushes"]

@@ -130,8 +130,7 @@ def _best_free(inference: Inference, base: Fitted, found: Sequence[Candidate], b
     ends = []
     for c in found:
         if np.isfinite(_hoped(c, base)) and _hoped(c, base) > max(CLEAR, WORTH_REFINING * best):
-            fitted = _settled(inference, c.fitted)
-            c = replace(c, fitted=fitted, log_evidence=_worth(fitted) - base.log_evidence)
+            c = _converged(inference, [c], base)[0]
         ends.append(c)
     return max(ends, key=lambda c: c.log_evidence, default=None)
 

@@ -18,8 +18,9 @@ from towline.diagnose.gap import diagnosed
 from towline.diagnose.inference.evidence import Fitted, Inference
 from towline.diagnose.inference.grams import Columns, Grams
 from towline.diagnose.inference.hypothesis import Hypothesis
+from towline.diagnose.tow.beside import NOTABLE
 from towline.diagnose.tow.data import SLOW_S, SLOW_UNSEEN_PX, Recorded, TowRun, tow_runs
-from towline.diagnose.tow.pushes import NOTABLE, pushes
+from towline.diagnose.tow.pushes import pushes
 from towline.diagnose.tow.rates import Fields
 from towline.diagnose.tow.towed import TowSimulator
 from towline.diagnose.tow.waves import waves

@@ -13,7 +13,8 @@ import numpy as np
 from ...simulate.model import Array
 from ..effects import Effect, Parameter, Seen, Situation
 from ..effects.members import Members
-from .pushes import MOST_N, Push
+from .beside import MOST_N
+from .pushes import Push
 from .waves import GRIDS, Wave
 
 V_M_S, R_RAD_S, Y_M, BETA_RAD = 0.1, 0.05, 0.2, 0.15

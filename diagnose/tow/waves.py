@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from ...simulate.model import Array
-from ..inference.evidence import Fitted, Inference, Solved
-from ..inference.noise import TIMES_S, Forces, force_colour
-from .pushes import NOTABLE, SHARES, gains, left_to_it
+from ..inference.evidence import Fitted, Inference
+from .beside import NOTABLE, beside_smaller, gains
 
 GRIDS = {"y": np.arange(1.0, 20.01, 0.25), "b": np.arange(2.0, 20.01, 0.5)}
 """Waves to a metre across the tank, and to a radian of heading: a run spans a metre or half a radian at most, so that no peak is
@@ -48,46 +46,24 @@ def waves(inference: Inference, fitted: Fitted) -> list[Wave]:
     fitted : a hypothesis, fitted
     """
     best, chosen = NOTABLE, list[Wave]()
-    alone = inference.solve(fitted.grams, fitted.hypothesis, fitted.forces).log_evidence
     cost = float(np.log(sum(len(grid) for grid in GRIDS.values())))
-    for share in SHARES:
-        forces = fitted.forces.scaled(share)
-        solved = inference.solve(fitted.grams, fitted.hypothesis, forces)
+    for beside in beside_smaller(inference, fitted):
+        runs = [(beside.run(k), run.values) for k, run in enumerate(inference.simulator.runs)]
         for along, grid in GRIDS.items():
-            gain = _gain(inference, fitted, forces, solved, along, grid) + solved.log_evidence - alone - cost
+            # the same force in all runs
+            found = [asked.scores(_courses(values[:, CHANNEL[along]], grid)) for asked, values in runs]
+            pull, matrix, through = (np.sum(parts, axis=0) for parts in zip(*found, strict=True))
+            gain = gains(pull, matrix, through) + beside.loss - cost
             at = int(np.argmax(gain))
             if gain[at] > best:
                 best, chosen = float(gain[at]), [Wave(along, float(grid[at]), cost)]
     return chosen
 
 
-def _gain(inference: Inference, fitted: Fitted, forces: Forces, solved: Solved, along: str, grid: Array) -> Array:
-    """(waves,) log evidence of a side force and a moment that go with sine and cosine, the same in all runs, against nothing."""
-    matrix, pull, through = 0.0, 0.0, 0.0
-    for run, measured in enumerate(inference.simulator.runs):
-        white = _whitened(inference, forces, run, measured.values[:, CHANNEL[along]], grid)
-        rest = inference.left(fitted.linear, forces, solved.shared, solved.own[run], run)
-        slopes = inference.noise.whitened(run, forces, [fitted.linear.columns.tables[run][:, :, 1:]])[0]
-        taken, own = left_to_it(solved, run, white, slopes)
-        matrix, pull, through = matrix + own, pull + white @ rest, through + taken
-    through = np.asarray(through)
-    return gains(np.asarray(matrix) - through @ through.swapaxes(1, 2), np.asarray(pull))
-
-
-def _whitened(inference: Inference, forces: Forces, run: int, place: Array, grid: Array) -> Array:
-    """(waves, 4, N) what they do in a run, whitened; where the place was not measured, nothing."""
-    noise, count = inference.noise, len(place)
-    step_s = inference.simulator.step_s
+def _courses(place: Array, grid: Array) -> Array:
+    """(n, 2, waves): sine and cosine; where the place was not measured, nothing."""
     angle = 2 * np.pi * np.nan_to_num(place)[:, None] * grid
-    courses = np.concatenate([np.sin(angle), np.cos(angle)], axis=1) * np.isfinite(place)[:, None]
-    lag_s = step_s * np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
-    even = solve_triangular(force_colour(TIMES_S[forces.time], lag_s), courses, lower=True)
-    moving, channels = noise.measured[run].moving, noise.runs[run].good.shape[1]
-    values = np.zeros((count, channels, 2, 2 * len(grid)))
-    for kind, root in enumerate(noise.measured[run].roots(forces.time)):
-        values[:, :moving, kind] = (root @ even).reshape(moving, count, -1).swapaxes(0, 1)
-    white = noise.whitened(run, forces, [values])[0]
-    return white.reshape(len(white), 4, len(grid)).transpose(2, 1, 0)
+    return np.stack([np.sin(angle), np.cos(angle)], axis=1) * np.isfinite(place)[:, None, None]
 
 
 __all__ = ["Wave", "waves"]

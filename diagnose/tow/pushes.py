@@ -77,7 +77,8 @@ def pushes(inference: Inference, fitted: Fitted) -> list[Push]:
 def _together(found: Sequence[_Found]) -> float:
     """Log evidence of some pushes against none, what looking costs taken off."""
     pull, through = (np.concatenate(parts)[None] for parts in zip(*((f.pull, f.through) for f in found), strict=True))
-    gain = gains(pull, block_diag(*(one.matrix for one in found))[None], through)
+    matrix: Array = np.asarray(block_diag(*(one.matrix for one in found)))
+    gain = gains(pull, matrix[None], through)
     return float(gain[0]) - sum(one.push.cost for one in found)
 
 

@@ -239,6 +239,30 @@ def seen(t_s: np.ndarray, side: np.ndarray, rate: float = 0.05) -> Seen:
     )  # fmt: skip
 
 
+def test_a_hull_that_turns_rolls_by_its_own_sway_acceleration_and_not_by_the_tanks() -> None:
+    """A circle at constant u and v accelerates in the tank at every moment, in the hull's own axes never: what drives a roll by
+    sway acceleration does nothing, what drives it by turning gives r u over the carriage's speed, whatever the heading.
+    """
+    t, u, v, r, speed = np.linspace(0, 20, 401), 1.1, 0.07, 0.06, 1.28
+    heading = r * t - 0.5
+    x_rate, y_rate = u * np.cos(heading) - v * np.sin(heading) - speed, u * np.sin(heading) + v * np.cos(heading)
+    column = t[:, None, None]
+    view = replace(
+        seen(t, 0 * t),
+        pose=(0 * column, 0 * column, heading[:, None, None]),
+        rate=(x_rate[:, None, None], y_rate[:, None, None], r + 0 * column),
+        speed_m_s=np.array([[speed]]),
+    )
+    for own, is_so in zip(view.through_water, (u, v), strict=True):
+        np.testing.assert_allclose(own, is_so, atol=1e-12)
+    rolling = next(e for e in LIBRARY if e.remembers and len(e.parameters) > 4)
+    assert rolling.observe is not None
+    by_sway = rolling.observe(view, 0.0, 1.2, 0.3, 0.0, 0.05, 0.0)[1]
+    by_turning = rolling.observe(view, 0.0, 1.2, 0.3, 0.0, 0.0, 0.02)[1]
+    np.testing.assert_allclose(by_sway, 0.0, atol=1e-12)
+    assert by_turning[-1, 0, 0] == pytest.approx(0.02 * r * u / speed, rel=1e-6)
+
+
 def test_a_roll_with_its_own_period_is_the_damped_oscillator() -> None:
     """Against an adaptive integration; the drive is straight from node to node, as the form has it. A line that keeps its length
     pulls the harder, the more the model's inertia asks of it: what leans the model is all of that, not the straight tow's pull.

@@ -248,6 +248,18 @@ def test_an_effect_in_another_form_is_named_and_something_else_is_not() -> None:
     assert found.verdict == "unknown"
 
 
+@pytest.mark.parametrize(("pushed", "named"), [(0.0, {"bend"}), (1.0, {"bend", "push"}), (3.0, {"bend", "push"})])
+def test_two_effects_are_named_though_one_has_another_form(pushed: float, named: set[str]) -> None:
+    """Beside a bend with a ripple something is left whatever else there is: a push of one run is named where there was one, with
+    most of the probability, and is not where the ripple alone is left.
+    """
+    both = [n + SIZE_M * (3 * shape("bend", "") + 0.5 * np.sin(3.1 * T_S)) for n in white(5)]
+    both[1] = both[1] + pushed * SIZE_M * WAVE
+    found = diagnosed(campaign(both), [PUSH, OTHER], "test", {}, rng=np.random.default_rng(0)).file
+    assert (found.verdict, set(found.ranking[0].effects)) == ("form_not_exact", named)
+    assert found.ranking[0].probability + found.ranking[0].probability_inexact > 0.5
+
+
 def test_beside_a_gross_effect_a_second_one_is_told_where_it_leaves_nothing() -> None:
     """The bend is a thousand times the noise; three hundredths of what it explains, which its form may leave over, are far more
     than what the push explains. Beside both there is noise alone. A ripple of all runs, which the push follows in one, is no push.

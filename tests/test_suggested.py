@@ -106,7 +106,11 @@ def test_a_step_in_line_and_distance_suggests_when_the_camera_turned(runs: list)
     # a post that was moved before a run, a camera that was turned before one, or little by little
     since = [f"from {r.name} on" for r in runs[1:]]
     assert [e.variant for e in found if e.name == "datum_bias"] == since
-    assert [e.variant for e in found if e.name == "camera_shift"] == [*since, "little by little in all runs"]
+    turned = [e.variant for e in found if e.name == "camera_shift"]
+    assert [v for v in turned if not v.startswith(("little by little, and", "ever slower"))] == [
+        *since,
+        "little by little in all runs",
+    ]
     run = runs[1]
     share = np.clip((run.centre_s + run.step_s / 2 - at_s) / run.step_s, 0, 1)
     step = [np.zeros(len(r.centre_s)) if r is not run else 0.002 * share for r in runs]
@@ -133,11 +137,22 @@ def test_a_camera_that_was_turned_for_a_while_is_offered_with_both_its_times(run
 
 
 def test_little_by_little_goes_on_from_run_to_run(runs: list) -> None:
-    (found,) = [e for e in shift_effects(runs, left(runs, np.random.default_rng(7))) if "little" in e.variant]
+    offered = {e.variant: e for e in shift_effects(runs, left(runs, np.random.default_rng(7)))}
+    found = offered["little by little in all runs"]
     assert found.when is not None
     shares = np.concatenate([found.when(r.name, r.centre_s) for r in runs])
     assert (np.diff(shares) > 0).all()
     assert (shares[0], shares[-1]) == pytest.approx((0.0, 1.0), abs=0.01)
+    # what gave way and then stands, or gives way ever less, is near one that is offered, wherever that was: a tenth off at most
+    courses = [
+        np.concatenate([e.when(r.name, r.centre_s) for r in runs]) for e in offered.values() if e.when and e.form > 0
+    ]
+    truths = [np.minimum(shares / at, 1.0) for at in (0.28, 0.42, 0.6, 0.9)]
+    truths += [1 - np.exp(-shares / time) for time in (0.2, 0.5)]
+    for truth in truths:
+        # the size of the turn is found
+        left_over = [truth - course * (course @ truth) / (course @ course) for course in courses]
+        assert min(np.sqrt(np.mean(rest**2)) for rest in left_over) < 0.1 * np.sqrt(np.mean(truth**2))
 
 
 def test_a_turned_camera_changes_only_what_was_seen_since(runs: list, cases: ModuleType) -> None:
@@ -156,7 +171,7 @@ def test_a_turned_camera_changes_only_what_was_seen_since(runs: list, cases: Mod
 def test_without_marks_or_a_lens_no_turn_is_suggested(runs: list) -> None:
     """A turn is taken out of pixels through the lens; one run without is enough."""
     base = left(runs, np.random.default_rng(8))
-    assert len([e for e in shift_effects(runs, base) if e.name == "camera_shift"]) == 3
+    assert any(e.name == "camera_shift" for e in shift_effects(runs, base))
     assert shift_effects([runs[0], replace(runs[1], marks=None), runs[2]], base) == []
     marks = runs[1].marks
     file = marks.run.file.model_copy(update={"camera": None})

@@ -120,6 +120,7 @@ class Seen:
         width, per rate
     beyond_n : (samples, runs, columns), what a line that keeps its length has beyond tension_n
     line_length_m : (runs, columns)
+    speed_m_s : (runs, columns), of the carriage, from which ``pose`` and ``rate`` are seen
     """
 
     t_s: Array
@@ -131,6 +132,14 @@ class Seen:
     shutter: Array
     beyond_n: Any = 0.0
     line_length_m: Any = 0.0
+    speed_m_s: Any = 0.0
+
+    @property
+    def through_water(self) -> tuple[Array, Array]:
+        """The hull's own speeds u and v, ahead and to starboard."""
+        x_rate, y_rate, _ = self.rate
+        ahead, cosine, sine = self.speed_m_s + x_rate, np.cos(self.pose[2]), np.sin(self.pose[2])
+        return ahead * cosine + y_rate * sine, y_rate * cosine - ahead * sine
 
     @property
     def pull(self) -> Array:

@@ -105,7 +105,9 @@ def _rolling(seen: Seen, lean, period, damping, turn, sway=0.0, swing=0.0):
     The model's sideways acceleration and its turning may drive it besides the line's pull.
     """
     step = float(seen.t_s[1, 0, 0] - seen.t_s[0, 0, 0])
-    drive = lean * seen.pull + sway * np.gradient(seen.rate[1], step, axis=0) + swing * seen.rate[2]
+    ahead, v = seen.through_water
+    faster = np.where(seen.speed_m_s > 0, ahead / np.maximum(seen.speed_m_s, 1e-9), 1.0)
+    drive = lean * seen.pull + sway * np.gradient(v, step, axis=0, edge_order=2) + swing * faster * seen.rate[2]
     w, zeta = 2 * np.pi / np.maximum(period, SHORTEST_ROLL_S), np.clip(damping, 0.01, 0.9)
     decay, own = zeta * w, w * np.sqrt(1 - zeta**2)
     left, cosine, sine = np.exp(-decay * step), np.cos(own * step), np.sin(own * step) / own

@@ -443,7 +443,7 @@ def _beside(
 ) -> Candidate | None:
     """The best free form for what one of the best candidates leaves, with the prior of that candidate."""
     found: list[Candidate] = []
-    order = sorted(candidates, key=lambda c: -(c.log_evidence + c.log_prior))
+    order = sorted(candidates, key=lambda c: -c.weight)
     for c in order[:LEFT_OVER_BY] if free else ():
         if c.log_evidence < max(CLEAR, order[0].log_evidence - SCANNED_BELOW):
             continue
@@ -456,7 +456,7 @@ def _beside(
             found.append(Candidate((*c.effects, *effects), fitted, _worth(fitted) - base.log_evidence, c.log_prior))
     if not found:
         return None
-    return _converged(inference, [max(found, key=lambda c: c.log_evidence + c.log_prior)], base)[0]
+    return _converged(inference, [max(found, key=lambda c: c.weight)], base)[0]
 
 
 def _ranking(
@@ -479,13 +479,13 @@ def _ranking(
         key = frozenset(c.names)
         if key not in best or c.log_evidence > best[key].log_evidence:
             best[key] = c
-    kept = sorted(best.values(), key=lambda c: -(c.log_evidence + c.log_prior))
-    known = [np.log(P_NO_GAP), *(c.log_evidence + c.log_prior for c in kept)]
+    kept = sorted(best.values(), key=lambda c: -c.weight)
+    known = [np.log(P_NO_GAP), *(c.weight for c in kept)]
     scanned = [(base, known[0]), *((c.fitted, k) for c, k in zip(kept[:SCANNED], known[1:], strict=False))]
     rests = [(leftover(inference, fitted), log) for fitted, log in scanned if log > max(known) - SCANNED_BELOW]
     rest, left_by = max(rests, key=lambda found: found[0].log_evidence + found[1])
     unknown = [rest.log_evidence + left_by, *([free.log_evidence] if free is not None else [])]
-    unknown += [beside.log_evidence + beside.log_prior] if beside is not None else []
+    unknown += [beside.weight] if beside is not None else []
     form = max(kept, key=lambda c: c.log_evidence).form if kept else 0.0
     logs = [known[0], np.log(P_UNKNOWN) + max(unknown) - form, *known[1:]]
     logs = np.array(logs)

@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import expit, softmax
 
 from .held_out import taken
 from .noise import SMALLEST, Forces
@@ -98,11 +99,13 @@ def shared_out(inference: Inference, ranking: Ranking) -> Ranking:
     if ranking.p_unknown < WORTH:
         return ranking
     inexact, left = np.zeros(len(ranking.candidates)), ranking.p_unknown
-    for k in _looked_at(ranking.candidates):
-        share = share_of(inference, ranking, ranking.candidates[k])
-        part = left * sureness(share, inference.simulator.half_sure, inference.simulator.sure_width)
-        inexact[k] += part
-        left -= part
+    for likely, turns in _looked_at(ranking.candidates):
+        left = ranking.p_unknown
+        for alike in turns:
+            share = share_of(inference, ranking, ranking.candidates[alike[0]])
+            part = left * sureness(share, inference.simulator.half_sure, inference.simulator.sure_width)
+            inexact[alike] += likely * part * softmax([ranking.candidates[k].weight for k in alike])
+            left -= part
     order = np.argsort(-(ranking.probabilities + inexact), kind="stable")
     return replace(
         ranking,
@@ -134,16 +137,25 @@ def share_of(inference: Inference, ranking: Ranking, candidate: Candidate) -> fl
     return 0.5 * (taken(before, after, min(least, 1.0)) + candidate.log_evidence / whole)
 
 
-def _looked_at(candidates: tuple[Candidate, ...]) -> list[int]:
+def _looked_at(candidates: tuple[Candidate, ...]) -> list[tuple[float, list[list[int]]]]:
+    """Orders in which candidates take their parts, with their probabilities; those that share a part stand together.
+
+    A pair goes before the best single effect as far as it is likelier even after what the first one's form may have left over for
+    anything else to take (``Candidate.form`` stands in its prior): then there are two. Pairs that do nearly the same share theirs.
+    """
     formed = [
         k
         for k, c in enumerate(candidates)
         if min(e.form for e in c.effects) >= LEAST_FORM and c.fitted.promised < STILL_MOVING * max(c.log_evidence, 0.0)
     ]
     order = sorted(formed, key=lambda k: -candidates[k].log_evidence)
-    singles = [k for k in order if len(candidates[k].effects) == 1]
-    pairs = [k for k in order if len(candidates[k].effects) > 1]
-    return [*singles[:1], *pairs[:1], *singles[1 : LOOKED_AT - 1]]
+    first, *others = [[k] for k in order if len(candidates[k].effects) == 1] or [[]]
+    pairs = sorted((k for k in order if len(candidates[k].effects) > 1), key=lambda k: -candidates[k].weight)
+    others = others[: LOOKED_AT - 2]
+    if not first or not pairs:
+        return [(1.0, [best for best in (first, pairs, *others) if best])]
+    ahead = float(expit(candidates[pairs[0]].weight - candidates[first[0]].weight))
+    return [(ahead, [pairs, first, *others]), (1 - ahead, [first, pairs, *others])]
 
 
 __all__ = ["could_gain", "share_of", "shared_out", "size_of", "sureness"]

@@ -33,6 +33,11 @@ class Candidate:
         return max(e.form for e in self.effects) * max(self.log_evidence, 0.0)
 
     @property
+    def weight(self) -> float:
+        """Log of its evidence and prior together."""
+        return self.log_evidence + self.log_prior
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Effect names, without variants."""
         return tuple(e.name for e in self.effects)

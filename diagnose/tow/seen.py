@@ -182,7 +182,15 @@ class TowSeen:
         y_rate = full_y_cg_rate(alpha, beta, turn, r, tow) + np.sin(alpha) * along + post_rate
         rates = (x_rate, y_rate, r)
         return Seen(
-            t_s, (x, y, beta), rates, side, alpha, tow.tension_n, self._shutter, line_length_m=tow.line_length_m
+            t_s,
+            (x, y, beta),
+            rates,
+            side,
+            alpha,
+            tow.tension_n,
+            self._shutter,
+            line_length_m=tow.line_length_m,
+            speed_m_s=tow.speed_m_s,
         )
 
 

@@ -5,8 +5,9 @@ When, from the residuals of what holds no dynamics.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +23,14 @@ EDGE = 4
 """Blocks before or after a step."""
 OVER_S = (3.0, 9.0, 20.0)
 """How long a slow turn may take, about the clearest step."""
+UNTIL = (0.2, 0.35, 0.5, 0.65, 0.8)
+"""Shares of all runs after which what gave way little by little may stand. A choice; how long nobody looked between two runs
+is not known.
+"""
+WARM = 0.3
+"""Share of all runs in which what grows warm comes within 1/e of its end. A choice."""
+CREEP_FORM = 0.01
+"""Share of its log evidence that a course of nobody's drawing may leave over: minutes between two runs are not in it."""
 WHILE_COST = 3.0
 """Log evidence that a second time found beforehand costs: a choice."""
 NEAR = 6
@@ -43,7 +52,14 @@ def shift_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Ef
         return found
     found += [_since(SHIFT, names, k) for k in range(1, len(runs))]
     if len(runs) > 1:
-        found.append(_little_by_little(runs))
+        found += [_little_by_little(runs, "little by little in all runs", lambda share: share)]
+        found += [
+            _little_by_little(
+                runs, f"little by little, and no further from {share:.0%} of all runs on", partial(_until, share)
+            )
+            for share in UNTIL
+        ]
+        found += [_little_by_little(runs, "ever slower, as what grows warm", _ever_slower)]
     steps = [(*_step(run, residuals[k]), k) for k, run in enumerate(runs)]
     clearest, time, where = max(steps)
     if clearest > STEP_Z:
@@ -80,13 +96,22 @@ def _slowly(names: Sequence[str], where: int, middle_s: float, over_s: float) ->
     return replace(SHIFT, variant=f"from {names[where]}, {middle_s:.1f} s on, over {over_s:g} s", when=when)
 
 
-def _little_by_little(runs: Sequence[TowRun]) -> Effect:
+def _little_by_little(runs: Sequence[TowRun], variant: str, course: Callable[[Array], Array]) -> Effect:
+    """One that goes on through all runs; ``course`` says how far it has come, by the share of all runs that has passed."""
     lasts = {run.name: len(run.centre_s) * run.step_s for run in runs}
     ends = np.cumsum(list(lasts.values()))
     begins = dict(zip(lasts, ends - np.array(list(lasts.values())), strict=True))
     return replace(
-        SHIFT, variant="little by little in all runs", when=lambda name, t_s: (begins[name] + t_s) / float(ends[-1])
+        SHIFT, variant=variant, when=lambda name, t_s: course((begins[name] + t_s) / float(ends[-1])), form=CREEP_FORM
     )
+
+
+def _until(share: float, passed: Array) -> Array:
+    return np.minimum(passed / share, 1.0)
+
+
+def _ever_slower(passed: Array) -> Array:
+    return 1.0 - np.exp(-passed / WARM)
 
 
 def _while(run: TowRun, residual: Array) -> tuple[float, float]:

@@ -50,6 +50,21 @@ def mark_rate(t_s: Array, path_px: Array, at_s: Array) -> Array:
     return np.divide(way, late - early, out=np.zeros_like(way), where=late > early)
 
 
+def smooth_path(t_s: Array, path_px: Array) -> Array:
+    """A mark's path (n,) without the scatter of its pixels: means over 2 RATE_S, over as many places before as after.
+
+    Parameters
+    ----------
+    t_s : (n,) times, rising
+    path_px : (n,) one coordinate of the mark
+    """
+    at = np.arange(len(t_s))
+    first, last = np.searchsorted(t_s, t_s - RATE_S), np.searchsorted(t_s, t_s + RATE_S, side="right")
+    half = np.minimum(at - first, last - 1 - at)
+    total = np.concatenate([[0.0], np.cumsum(path_px - path_px[0])])
+    return path_px[0] + (total[at + half + 1] - total[at - half]) / (2 * half + 1)
+
+
 def lag_modes(frames: Array, t_s: Array, pixel_px: Array, sigma_px: Array, repeated: NDArray[np.bool_]) -> Array:
     """Change of the marks' pixels (k, n, m, 2) with each mode of unit variance; k = 0 where no mark can lag.
 
@@ -73,7 +88,7 @@ def lag_modes(frames: Array, t_s: Array, pixel_px: Array, sigma_px: Array, repea
         shares = _shares(np.abs([mark_rate(times, path, times) for path in places.T]) * interval_s, places)
         last = _last_own(repeated[seen, index])
         for axis in (0, 1):
-            path = _smooth(times, places[:, axis])
+            path = smooth_path(times, places[:, axis])
             modes[index, :-1, seen, index, axis] = (-sigma * _taken_up(path, PLAY_SHARE * sigma) * shares[axis]).T
             modes[index, -1, seen, index, axis] = path[last] - path
     return modes.reshape(-1, n, m, 2)
@@ -95,15 +110,6 @@ def _hats(speed_px: Array, at_px: tuple[float, ...]) -> Array:
     return np.array([np.interp(speed_px, at_px, hat) for hat in np.eye(len(at_px))])
 
 
-def _smooth(t_s: Array, path_px: Array) -> Array:
-    """A mark's path without the scatter of its pixels: means over 2 RATE_S, over as many places before as after."""
-    at = np.arange(len(t_s))
-    first, last = np.searchsorted(t_s, t_s - RATE_S), np.searchsorted(t_s, t_s + RATE_S, side="right")
-    half = np.minimum(at - first, last - 1 - at)
-    total = np.concatenate([[0.0], np.cumsum(path_px - path_px[0])])
-    return path_px[0] + (total[at + half + 1] - total[at - half]) / (2 * half + 1)
-
-
 def _taken_up(path_px: Array, play_px: float) -> Array:
     """(n,) -1 to 1: how much of the play is taken up, and to which side, when ``path_px (n,)`` moves something by it."""
     answer, ahead = np.zeros(len(path_px)), 0.0
@@ -119,4 +125,4 @@ def _last_own(repeated: NDArray[np.bool_]) -> NDArray[np.int_]:
     return np.maximum.accumulate(np.where(repeated, 0, at))
 
 
-__all__ = ["OF_A_MARK", "lag_modes", "mark_rate"]
+__all__ = ["OF_A_MARK", "lag_modes", "mark_rate", "smooth_path"]

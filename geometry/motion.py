@@ -32,8 +32,8 @@ class Motion:
     motion : formats.md's motion.csv; sigma_* is the part that varies from frame to frame, common_* the part common to
         the run (camera, heights); cov_y_cg_beta_m_rad is the frame part's covariance
     common : (k, n, 3), change of y_cg_m, beta_rad, alpha_rad with each independent unit-variance common mode
-    lag : (l, n, 3), the same of the modes in which what stands beside a mark pulls it (``pull``) and the codec holds it back
-        (``lag``); they go with angles, way and speed, not with the place
+    lag : (l, n, 3), the same of the modes in which what stands beside a mark pulls it (``pull``), a pixel carries it off
+        (``phase``) and the codec holds it back (``lag``); they go with angles, way and speed, not with the place
     camera : the datum's result
     """
 

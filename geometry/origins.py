@@ -1,7 +1,7 @@
 """What the common modes of a run's motion come from: picks and places of datum points, lens, deck height, marks' places, codec.
 
 The modes themselves are ``motion_from_tracks``'s, in its order: the camera's, each mark's depth, each mark's place along and
-across; of the lags: what stands beside a mark, then the codec.
+across; of the lags: what stands beside a mark, where it lies in its pixel, then the codec.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from .camera import Array
 from .datum import DatumFit
 from .lag import OF_A_MARK
 from .motion import motion_from_tracks
+from .phase import PHASES_OF_A_MARK
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class Origins:
     Attributes
     ----------
     camera : of ``Motion.common``: "picks", "places", "lens", "depth_m of MARK", "body_m of MARK, along" and "..., across"
-    lag : of ``Motion.lag``: "surroundings", "codec"
+    lag : of ``Motion.lag``: "surroundings", "phase", "codec"
     """
 
     camera: dict[str, Array]
@@ -59,9 +60,10 @@ def origins_of(run: Run, fit: DatumFit, common: int, lag: int) -> Origins:
             camera[name][:shared, :shared] = share
         camera |= {name: _only(common, slice(shared + k, shared + k + 1)) for k, name in enumerate(single)}
     codec = OF_A_MARK * len(marks)
-    # a recording whose codec holds nothing back has pulls alone, two or four a mark
-    pulls = lag - codec if lag >= codec else lag
-    parts = {"surroundings": slice(0, pulls), "codec": slice(pulls, lag)}
+    # a recording whose codec holds nothing back has pulls, two or four a mark, and phases alone
+    before = lag - codec if lag >= codec else lag
+    pulls = max(before - PHASES_OF_A_MARK * len(marks), 0)
+    parts = {"surroundings": slice(0, pulls), "phase": slice(pulls, before), "codec": slice(before, lag)}
     return Origins(camera, {name: _only(lag, at) for name, at in parts.items() if at.stop > at.start})
 
 

@@ -18,6 +18,7 @@ from .datum import DatumFit
 from .lag import lag_modes
 from .line import alpha_of
 from .mapping import Mapping
+from .phase import phase_modes
 from .pull import pull_modes
 from .rigid import RigidFit, fit_rigid
 from .shake import camera_shake, turned_back
@@ -69,7 +70,7 @@ class Framed:
     ----------
     frames, t_s : (n,)
     pixel_px, sigma_px : (n, m, 2) of all marks; NaN where not measured
-    lags : (k, n, m, 2), pulls of the codec
+    lags, phases : (k, n, m, 2), how a codec holds marks back (``lag``), and how pixels carry them off (``phase``)
     notes : assumptions, for the user
     """
 
@@ -78,6 +79,7 @@ class Framed:
     pixel_px: Array
     sigma_px: Array
     lags: Array
+    phases: Array
     notes: tuple[str, ...]
 
 
@@ -99,7 +101,7 @@ def poses_from_tracks(
     run, tracks, datum_tracks : see ``motion_from_tracks``
     mapping : ``run_mapping``'s
     fit : the datum's, needed with ``datum_tracks``
-    pulled : with the modes by which what stands beside a mark may pull it (``pull``)
+    pulled : with the modes by which what stands beside a mark may pull it (``pull``) and pixels carry it off (``phase``)
 
     Raises
     ------
@@ -129,11 +131,11 @@ def framed(
     if not np.isfinite(sigma[np.isfinite(pixel).all(axis=2)]).all():
         notes.append(f"tracks without a sigma: {DEFAULT_SIGMA_PX} px assumed")
     sigma = np.where(np.isfinite(sigma) & (sigma > 0), sigma, DEFAULT_SIGMA_PX)
-    lags = lag_modes(frames, times, pixel, _lag_sigma(tracks, everyone), repeated)
+    lags, phases = lag_modes(frames, times, pixel, _lag_sigma(tracks, everyone), repeated), phase_modes(times, pixel)
     if any(p.track for p in run.file.datum) and fit is not None:
         pixel, sigma, note = _without_shake(datum_tracks, run, fit, frames, pixel, sigma)
         notes.append(note)
-    return Framed(frames, times, pixel, sigma, lags, tuple(notes))
+    return Framed(frames, times, pixel, sigma, lags, phases, tuple(notes))
 
 
 def poses_of(run: Run, tracks: Framed, mapping: Mapping, pulled: bool = False) -> Poses:
@@ -159,8 +161,9 @@ def poses_of(run: Run, tracks: Framed, mapping: Mapping, pulled: bool = False) -
     if pulled:
         by_px = pull_modes(times, rigid.pose[:, 2], alpha_of(run, rigid.pose)[0], int(on_model.sum()))
         pulls = np.zeros((len(by_px), *place.shape))
-        pulls[:, :, on_model] = np.einsum("nmij,knmj->knmi", per_px[:, on_model], by_px)
-        modes, slow = np.concatenate([pulls, modes]), slow + len(pulls)
+        pulls[:, :, on_model] = by_px
+        by_px = np.concatenate([pulls, tracks.phases])
+        modes, slow = np.concatenate([np.einsum("nmij,knmj->knmi", per_px, by_px), modes]), slow + len(by_px)
     own = modes[:, :, on_model]
     if run.file.priors.marker_place_sd_m:
         extra = _body_modes(run, rigid, body)

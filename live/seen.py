@@ -109,7 +109,8 @@ class Seeing:
     def _values(self, index: int, t_s: float, marks: tuple[Glance, ...]) -> tuple[Valued, Valued, Valued, Valued]:
         place = np.array([[[m.u_px, m.v_px] for m in marks]])
         sigma = np.array([[[m.sigma_u_px, m.sigma_v_px] for m in marks]])
-        one = Framed(np.array([index]), np.array([t_s]), place, sigma, np.zeros((0, 1, len(marks), 2)), ())
+        none = np.zeros((0, 1, len(marks), 2))
+        one = Framed(np.array([index]), np.array([t_s]), place, sigma, none, none, ())
         try:
             poses = poses_of(self._run, one, self._mapping)
         except InputError:  # never two marks at once: of one frame that is no error

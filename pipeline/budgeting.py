@@ -164,6 +164,7 @@ def _camera(m: RunMotion, fit, name: str, weight: np.ndarray) -> ModeOrigin:
 def _lag(name: str, weight: np.ndarray) -> ModeOrigin:
     said = {
         "codec": "how far predicted pictures may hold a mark back, by the tracks' own check (vision.md)",
+        "phase": "how far a mark's own picture may differ from the fitted spot, by its place in its pixel (geometry.phase)",
         "surroundings": "how far what stands beside a mark may pull it (geometry.pull)",
     }
     source, title = _TITLES[name]
@@ -172,6 +173,7 @@ def _lag(name: str, weight: np.ndarray) -> ModeOrigin:
 
 _TITLES = {
     "codec": ("codec and slow noise", "lag of predicted pictures"),
+    "phase": ("pixel phase", "place of a mark in its pixel"),
     "surroundings": ("surroundings of the marks", "pull of what stands beside a mark"),
 }
 

@@ -34,7 +34,8 @@ class View:
     modes : (k, n, D), change with each unit-variance common mode; 0 where not seen. The last ``shared`` ones are the marks' own
         places and depths, which are the same errors in every camera's view
     slow : so many of the modes, the first ones, are pulls and lags (``Poses.lags``)
-    pulls : so many of those, the first ones, are pulls by what stands beside a mark; the others are the codec's
+    pulls : so many of those, the first ones, are pulls by what stands beside a mark and by its place in its pixel; the others
+        are the codec's
     shared : see ``modes``
     """
 

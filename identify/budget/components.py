@@ -318,7 +318,7 @@ def _modes(lines: _Lines, modes: Mapping[str, Sequence[ModeOrigin]]) -> None:
         whose = "" if len(of) == len(gains.runs) else ", ".join(of)
         of = [d.name for d in gains.runs if any(k == key for k, _ in d.shared)]
         whose = "" if len(of) == len(gains.runs) else ", ".join(of)
-        usual = "codec and surroundings" if key in lags else CAMERA
+        usual = "codec, pixel phase and surroundings" if key in lags else CAMERA
         whole = ModeOrigin(usual, "common modes, all together", np.eye(rows.shape[1]), "motion's own common error")
         for part in modes.get(key) or (whole,):
             one = rows @ part.weight @ rows.T

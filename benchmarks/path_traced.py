@@ -1,0 +1,144 @@
+"""From path-traced films to derivatives to verdict: campaigns whose pictures the project's own renderer did not draw.
+
+    python benchmarks/path_traced.py OUT [--campaigns 10] [--workers 1] [--folders DIR ...] [--keep FOLDER]
+    python benchmarks/path_traced.py OUT --check          # is what is rendered where it is said to be?
+
+Ten campaigns of four films (30 s, 25 frames/s, 960x540): hull, camera, lens, lamps, water, marks and codec are drawn; three hold an
+effect that their run.toml does not know. mitsuba traces the paths (``pip install mitsuba==3.9.1``, of this benchmark alone; on LLVM
+16 or newer, which ``DRJIT_LIBLLVM_PATH`` finds, or on a graphics card). A film that is done is not done again, nor is a score.
+``--folders``: other campaigns with a truth.json, scored beside them; one that is not there is skipped. ``--keep``: where truth,
+seeds, tracks and scores go, without the films.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from path_traced_cases import PLANTED, drawn
+from path_traced_score import kept, table
+
+from towline.pipeline.executor.processes import THREADS, in_parallel
+from towline.record.files import write_text
+
+SEED, CAMPAIGNS = 31, 10
+PLACES = 3
+"""Digits after the point of kept pixels: a thousandth is a twentieth of what a mark is known to."""
+
+
+def one(out: str, number: int, seed: int) -> int:
+    """A campaign's films and its score, OUT/NN/score.json."""
+    from path_traced_film import filmed
+
+    case = drawn(number, seed)
+    folders = filmed(case, Path(out), seed, lambda text: print(text, file=sys.stderr, flush=True))
+    scored(Path(out) / f"{number:02d}", folders)
+    return number
+
+
+def scored(home: Path, folders: list[Path]) -> dict[str, Any]:
+    """The score of a campaign that is filmed."""
+    truth = json.loads((home / "truth.json").read_text(encoding="utf-8"))
+    return kept(home / "score.json", folders, truth, diagnose=True)
+
+
+def whole(out: Path, number: int) -> list[Path] | None:
+    """The four run folders of a campaign whose films stand, or None."""
+    home = out / f"{number:02d}"
+    folders = [home / f"run-{k}" for k in (1, 2, 3, 4)]
+    films = all((f / "video.mp4").is_file() for f in folders)
+    return folders if films and (home / "truth.json").is_file() else None
+
+
+def beside(given: Path, out: Path) -> dict[str, Any] | None:
+    """The score of a campaign that was filmed elsewhere; its folder stays as it is."""
+    if not (given / "truth.json").is_file():
+        print(f"{given}: no truth.json, skipped", file=sys.stderr)
+        return None
+    home = out / given.name
+    if not home.is_dir():
+        shutil.copytree(given, home)
+        for path in (home, *home.rglob("*")):
+            path.chmod(path.stat().st_mode | 0o200)
+    folders = sorted(p.parent for p in home.glob("*/run.toml"))
+    return scored(home, folders) | {"codec": "as filmed"}
+
+
+def keep(out: Path, number: int, to: Path) -> None:
+    """Truth, draws, settings, tracks beside their true pixels, and the score of a campaign; no films."""
+    home, there = out / f"{number:02d}", to / f"{number:02d}"
+    there.mkdir(parents=True, exist_ok=True)
+    for name in ("truth.json", "case.json", "score.json"):
+        shutil.copyfile(home / name, there / name)
+    parts = []
+    for run in sorted(home.glob("run-*")):
+        shutil.copyfile(run / "run.toml", there / f"{run.name}.toml")
+        truth = pd.read_csv(run / "truth.csv")
+        for mark, track in pd.read_csv(run / "out" / "tracks.csv", comment="#").groupby("marker", sort=False):
+            both = track.set_index("frame")[["u_px", "v_px", "sigma_u_px", "sigma_v_px"]].join(
+                truth[[f"{mark}_u", f"{mark}_v"]]
+            )
+            both.columns = ["u_px", "v_px", "sigma_u_px", "sigma_v_px", "true_u_px", "true_v_px"]
+            parts.append(both.reset_index().assign(run=run.name, mark=mark))
+    tracks = pd.concat(parts, ignore_index=True)
+    numbers = tracks.select_dtypes("float").columns
+    tracks[numbers] = tracks[numbers].round(PLACES + 1).astype("float32")
+    tracks.to_parquet(there / "tracks.parquet", compression="zstd", index=False)
+
+
+def main() -> None:
+    """Make what is missing, print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--campaigns", type=int, default=CAMPAIGNS)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--folders", type=Path, nargs="*", default=[], metavar="DIR")
+    parser.add_argument(
+        "--keep", type=Path, metavar="FOLDER", help="truth, seeds, tracks and scores, without the films"
+    )
+    parser.add_argument("--check", action="store_true", help="only say how far the pictures are from the formulae")
+    parser.add_argument("--no-films", action="store_true", help="score what is filmed already")
+    given = parser.parse_args()
+    for name in THREADS:
+        os.environ.setdefault(name, "1")
+    if given.check:
+        from path_traced_check import checked
+
+        print("\n".join(checked(list(range(given.campaigns)), given.seed)))
+        return
+    given.out.mkdir(parents=True, exist_ok=True)
+    answers: dict[str, Any] = {}
+    for folder in given.folders:
+        if (found := beside(folder, given.out)) is not None:
+            answers[folder.name] = found
+    if not given.no_films:
+        jobs = [(str(given.out), number, given.seed) for number in range(given.campaigns)]
+        for number in in_parallel(one, jobs, given.workers):
+            print(f"campaign {number} done", file=sys.stderr, flush=True)
+    others = len(answers)
+    for number in range(given.campaigns):
+        if (folders := whole(given.out, number)) is None:
+            continue
+        case = json.loads((given.out / f"{number:02d}" / "case.json").read_text(encoding="utf-8"))
+        answers[f"{number:02d}"] = scored(given.out / f"{number:02d}", folders) | {
+            "codec": f"{case['codec']} {case['crf']}"
+        }
+        if given.keep is not None:
+            keep(given.out, number, given.keep)
+    planted = ", ".join(f"{k:02d} {v}" for k, v in PLANTED.items() if k < given.campaigns)
+    made = len(answers) - others
+    head = f"{made} of {given.campaigns} path-traced campaigns of four films, seed {given.seed}; planted: {planted}\n"
+    text = head + table(answers)
+    write_text(given.out / "path_traced.txt", text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -3,8 +3,9 @@
     python benchmarks/path_traced.py OUT [--campaigns 10] [--workers 1] [--folders DIR ...] [--keep FOLDER]
     python benchmarks/path_traced.py OUT --check          # is what is rendered where it is said to be?
 
-Ten campaigns of four films (30 s, 25 frames/s, 960x540): hull, camera, lens, lamps, water, marks and codec are drawn; three hold an
-effect that their run.toml does not know. mitsuba traces the paths (``pip install mitsuba==3.9.1``, of this benchmark alone; on LLVM
+Ten campaigns of four films (30 s, 25 or 12.5 frames/s, 960x540): hull, camera, lens, lamps, water, marks and codec are drawn; three
+hold an effect that their run.toml does not know. The same campaigns stand in the table with true pixels and white noise instead of
+films (those without an effect). mitsuba traces the paths (``pip install mitsuba==3.9.1``, of this benchmark alone; on LLVM
 16 or newer, which ``DRJIT_LIBLLVM_PATH`` finds, or on a graphics card). A film that is done is not done again, nor is a score.
 ``--folders``: other campaigns with a truth.json, scored beside them; one that is not there is skipped. ``--keep``: where truth,
 seeds, tracks and scores go, without the films.
@@ -20,14 +21,17 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
-from path_traced_cases import PLANTED, drawn
+from path_traced_cases import PLANTED, drawn, marks_px, motion_of, told, truth_of
 from path_traced_score import kept, table
 
 from towline.pipeline.executor.processes import THREADS, in_parallel
 from towline.record.files import write_text
 
 SEED, CAMPAIGNS = 31, 10
+NOISE_PX = 0.02
+"""Of true pixels, about a good film's."""
 PLACES = 3
 """Digits after the point of kept pixels: a thousandth is a twentieth of what a mark is known to."""
 
@@ -68,6 +72,29 @@ def beside(given: Path, out: Path) -> dict[str, Any] | None:
             path.chmod(path.stat().st_mode | 0o200)
     folders = sorted(p.parent for p in home.glob("*/run.toml"))
     return scored(home, folders) | {"codec": "as filmed"}
+
+
+def by_pixels(out: Path, number: int, seed: int) -> dict[str, Any]:
+    """The score of a campaign from its true pixels with white noise of ``NOISE_PX``: what settings and fit leave."""
+    case, home = drawn(number, seed), out / f"{number:02d}-pixels"
+    rng = np.random.default_rng([seed, number, 3])
+    folders = []
+    for k, said in enumerate(told(case, seed)):
+        folders.append(home / f"run-{k + 1}")
+        folders[-1].mkdir(parents=True, exist_ok=True)
+        motion = motion_of(case, k)
+        parts = []
+        for mark, pixels in zip(case["marks"], marks_px(case, motion).transpose(1, 0, 2), strict=True):
+            u, v = (pixels + rng.normal(0, NOISE_PX, pixels.shape)).T
+            sd = {"sigma_u_px": NOISE_PX, "sigma_v_px": NOISE_PX, "status": "measured"}
+            part = pd.DataFrame(
+                {"frame": range(len(u)), "t_s": motion["t_s"], "marker": mark["name"], "u_px": u, "v_px": v}
+            )
+            parts.append(part.assign(**sd))
+        pd.concat(parts).to_csv(folders[-1] / "tracks.csv", index=False)
+        page = said.replace('video = "video.mp4"', 'tracks = "tracks.csv"')
+        (folders[-1] / "run.toml").write_text(page, encoding="utf-8")
+    return kept(home / "score.json", folders, truth_of(case), diagnose=False) | {"codec": "true pixels"}
 
 
 def keep(out: Path, number: int, to: Path) -> None:
@@ -136,6 +163,8 @@ def main() -> None:
     made = len(answers) - others
     head = f"{made} of {given.campaigns} path-traced campaigns of four films, seed {given.seed}; planted: {planted}\n"
     text = head + table(answers)
+    text += "\nthe same without films: true pixels with white noise of 0.02 px\n"
+    text += table({f"{n:02d}": by_pixels(given.out, n, given.seed) for n in range(given.campaigns) if n not in PLANTED})
     write_text(given.out / "path_traced.txt", text)
     print(text)
 

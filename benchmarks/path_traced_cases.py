@@ -30,7 +30,7 @@ MARINER = {
 """Thesis Table 8.2, ITTC."""
 MASS_KG, LENGTH_PP_M, HULL_LENGTH_M, SPEED_M_S, TANK_WIDTH_M = 78.0, 2.66, 2.80, 1.28, 4.6
 TOWS, DURATION_S = 4, 30.0
-RATES_HZ = (25.0, 15.0, 15.0)
+RATES_HZ = (25.0, 12.5, 12.5)
 """Frames a second of the campaigns, in turn."""
 PRIORS = {
     "tension_sd_rel": 0.005,

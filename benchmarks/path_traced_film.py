@@ -37,6 +37,9 @@ GAMMA, BANDS, MOST = 2.2, 4, 1.0
 so many of the sensor's full wells (what a mark shows directly does not come this way)."""
 ROW = 1 << 24
 """Normal numbers that are drawn for the sensor's noise."""
+SMOOTH, SMOOTH_PX = ("water", "deck", "sides", "room", "iron", "bar"), 2.0
+"""Bodies whose light is evened out, away from the marks, and how wide (standard deviation): few rays make grains as bright as a
+mark, which no camera sees."""
 AHEAD = 4
 """Frames that wait for the codec."""
 EMPTY = "empty.npy"
@@ -84,6 +87,9 @@ class Studio:
             unfinished = path.with_suffix(".unfinished.npy")
             np.save(unfinished, self._empty().astype(np.float16))
             os.replace(unfinished, path)
+        everywhere = np.stack(np.meshgrid(np.arange(self.width), np.arange(self.height)), -1).reshape(-1, 2)
+        self.tank.put(0, None)
+        self.behind = self.tank.bodies(everywhere, SMOOTH).reshape(self.height, self.width)
         return np.load(path).astype(np.float32)
 
     def _empty(self) -> Array:
@@ -91,19 +97,19 @@ class Studio:
         tank = self.tank
         everywhere = np.stack(np.meshgrid(np.arange(self.width), np.arange(self.height)), -1).reshape(-1, 2)
         tank.put(0, None)
-        through = tank.ray(*(tank.mi.Float(everywhere[:, axis].astype(np.float32)) for axis in (0, 1)))
-        wet = next(s for s in tank.lamps.shapes() if s.id() == "water")
-        wet = np.array(tank.lamps.ray_intersect(through).shape == tank.mi.ShapePtr(wet)).astype(bool)
+        self.behind = tank.bodies(everywhere, SMOOTH).reshape(self.height, self.width)
+        wet = self.behind == SMOOTH.index("water") + 1
         kept = np.zeros((self.height, self.width, 3), dtype=np.float32)
         for some in np.array_split(everywhere, 4 * BANDS):
             kept[some[:, 1], some[:, 0]] = self._evenly(some, STATIC_RAYS)
         # a pixel at the water's edge sees both
-        edge = pixels_of_mask(wet.reshape(self.height, self.width), 3)
-        pictures = np.repeat(kept[None], LOOP, axis=0)
+        edge = pixels_of_mask(wet, 3)
+        pictures = np.repeat(smoothed(kept, self.behind)[None], LOOP, axis=0)
         for frame in range(LOOP):
             tank.put(frame, None)
             for some in np.array_split(edge, BANDS):
                 pictures[frame, some[:, 1], some[:, 0]] = self._evenly(some, WATER_RAYS)
+            pictures[frame][wet] = smoothed(pictures[frame], np.where(wet, self.behind, 0))[wet]
         return pictures
 
     def _evenly(self, pixels: Array, rays: int) -> Array:
@@ -122,7 +128,7 @@ class Studio:
         if whole:
             around = self._around(state, tow_point_m)
             around = around[_from_marks(around, marks) > NEAR_PX]
-            self.lit = around, self._evenly(around, HULL_RAYS)
+            self.lit = around, self._smooth(picture, around)
         put_into(picture, *self.lit)
         at = np.arange(-GLOW_PX, GLOW_PX + 1)
         window = np.stack(np.meshgrid(at, at), -1).reshape(-1, 2)
@@ -141,6 +147,15 @@ class Studio:
             rows, columns = (slice(middle[axis] - SPOT_PX, middle[axis] + SPOT_PX + 1) for axis in (1, 0))
             picture[rows, columns] += self.radiance * spot[..., None] * colour
         return np.float32(self.exposure) * picture
+
+    def _smooth(self, picture: Array, pixels: Array) -> Array:
+        """The lamps' light of pixels, of few rays each, evened out over each body."""
+        low, high = pixels.min(axis=0), pixels.max(axis=0) + 1
+        values, behind = (a[low[1] : high[1], low[0] : high[0]].copy() for a in (picture, self.behind))
+        inside = pixels - low
+        put_into(values, inside, self._evenly(pixels, HULL_RAYS))
+        put_into(behind, inside, self.tank.bodies(pixels, SMOOTH))
+        return smoothed(values, behind)[inside[:, 1], inside[:, 0]]
 
     def _around(self, state: tuple[float, float, float], tow_point_m: float) -> Array:
         """Pixels that the hull, its mirror image, its bar or its line may reach, (n, 2)."""
@@ -177,6 +192,20 @@ def _from_marks(pixels: Array, marks: Array) -> Array:
 def put_into(picture: Array, pixels: Array, light: Array) -> None:
     """Pixels' light."""
     picture[pixels[:, 1], pixels[:, 0]] = light
+
+
+def smoothed(picture: Array, behind: Array) -> Array:
+    """A picture whose few rays a pixel are evened out (``SMOOTH_PX``) over each of its bodies, and never across their edges."""
+    import cv2
+
+    done = picture.copy()
+    for number in range(1, len(SMOOTH) + 1):
+        here = behind == number
+        if here.any():
+            share = here.astype(np.float32)
+            total = cv2.GaussianBlur(picture * share[..., None], (0, 0), SMOOTH_PX)
+            done[here] = (total / np.maximum(cv2.GaussianBlur(share, (0, 0), SMOOTH_PX), 1e-6)[..., None])[here]
+    return done
 
 
 def pixels_of_mask(mask: Array, grow_px: int) -> Array:

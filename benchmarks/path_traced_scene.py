@@ -15,7 +15,7 @@ from path_traced_cases import HULL_LENGTH_M, TANK_WIDTH_M, Array, Camera, camera
 
 LOOP = 25
 """Water repeats itself after so many frames: what no hull reaches is rendered once for each of them."""
-STATIC_RAYS, WATER_RAYS, HULL_RAYS, GLOW_RAYS, NEAR_RAYS = 24, 5, 2, 2, 12
+STATIC_RAYS, WATER_RAYS, HULL_RAYS, GLOW_RAYS, NEAR_RAYS = 12, 4, 2, 2, 16
 """Per pixel: what never changes; water beyond the hull; around the hull by the lamps; where a mark glows; close to a mark."""
 NEAR_PX, GLOW_PX, SPOT_PX, SPOT_GRID = 11, 22, 8, 40
 EVERY = 3
@@ -46,6 +46,7 @@ def tracer() -> Any:
             import drjit
 
             drjit.eval(drjit.arange(mi.Float, 2) + 1)
+            drjit.set_thread_count(1)  # more wait for one another by spinning
             return mi
         except (ImportError, RuntimeError):
             continue
@@ -325,6 +326,15 @@ class Tank:
         """Mean light of whole-number pixels (n, 2) by so many rays each (n,), none above ``most``: (n, 3)."""
         found, first = self._through(pixels, rays, rng, lambda sampler, ray: self._clipped(scene, sampler, ray, most))
         return np.add.reduceat(found, first, axis=0) / rays[:, None]
+
+    def bodies(self, pixels: Array, names: tuple[str, ...]) -> Array:
+        """Which of the bodies so named stands behind the middle of each pixel (n, 2): its number from 1, 0: another."""
+        found = self.lamps.ray_intersect(self.ray(*(self.mi.Float(aligned(pixels[:, axis])) for axis in (0, 1)))).shape
+        which = np.zeros(len(pixels), dtype=np.uint8)
+        shapes = {s.id(): s for s in self.lamps.shapes()}
+        for number, name in enumerate(names, 1):
+            which[np.array(found == self.mi.ShapePtr(shapes[name])).astype(bool)] = number
+        return which
 
     def primary(self, pixels: Array, rays: int, names: tuple[str, ...], rng: np.random.Generator) -> Array:
         """The share of the rays of pixels (n, 2) that end on the bodies so named: (n,)."""

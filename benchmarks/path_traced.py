@@ -23,13 +23,15 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from path_traced_cases import PLANTED, drawn, marks_px, motion_of, told, truth_of
+from path_traced_cases import PLANTED, TOWS, drawn, marks_px, motion_of, told, truth_of
 from path_traced_score import kept, table
 
 from towline.pipeline.executor.processes import THREADS, in_parallel
 from towline.record.files import write_text
 
 SEED, CAMPAIGNS = 31, 10
+FEWEST = 3
+"""Films of a campaign that is scored although it is not whole: so many tow points give the six."""
 NOISE_PX = 0.02
 """Of true pixels, about a good film's."""
 PLACES = 3
@@ -42,22 +44,21 @@ def one(out: str, number: int, seed: int) -> int:
 
     case = drawn(number, seed)
     folders = filmed(case, Path(out), seed, lambda text: print(text, file=sys.stderr, flush=True))
-    scored(Path(out) / f"{number:02d}", folders)
+    scored(Path(out) / f"{number:02d}", folders, truth_of(case))
     return number
 
 
-def scored(home: Path, folders: list[Path]) -> dict[str, Any]:
+def scored(home: Path, folders: list[Path], truth: dict[str, Any]) -> dict[str, Any]:
     """The score of a campaign that is filmed."""
-    truth = json.loads((home / "truth.json").read_text(encoding="utf-8"))
     return kept(home / "score.json", folders, truth, diagnose=True)
 
 
-def whole(out: Path, number: int) -> list[Path] | None:
-    """The four run folders of a campaign whose films stand, or None."""
+def standing(out: Path, number: int) -> list[Path]:
+    """Run folders of a campaign whose films stand; none where they are too few for the six derivatives."""
     home = out / f"{number:02d}"
-    folders = [home / f"run-{k}" for k in (1, 2, 3, 4)]
-    films = all((f / "video.mp4").is_file() for f in folders)
-    return folders if films and (home / "truth.json").is_file() else None
+    folders = [home / f"run-{k}" for k in range(1, TOWS + 1)]
+    folders = [f for f in folders if (f / "video.mp4").is_file()]
+    return folders if len(folders) >= FEWEST else []
 
 
 def beside(given: Path, out: Path) -> dict[str, Any] | None:
@@ -71,7 +72,7 @@ def beside(given: Path, out: Path) -> dict[str, Any] | None:
         for path in (home, *home.rglob("*")):
             path.chmod(path.stat().st_mode | 0o200)
     folders = sorted(p.parent for p in home.glob("*/run.toml"))
-    return scored(home, folders) | {"codec": "as filmed"}
+    return scored(home, folders, json.loads((home / "truth.json").read_text(encoding="utf-8"))) | {"codec": "as filmed"}
 
 
 def by_pixels(out: Path, number: int, seed: int) -> dict[str, Any]:
@@ -97,14 +98,14 @@ def by_pixels(out: Path, number: int, seed: int) -> dict[str, Any]:
     return kept(home / "score.json", folders, truth_of(case), diagnose=False) | {"codec": "true pixels"}
 
 
-def keep(out: Path, number: int, to: Path) -> None:
+def keep(out: Path, number: int, seed: int, to: Path) -> None:
     """Truth, draws, settings, tracks beside their true pixels, and the score of a campaign; no films."""
     home, there = out / f"{number:02d}", to / f"{number:02d}"
     there.mkdir(parents=True, exist_ok=True)
-    for name in ("truth.json", "case.json", "score.json"):
-        shutil.copyfile(home / name, there / name)
+    shutil.copyfile(home / "score.json", there / "score.json")
+    write_text(there / "case.json", json.dumps(drawn(number, seed) | {"seed": seed}, indent=1) + "\n")
     parts = []
-    for run in sorted(home.glob("run-*")):
+    for run in standing(out, number):
         shutil.copyfile(run / "run.toml", there / f"{run.name}.toml")
         truth = pd.read_csv(run / "truth.csv")
         for mark, track in pd.read_csv(run / "out" / "tracks.csv", comment="#").groupby("marker", sort=False):
@@ -151,17 +152,18 @@ def main() -> None:
             print(f"campaign {number} done", file=sys.stderr, flush=True)
     others = len(answers)
     for number in range(given.campaigns):
-        if (folders := whole(given.out, number)) is None:
+        if not (folders := standing(given.out, number)):
             continue
-        case = json.loads((given.out / f"{number:02d}" / "case.json").read_text(encoding="utf-8"))
-        answers[f"{number:02d}"] = scored(given.out / f"{number:02d}", folders) | {
-            "codec": f"{case['codec']} {case['crf']}"
-        }
+        case = drawn(number, given.seed)
+        name = f"{number:02d}" if len(folders) == TOWS else f"{number:02d}, {len(folders)} films"
+        found = scored(given.out / f"{number:02d}", folders, truth_of(case))
+        answers[name] = found | {"codec": f"{case['codec']} {case['crf']}"}
         if given.keep is not None:
-            keep(given.out, number, given.keep)
+            keep(given.out, number, given.seed, given.keep)
     planted = ", ".join(f"{k:02d} {v}" for k, v in PLANTED.items() if k < given.campaigns)
-    made = len(answers) - others
-    head = f"{made} of {given.campaigns} path-traced campaigns of four films, seed {given.seed}; planted: {planted}\n"
+    made = sum("films" not in name for name in list(answers)[others:])
+    parts = len(answers) - others - made
+    head = f"{made} of {given.campaigns} path-traced campaigns made whole, {parts} in part, seed {given.seed}; planted: {planted}\n"
     text = head + table(answers)
     text += "\nthe same without films: true pixels with white noise of 0.02 px\n"
     text += table({f"{n:02d}": by_pixels(given.out, n, given.seed) for n in range(given.campaigns) if n not in PLANTED})

@@ -7,7 +7,8 @@ from path_traced_cases import Array, camera_of, datum_of, drawn, motion_of, plac
 from path_traced_film import scattered, states
 from path_traced_scene import SPOT_PX, Tank, tracer
 
-RAYS, FRAMES = 4000, 8
+RAYS, FRAMES = 1500, 5
+"""Of a pixel in a window about a mark; of a tow that are looked at."""
 
 
 def centroid(picture: Array, middle: Array) -> Array:

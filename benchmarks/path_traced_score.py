@@ -66,8 +66,8 @@ def true_six(truth: dict[str, Any], speed_m_s: float) -> np.ndarray:
     return np.array([truth[n] * ratio ** FACTOR.get(n, 0) for n in NAMES])
 
 
-def scored(folders: list[Path], truth: dict[str, Any], diagnose: bool, line: str | None = None) -> dict[str, Any]:
-    """A campaign from its films: errors, standard deviations, chi-square of all six, marks, verdict."""
+def scored(folders: list[Path], truth: dict[str, Any]) -> dict[str, Any]:
+    """A campaign from its films: errors, standard deviations, chi-square of all six, marks."""
     began = time.perf_counter()
     batch = compute_motions(folders)
     tracked_s = time.perf_counter() - began
@@ -88,26 +88,34 @@ def scored(folders: list[Path], truth: dict[str, Any], diagnose: bool, line: str
     }
     if all((f / "truth.csv").is_file() for f in folders):
         found["marks"] = [row for f in folders if (f / "out" / "tracks.csv").is_file() for row in mark_errors(f)]
-    if diagnose:
-        try:
-            file = diagnose_folders(folders).diagnosis.file
-            found |= {
-                "verdict": file.verdict,
-                "p_no_gap": file.p_no_gap,
-                "p_unknown": file.p_unknown,
-                "ranking": [{"effects": list(r.effects), "p": r.probability} for r in file.ranking[:3]],
-                "set95": file.set95,
-            }
-        except TowlineError as error:
-            found["verdict_error"] = str(error)
     return found
 
 
+def verdict_of(folders: list[Path]) -> dict[str, Any]:
+    """What the diagnosis says of a campaign."""
+    try:
+        file = diagnose_folders(folders).diagnosis.file
+    except TowlineError as error:
+        return {"verdict_error": str(error)}
+    return {
+        "verdict": file.verdict,
+        "p_no_gap": file.p_no_gap,
+        "p_unknown": file.p_unknown,
+        "ranking": [{"effects": list(r.effects), "p": r.probability} for r in file.ranking[:3]],
+        "set95": file.set95,
+    }
+
+
 def kept(path: Path, folders: list[Path], truth: dict[str, Any], diagnose: bool) -> dict[str, Any]:
-    """The score of a campaign, from its file where it stands."""
-    if not path.is_file():
-        write_text(path, json.dumps(scored(folders, truth, diagnose), indent=1) + "\n")
-    return json.loads(path.read_text(encoding="utf-8"))
+    """The score of a campaign and then its verdict, from its file so far as they stand there (of so many films)."""
+    found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    if found.get("films") != len(folders):
+        found = scored(folders, truth) | {"films": len(folders)}
+        write_text(path, json.dumps(found, indent=1) + "\n")
+    if diagnose and not {"verdict", "verdict_error", "error"} & set(found):
+        found |= verdict_of(folders)
+        write_text(path, json.dumps(found, indent=1) + "\n")
+    return found
 
 
 def table(answers: dict[str, dict[str, Any]]) -> str:
@@ -115,11 +123,11 @@ def table(answers: dict[str, dict[str, Any]]) -> str:
     made = {k: a for k, a in answers.items() if "chi2" in a}
     null = {k: a for k, a in made.items() if not a["truth"].get("planted")}
     lines = [f"{len(made)} of {len(answers)} have an answer", ""]
-    lines.append(f"{'campaign':14}{'codec':12}{'chi2 of 6':>10}   " + "".join(f"{n[:14]:>22}" for n in NAMES))
-    lines.append(f"{'':39}" + "".join(f"{'err %  sd %     z':>22}" for _ in NAMES))
+    lines.append(f"{'campaign':15}{'codec':12}{'chi2 of 6':>10}   " + "".join(f"{n[:14]:>22}" for n in NAMES))
+    lines.append(f"{'':40}" + "".join(f"{'err %  sd %     z':>22}" for _ in NAMES))
     for name, a in answers.items():
         if "chi2" not in a:
-            lines.append(f"{name:14}{a['codec']:12} {a['error']}")
+            lines.append(f"{name:15}{a['codec']:12} {a['error']}")
             continue
         cells = []
         for n in NAMES:
@@ -127,7 +135,7 @@ def table(answers: dict[str, dict[str, Any]]) -> str:
             whole = abs(a["truth"][n]) / 100
             cells.append(f"{error / whole:9.2f} {sd / whole:5.2f} {error / sd:6.2f}")
         lines.append(
-            f"{name:14}{a['codec']:12}{a['chi2']:10.1f}   "
+            f"{name:15}{a['codec']:12}{a['chi2']:10.1f}   "
             + "".join(f"{c:>22}" for c in cells)
             + f"  {a['truth'].get('planted', '')}"
         )
@@ -147,13 +155,13 @@ def table(answers: dict[str, dict[str, Any]]) -> str:
     lines += ["", "verdicts of the diagnosis"] if told else []
     for name, a in told.items():
         if "verdict_error" in a:
-            lines.append(f"{name:14} {a['verdict_error']}")
+            lines.append(f"{name:15} {a['verdict_error']}")
             continue
         first = " + ".join(a["ranking"][0]["effects"]) if a["ranking"] else ""
         p = a["ranking"][0]["p"] if a["ranking"] else 0.0
         planted = a["truth"].get("planted") or "nothing"
         lines.append(
-            f"{name:14} planted {planted:18} verdict {a['verdict']:14} first {first:28} {p:5.2f}  "
+            f"{name:15} planted {planted:18} verdict {a['verdict']:14} first {first:28} {p:5.2f}  "
             f"no gap {a['p_no_gap']:5.2f}  unknown {a['p_unknown']:5.2f}"
         )
     marks = [(k, row) for k, a in made.items() for row in a.get("marks", [])]
@@ -166,7 +174,7 @@ def table(answers: dict[str, dict[str, Any]]) -> str:
             "sd of the part that follows them; phase: amplitude of the part that follows the place within a pixel; all px)"
         ]
         lines.append(
-            f"{'campaign':14}{'mark':8}{'axis':5}{'mean':>8}{'sd':>8}{'sigma':>8}{'rms z':>7}"
+            f"{'campaign':15}{'mark':8}{'axis':5}{'mean':>8}{'sd':>8}{'sigma':>8}{'rms z':>7}"
             f"{'slow':>7}{'place':>8}{'speed':>8}{'phase':>8}"
         )
         frame = pd.DataFrame([{"campaign": k} | row for k, row in marks])
@@ -175,7 +183,7 @@ def table(answers: dict[str, dict[str, Any]]) -> str:
                 ["mean_px", "sd_px", "sigma_px", "rms_z", "slow_share", "place_px", "speed_px", "phase_px"]
             ].median()
             lines.append(
-                f"{name:14}{mark:8}{axis:5}{m.mean_px:+8.3f}{m.sd_px:8.3f}{m.sigma_px:8.3f}{m.rms_z:7.2f}{100 * m.slow_share:6.0f}%"
+                f"{name:15}{mark:8}{axis:5}{m.mean_px:+8.3f}{m.sd_px:8.3f}{m.sigma_px:8.3f}{m.rms_z:7.2f}{100 * m.slow_share:6.0f}%"
                 f"{m.place_px:+8.3f}{m.speed_px:+8.3f}{m.phase_px:8.3f}"
             )
     return "\n".join(lines) + "\n"

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from path_traced_bodies import line_body, moved
 from path_traced_cases import TOWS, Array, marks_px, motion_of, placed, told, truth_of
 from path_traced_scene import (
     EVERY,
@@ -26,8 +27,6 @@ from path_traced_scene import (
     STATIC_RAYS,
     WATER_RAYS,
     Tank,
-    line_body,
-    moved,
     pixels_of,
 )
 from scipy.special import ndtr

@@ -27,7 +27,7 @@ from towline.record.files import write_text
 HERE = Path(__file__).resolve().parent
 PACKAGES = (
     "towline", "numpy", "scipy", "pandas", "opencv-python-headless", "scikit-image", "av", "kornia", "torch", "trackpy", "casadi",
-    "jax-sysid", "pysindy", "cosmic-ray", "pytest-cov",
+    "jax-sysid", "pysindy", "cosmic-ray", "pytest-cov", "mitsuba",
 )  # fmt: skip
 
 
@@ -77,6 +77,10 @@ TABLES = {
     "app": Table("benchmarks/app.py", "app.txt", 3, "the page: seconds per interaction, memory"),
     "campaign": Table("benchmarks/campaign.py", "campaign.txt", 9, "two workers against one, kills, memory"),
     "end_to_end": Table("benchmarks/end_to_end.py {out}/end-to-end", "end_to_end.txt", 100, "100 campaigns, film to derivatives"),
+    "path_traced": Table(
+        "benchmarks/path_traced.py {out}/path-traced --keep benchmarks/path_traced", "path_traced.txt", 180,
+        "10 campaigns path-traced by mitsuba, film to derivatives to verdict",
+    ),
     "blind": Table(
         "-m towline blind {out}/blind --cases 600 --nulls 300 --seed 2029 --workers 2 --html", "blind/score.txt", 75,
         "600 campaigns whose truth is sealed",

@@ -1,6 +1,6 @@
 """From film to derivatives: random campaigns rendered to video, through the commands, against the hull that was drawn.
 
-    python benchmarks/end_to_end.py OUT [--campaigns 100] [--workers 2]
+    python benchmarks/end_to_end.py OUT [--campaigns 100] [--only 28 35 69 70] [--workers 2]
 
 Every campaign is a hull, a camera with its lens and codec, marks, light, reflections, and four tow points; what run.toml says of
 tension, line, speed, tow points and marks is wrong by what its [priors] admit. Each is analysed as ``towline identify`` does, then
@@ -36,6 +36,10 @@ TRUE_SIGMA_PX, TRUE_SIGMA_M, TRUE_SIGMA_RAD = 0.02, 2e-5, 1e-5
 """Stated beside true pixels and motions, which have none: a fit needs weights."""
 CODECS = (("lossless", 0, 0), ("crf 17-19", 17, 19), ("crf 20-22", 20, 22), ("crf 23-25", 23, 25))
 COVERED = 1.96
+QUOTED_M_S = 1.28
+"""Speed at which the truth holds (``end_to_end_cases``): damping goes with the speed, and a fit left to itself quotes it at the
+stated one, which is off by what [priors] say.
+"""
 
 
 def analysed(folders: list[Path]) -> dict[str, Any]:
@@ -43,7 +47,7 @@ def analysed(folders: list[Path]) -> dict[str, Any]:
     began = time.perf_counter()
     batch = compute_motions(folders)
     tracked_s = time.perf_counter() - began
-    answer = identify_batch(batch)
+    answer = identify_batch(batch, speed_m_s=QUOTED_M_S)
     lost = [float((m.motion["status"] != "measured").mean()) if "status" in m.motion else 0.0 for m in batch.runs]
     return {
         "derivatives": {n: [d.value, d.std] for n, d in answer.result.derivatives.items()},
@@ -184,16 +188,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("out", type=Path)
     parser.add_argument("--campaigns", type=int, default=100)
+    parser.add_argument("--only", type=int, nargs="+", metavar="N", help="these campaigns alone")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=None, help="of every run; 30 to 45 where absent")
     given = parser.parse_args()
     for name in THREADS:
         os.environ.setdefault(name, "1")
     given.out.mkdir(parents=True, exist_ok=True)
-    jobs = [(str(given.out), seed, given.seconds) for seed in range(given.campaigns)]
+    seeds = given.only or range(given.campaigns)
+    jobs = [(str(given.out), seed, given.seconds) for seed in seeds]
     for done, seed in enumerate(in_parallel(one, jobs, given.workers), 1):
         print(f"campaign {seed}: {done} of {len(jobs)}", file=sys.stderr, flush=True)
-    answers = [json.loads((given.out / f"{seed:03d}.json").read_text()) for seed in range(given.campaigns)]
+    answers = [json.loads((given.out / f"{seed:03d}.json").read_text()) for seed in seeds]
     text = table(answers)
     write_text(given.out / "end_to_end.txt", text)
     print(text)

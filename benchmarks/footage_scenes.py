@@ -36,6 +36,8 @@ FINE = 5
 """Points a pixel's side by which a disc is drawn."""
 LEAST_APART = 3.0
 """Between two marks, in diameters of their pictures."""
+FLAT = 30.0
+"""Widths of a deck's rim beyond which it is deck, or tank, to 1e-13."""
 ROOM_PX = 6.0
 """Beyond a mark's own radius, from the picture's edge."""
 
@@ -111,15 +113,20 @@ class Scene:
         w, h = self.size_px
         if self.deck == "all":
             return np.ones((h, w))
-        u, v = np.meshgrid(np.arange(w) - origin[0], np.arange(h) - origin[1])
+        u, v = np.arange(w) - origin[0], (np.arange(h) - origin[1])[:, None]
         x, y = rotation[0, 0] * u + rotation[1, 0] * v, rotation[0, 1] * u + rotation[1, 1] * v
         reach = self.margin * self.diameter_px
         if self.deck == "pucks":
-            away = np.min([np.hypot(x - bx, y - by) for bx, by in self.body_px], axis=0) - reach
+            squares = [(x - bx) ** 2 + (y - by) ** 2 for bx, by in self.body_px]
+            away = np.sqrt(np.minimum.reduce(squares)) - reach
         else:
             low, high = self.body_px.min(axis=0) - reach, self.body_px.max(axis=0) + reach
             away = np.maximum.reduce([low[0] - x, x - high[0], low[1] - y, y - high[1]])
-        return 1 / (1 + np.exp(np.clip(away / (0.6 * self.blur_px), -30, 30)))
+        away /= 0.6 * self.blur_px
+        cover = np.where(away > 0, 1 / (1 + np.exp(FLAT)), 1 / (1 + np.exp(-FLAT)))
+        rim = np.abs(away) < FLAT
+        cover[rim] = 1 / (1 + np.exp(away[rim]))
+        return cover
 
     def run(self, folder: Path) -> Run:
         """Its run folder."""

@@ -405,7 +405,7 @@ def test_the_noise_that_the_score_takes_is_the_generators(coloured: bool) -> Non
 
 
 def test_d_grows_with_the_square_of_the_size_and_drag_is_near_to_cubic() -> None:
-    small = _case("crossflow_drag", drag_m=0.01, tilt=0.0, ends=0.0)
+    small = replace(_case("crossflow_drag", drag_m=0.01, tilt=0.0, ends=0.0), duration_s=20.0)
     large = replace(small, numbers={**small.numbers, "crossflow_drag.drag_m": 0.02})
     one, two = (distances_of(case, linear(case)) for case in (small, large))
     assert two.strength == pytest.approx(4 * one.strength, rel=0.05)  # taken at a twentieth, not at nothing
@@ -434,9 +434,10 @@ def test_an_oracle_leaves_noise() -> None:
 
 
 def test_a_faint_effect_has_the_d_that_was_drawn() -> None:
-    case = _case("hull_asymmetry")
+    case = replace(_case("hull_asymmetry"), duration_s=20.0)
     faint = fainter(case, np.random.default_rng(4))
     low, high = FAINT_D
+    assert faint.numbers != case.numbers
     # within the rounding of differences taken at a twentieth of so small a size
     assert 0.95 * low < distances_of(faint, linear(faint)).nearest < 1.05 * high
     assert faint.numbers["hull_asymmetry.place"] == case.numbers["hull_asymmetry.place"]

@@ -91,9 +91,12 @@ def test_steady_videos_give_the_neutral_point_back(samples: Path, tmp_path: Path
     assert len(six) == 6
     for name in six:
         assert abs(six[name].value - truth[name]) < 3.3 * six[name].std, name
-    # R unknown, too: X_v from the angles alone (4.9)
+    # R unknown, too: X_v from the angles alone (4.9), of the same tracks
     for run in runs:
-        (run / "run.toml").write_text((run / "run.toml").read_text().replace("tension_n = 0.5\n", ""))
+        (run / "out" / "tracks.csv").rename(run / "tracks.csv")
+        text = (run / "run.toml").read_text().replace("tension_n = 0.5\n", "")
+        assert 'video = "video.mp4"' in text
+        (run / "run.toml").write_text(text.replace('video = "video.mp4"', 'tracks = "tracks.csv"'))
     assert main(["steady", *map(str, runs)]) == 0
     result = read_result(tmp_path / "out" / "steady.json", SteadyFile)
     low, high = result.x_v_interval_m

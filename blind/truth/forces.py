@@ -5,6 +5,8 @@ Every function takes lanes and situation and returns side force, N to starboard,
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from .damping import drift_cubic, mixed_cubes, moduli, plain_cubes, skeg_drag, steep_drift, strip_drag, whole_drag
@@ -23,6 +25,8 @@ from .surroundings import (
     wall_images,
 )
 from .swivel import at_the_post, dry_and_oil, grease, stribeck
+
+Force = Callable[[Lanes, Now], tuple[Array, Array]]
 
 
 def washboard(q: Lanes, now: Now) -> tuple[Array, Array]:
@@ -107,6 +111,23 @@ TERMS = (
 """A number that switches a force on, and the force."""
 
 
-def forces_of(q: Lanes):
-    """The functions that some lane needs."""
-    return tuple(dict.fromkeys(term for name, term in TERMS if q.has(name)))
+FEW = 0.5
+"""Below this share of the lanes a force is worked out for those alone that have it: it is nothing in all others."""
+
+
+def forces_of(q: Lanes) -> tuple[tuple[Force, Lanes, Array | None], ...]:
+    """Every function that some lane needs, the numbers of its lanes, and which they are (None: all).
+
+    Parameters
+    ----------
+    q : numbers
+    """
+    acts: dict[Force, Array] = {}
+    for name, term in TERMS:
+        if q.has(name):
+            acts[term] = acts.get(term, np.zeros(q.n, dtype=bool)) | (q[name] != 0)
+    found = []
+    for term, on in acts.items():
+        here = np.flatnonzero(on)
+        found.append((term, q, None) if len(here) > FEW * q.n else (term, q.part(here), here))
+    return tuple(found)

@@ -45,6 +45,15 @@ class Lanes:
             self._made[make] = make(self)
         return cast(Made, self._made[make])
 
+    def part(self, here: Array) -> Lanes:
+        """These lanes alone.
+
+        Parameters
+        ----------
+        here : their places ``(m,)``
+        """
+        return Lanes([{name: float(value[k]) for name, value in self.values.items()} for k in here])
+
     def has(self, name: str) -> bool:
         """Some lane's number is not zero."""
         return name in self._on

@@ -77,7 +77,7 @@ def swim(lanes: Sequence[Lane], duration_s: float, random: Array | None = None, 
     step_s : of the integrator
     """
     q = Lanes(lanes)
-    terms = forces_of(q)
+    terms = q.once(forces_of)
     steps = int(np.ceil(duration_s / step_s - 1e-9))
     t_s = np.arange(steps + 1) * step_s
     state = _released(q)
@@ -105,7 +105,7 @@ def swim(lanes: Sequence[Lane], duration_s: float, random: Array | None = None, 
 
 def instant(q: Lanes, t_s: float, state: Array, forces: Array) -> Array:
     """Time derivatives of states ``(17, n)`` under forces ``(2, n)``."""
-    return _rates(q, forces_of(q), t_s, state, forces)[0]
+    return _rates(q, q.once(forces_of), t_s, state, forces)[0]
 
 
 def _cuts(q: Lanes, t: float, step_s: float) -> int:
@@ -213,9 +213,14 @@ def _rates(q: Lanes, terms, t: float, s: Array, random: Array) -> tuple[Array, A
     now = Now(t, y, b, v, r, u, -tension * side, r - turn, s[LAG], s[SLOSH], turn, c / length)
     if q.has("law.along0") or q.has("law.along1"):
         ahead = ahead + law_ahead(q, now)
-    for term in terms:
-        one, two = term(q, now)
-        force, moment = force + one, moment + two
+    for term, own, here in terms:
+        if here is None:
+            one, two = term(q, now)
+            force, moment = force + one, moment + two
+        else:
+            one, two = term(own, now.part(here))
+            force[here] += one
+            moment[here] += two
     m, i = q["m"] + added, q["i"]
     cross, other = q["added_mass_coupling.y_rdot"], q["added_mass_coupling.n_vdot"]
     det = m * i - cross * other

@@ -42,3 +42,25 @@ class Now:
     slosh: Array
     post_turn: Array = field(default_factory=_none)
     across_1_m: Array = field(default_factory=_none)
+
+    def part(self, here: Array) -> Now:
+        """These lanes alone.
+
+        Parameters
+        ----------
+        here : their places ``(m,)``
+        """
+        return Now(
+            self.t_s,
+            self.y_m[here],
+            self.beta[here],
+            self.v[here],
+            self.r[here],
+            self.speed[here],
+            self.side_n[here],
+            self.turning[here],
+            self.lag[:, here],
+            self.slosh[here],
+            self.post_turn[here],
+            self.across_1_m[here],
+        )

@@ -12,27 +12,25 @@ from .now import Now
 
 WALLS = 4
 """Images of the hull behind each wall."""
+_MIRRORED = (2 * np.arange(WALLS) + 1)[:, None]
+"""At how many widths they stand."""
+_SECTIONS = np.array([[-0.3], [0.0], [0.3]])
+"""Of the hull, in Lpp ahead of midship."""
 NEAREST = 0.95
 """A gap is no smaller than 5 % of the half width."""
 
 
 def wall_images(q: Lanes, now: Now) -> tuple[Array, Array]:
     """Images of the hull's sections behind both walls attract it: three sections, inverse cube of the distance."""
-    width = q["tank_width"]
-    total, moment = np.zeros(q.n), np.zeros(q.n)
-    lead = q["bank_suction.lead"]
-    for share, weight in ((-0.3, 1 - lead), (0.0, 1.0), (0.3, 1 + lead)):
-        at = share * q["length_pp"]
-        y = now.y_m + at * np.sin(now.beta)
-        pull = np.zeros(q.n)
-        for k in range(WALLS):
-            # mirrored an odd number of times: the image's own place depends on y, the even ones' does not
-            near, far = (2 * k + 1) * width - 2 * y, (2 * k + 1) * width + 2 * y
-            pull += 1 / (near * near * near) - 1 / (far * far * far)
-        force = q["bank_suction.strength_m5"] * q["density"] * now.speed**2 * pull * weight / 3
-        total += force
-        moment += force * at
-    return total, moment
+    lead, width = q["bank_suction.lead"], _MIRRORED * q["tank_width"]
+    at = _SECTIONS * q["length_pp"]
+    twice = 2 * (now.y_m + at * np.sin(now.beta))[:, None]
+    # mirrored an odd number of times: the image's own place depends on y, the even ones' does not
+    near, far = width - twice, width + twice
+    pull = (1 / (near * near * near) - 1 / (far * far * far)).sum(axis=1)
+    weight = np.stack([1 - lead, np.ones(q.n), 1 + lead])
+    force = q["bank_suction.strength_m5"] * q["density"] * now.speed**2 * pull * weight / 3
+    return force.sum(axis=0), (force * at).sum(axis=0)
 
 
 def gap_power(q: Lanes, now: Now) -> tuple[Array, Array]:

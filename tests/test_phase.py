@@ -9,11 +9,12 @@ from types import ModuleType
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
+from slow_modes import chi_squares
 
 from towline.geometry import motion_from_tracks, run_datum
 from towline.geometry.origins import origins_of
 from towline.geometry.phase import PHASE_PX, phase_modes
-from towline.identify import fit_runs
+from towline.identify import RunData
 from towline.record import read_run, read_tracks
 from towline.vision.spots.fit import fit_spots
 from towline.vision.spots.model import ELLIPSE, start_of, windows
@@ -102,11 +103,9 @@ def test_the_motion_s_modes_are_what_such_a_shift_does_to_it(samples: Path) -> N
 @pytest.mark.parametrize("carried", [True, False])
 def test_the_fit_takes_it_out_and_says_how_well(campaigns: ModuleType, carried: bool) -> None:
     """Twenty campaigns of two tows, a mark each way off by what is drawn, or not at all: chi-square of six each, 120 +- 15.5."""
-    t_s = campaigns.times(16.0, 40.0)
-    still = [campaigns.still_run(x, t_s, "modal") for x in campaigns.POINTS_M[::3]]
     scale_px_m = 15.0  # a picture so small that the marks crawl over a few pixels
 
-    def modes_of(run):
+    def modes_of(run: RunData) -> RunData:
         marks = [(run.y_m + x * run.beta_rad) * scale_px_m for x in (1.3, -1.1)]
         bow, stern = (
             phase_modes(run.t_s, np.stack([np.stack([m, 0 * m], axis=1) for m in marks], axis=1))[
@@ -117,22 +116,7 @@ def test_the_fit_takes_it_out_and_says_how_well(campaigns: ModuleType, carried: 
         beta = (bow - stern) / 2.4
         return replace(run, lag=np.stack([bow - 1.3 * beta, beta], axis=2), lag_key="camera")
 
-    with_modes = without = 0.0
-    for seed in range(20):
-        rng = np.random.default_rng([68, seed])
-        drawn = rng.normal(size=2) * carried
-        moved = [
-            replace(r, y_m=r.y_m + drawn @ m.lag[:, :, 0], beta_rad=r.beta_rad + drawn @ m.lag[:, :, 1])
-            for r, m in ((r, modes_of(r)) for r in still)
-        ]
-        runs = [modes_of(run) for run in campaigns.campaign(moved, rng)]
-        fit = fit_runs(runs, "linear")
-        gap = fit.six - campaigns.SIX
-        with_modes += float(gap @ np.linalg.solve(fit.covariance, gap))
-        if carried:
-            naive = fit_runs([replace(r, lag=r.lag[:0]) for r in runs], "linear")
-            gap = naive.six - campaigns.SIX
-            without += float(gap @ np.linalg.solve(naive.covariance, gap))
+    with_modes, without, _ = chi_squares(campaigns, modes_of, 68, carried)
     # where nothing is off the modes' prior is wider than the truth, and the six are nearer than they say
     assert (120 - 4 * np.sqrt(240) if carried else 20) < with_modes < 120 + 4 * np.sqrt(240)
     assert not carried or without > 2 * with_modes

@@ -10,10 +10,11 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from slow_modes import chi_squares
 
 from towline.geometry import motion_from_tracks, run_datum
 from towline.geometry.pull import PULL_PX_RAD, pull_modes
-from towline.identify import RunData, fit_runs
+from towline.identify import RunData
 from towline.pipeline.analysis import compute_motions, identify_batch
 from towline.record import read_run, read_tracks
 from towline.simulate.model import DERIVATIVE_UNITS
@@ -79,27 +80,9 @@ def with_pulls(run: RunData) -> RunData:
 @pytest.mark.parametrize("pulled", [True, False])
 def test_the_fit_takes_pulls_out_and_says_how_well(campaigns: ModuleType, pulled: bool) -> None:
     """Twenty campaigns of two tows whose marks are pulled by what is drawn, or not at all: chi-square of six each, 120 +- 15.5."""
-    t_s = campaigns.times(16.0, 40.0)
-    still = [campaigns.still_run(x, t_s, "modal") for x in campaigns.POINTS_M[::3]]
-    with_modes = without = 0.0
-    for seed in range(20):
-        rng = np.random.default_rng([67, seed])
-        drawn = rng.normal(size=4) * pulled
-        truly = [with_pulls(run).lag for run in still]
-        moved = [
-            replace(r, y_m=r.y_m + drawn @ lag[:, :, 0], beta_rad=r.beta_rad + drawn @ lag[:, :, 1])
-            for r, lag in zip(still, truly, strict=True)
-        ]
-        runs = [with_pulls(run) for run in campaigns.campaign(moved, rng)]
-        fit = fit_runs(runs, "linear")
-        gap = fit.six - campaigns.SIX
-        with_modes += float(gap @ np.linalg.solve(fit.covariance, gap))
-        if pulled:
-            naive = fit_runs([replace(r, lag=r.lag[:0]) for r in runs], "linear")
-            gap = naive.six - campaigns.SIX
-            without += float(gap @ np.linalg.solve(naive.covariance, gap))
-        else:  # its own noise is not explained by a pull: of 640 frames it would be, by a few standard deviations
-            assert np.abs(fit.modes["camera"]).max() < 2.5
+    with_modes, without, largest = chi_squares(campaigns, with_pulls, 67, pulled)
+    # its own noise is not explained by a pull: of 640 frames it would be, by a few standard deviations
+    assert pulled or largest < 2.5
     # where nothing is pulled the modes' prior is wider than the truth, and the six are nearer than they say
     assert (120 - 4 * np.sqrt(240) if pulled else 20) < with_modes < 120 + 4 * np.sqrt(240)
     assert not pulled or without > 2 * with_modes

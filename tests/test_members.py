@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from scipy.stats import norm
 
 from towline.diagnose.effects import LIBRARY, Effect, Parameter
 from towline.diagnose.effects.members import any_of, with_some
-from towline.diagnose.inference.members import log_evidence, mixed, shares_of
+from towline.diagnose.inference.members import log_evidence, mixed, over_widest, shares_of
 
 TWO = Effect("two", "sway", (Parameter("a", "", 2.0), Parameter("b", "", 0.5)), "", "", members=with_some(["a"], ["b"]))
 
@@ -39,6 +40,36 @@ def test_the_evidence_of_a_family_is_the_integral_over_its_sizes_and_members(
 ) -> None:
     spread = np.array([0.02, 0.01])
     assert told(effect, np.array(mean), spread) == pytest.approx(by_integrals(effect, np.array(mean), spread), abs=1e-9)
+
+
+def test_narrower_priors_over_the_widest_are_the_evidence_s_own_differences() -> None:
+    """Well known, hardly known and correlated numbers, one on one side: by the data's information it is the same."""
+    rng = np.random.default_rng(8)
+    shares = np.array([[1.0, 1.0, 1.0], [0.3, 0.3, 0.3], [1.0, 0.0, 0.3], [0.0, 0.0, 0.0], [0.1, 1.0, 0.0]])
+    for _ in range(20):
+        root = rng.normal(size=(3, 3)) * [3.0, 0.5, 0.1]
+        data, pull = root @ root.T, root @ root.T @ rng.normal(size=3)
+        covariance = np.linalg.inv(np.eye(3) + data)
+        expected = log_evidence(data, pull, shares, [1])
+        beside = log_evidence(data, pull, shares[:1])  # the widest, whatever its side
+        found = over_widest(covariance @ pull, covariance, shares, [1])
+        np.testing.assert_allclose(found, expected - beside, rtol=1e-9, atol=1e-9)
+
+
+def test_a_number_known_to_a_millionth_of_its_prior_costs_what_it_costs() -> None:
+    """Exact fractions beside it: a winch's drag, known to 1e-6 of its prior, had been given 12,000 for what rounding left."""
+    half = Fraction(1, 2)
+    a, b, c = Fraction(1, 10**12), Fraction(9, 10**7), Fraction(1)  # covariance ((a, b), (b, c)), nearly singular
+    mean = (Fraction(3), Fraction(1, 5))
+    for share in (Fraction(0), Fraction(3, 10)):
+        rest = share**2 / (1 - share**2)
+        wide, other = a + rest, c + rest
+        determinant = wide * other - b * b
+        square = (other * mean[0] ** 2 - 2 * b * mean[0] * mean[1] + wide * mean[1] ** 2) / determinant
+        expected = -float(half * square) - 0.5 * np.log(float(determinant)) - np.log(float(1 - share**2))
+        known = np.array([[float(a), float(b)], [float(b), float(c)]])
+        found = over_widest(np.array([3.0, 0.2]), known, np.full((1, 2), float(share)))
+        assert found[0] == pytest.approx(expected, rel=1e-9)
 
 
 def test_two_effects_have_every_pair_of_members_and_sizes() -> None:

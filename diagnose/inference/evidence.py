@@ -18,7 +18,7 @@ from ...record.errors import EstimationError
 from ...simulate.model import Array
 from .grams import Columns, Grams, Reduced, reduced
 from .hypothesis import Hypothesis, Slopes
-from .members import log_evidence, mixed, shares_of
+from .members import mixed, over_widest, shares_of
 from .noise import SMALLEST, TIMES_S, Forces, Noise
 from .shooting import MOST_CLOSINGS
 from .simulator import Simulator
@@ -276,14 +276,10 @@ class Inference:
         sided = np.flatnonzero([p.one_sided for p in parameters])
         mean = np.concatenate(h.numbers) - [p.none for p in parameters]
         mean = mean + (solved.shared if solved.free is None else solved.free)[own]
-        # in units of the widest prior; what the data alone say is the posterior without it: a variance is above zero, at most one
+        # in units of the widest prior: a variance is above zero, at most one
         variance, vectors = np.linalg.eigh(solved.covariance[own, own] / np.outer(sd, sd))
-        variance = np.clip(variance, LEAST_VARIANCE, 1.0)
-        pull = (vectors / variance) @ vectors.T @ (mean / sd)
-        data = (vectors * (1 / variance - 1)) @ vectors.T
-        # by the same sums as the others: what cancels is large where a number is known well
-        whole = float(log_evidence(data, pull, np.ones((1, len(sd))))[0])
-        return mixed(log_evidence(data, pull, shares_of(h.effects), sided)) - whole
+        known = (vectors * np.clip(variance, LEAST_VARIANCE, 1.0)) @ vectors.T
+        return mixed(over_widest(mean / sd, known, shares_of(h.effects), sided))
 
     def left(self, linear: Linear, forces: Forces, shared: Array, own: Array, run: int) -> Array:
         """(N,) whitened residual of a run after a step of shared and own numbers."""

@@ -62,6 +62,43 @@ def log_evidence(data: Array, pull: Array, shares: Array, sided: Sequence[int] |
     return logs
 
 
+def over_widest(mean: Array, covariance: Array, shares: Array, sided: Sequence[int] | Array = ()) -> Array:
+    """(m,): the log evidence of priors of these shares over that of the widest, by the posterior beside the widest.
+
+    A prior that is narrower is the widest with a measurement of nothing beside it. Nothing is taken from a sum that was far
+    larger: a number may be known to any part of its prior.
+
+    Parameters
+    ----------
+    mean : (p,) of the posterior beside the widest prior, in units of the numbers' standard deviations
+    covariance : (p, p) of the same
+    shares : (m, p), 0 to 1
+    sided : numbers that are on one side only
+
+    Examples
+    --------
+    >>> one = over_widest(np.array([1.5]), np.array([[0.25]]), np.array([[1.0], [0.0]]))
+    >>> (one - [0.0, -0.5 * 1.5**2 / 0.25 - 0.5 * np.log(0.25)]).round(12).tolist()
+    [0.0, 0.0]
+    """
+    p = len(mean)
+    tight = shares < 1
+    rest = np.where(tight, 1 - shares**2, 1.0)
+    held = np.where(tight[:, :, None] & tight[:, None, :], covariance, 0.0)
+    held[:, range(p), range(p)] += np.where(tight, shares**2 / rest, 1.0)
+    away = np.where(tight, mean, 0.0)
+    weights = np.linalg.solve(held, away[:, :, None])[:, :, 0]
+    logs = -0.5 * ((away * weights).sum(axis=1) + np.linalg.slogdet(held)[1] + np.log(rest).sum(axis=1))
+    for k in sided:
+        across = np.where(tight, covariance[k], 0.0)
+        at = mean[k] - (across * weights).sum(axis=1)
+        taken = (across * np.linalg.solve(held, across[:, :, None])[:, :, 0]).sum(axis=1)
+        left = covariance[k, k] - taken
+        there = (shares[:, k] > 0) & (left > 0)
+        logs = logs + on_its_side(np.where(there, at / np.sqrt(np.where(there, left, 1.0)), 0.0))
+    return logs
+
+
 def mixed(logs: Array) -> float:
     """Log evidence of priors that are as likely, by theirs.
 
@@ -83,4 +120,4 @@ def on_its_side(z: Array) -> Array:
     return np.log(2) + log_ndtr(z)
 
 
-__all__ = ["log_evidence", "mixed", "on_its_side", "shares_of"]
+__all__ = ["log_evidence", "mixed", "on_its_side", "over_widest", "shares_of"]

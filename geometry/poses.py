@@ -121,7 +121,7 @@ def framed(
 
     Raises
     ------
-    InputError : the tracks hold no marker of run.toml, or it has one alone on the model
+    InputError : the tracks hold no marker of run.toml, or it has one alone on the model; times that do not rise
     """
     everyone = run.file.marker
     if (missing := missing_with_one(run)) is not None:
@@ -269,6 +269,11 @@ def _by_frame(
         )
     frames, first = np.unique(known["frame"].to_numpy(), return_index=True)
     times = known["t_s"].to_numpy()[first]
+    falls = np.flatnonzero(~(np.diff(times) > 0))
+    if len(falls):
+        k = int(falls[0]) + 1
+        detail = f"{times[k]:g} s after {times[k - 1]:g} s; times must rise strictly"
+        raise InputError(run.source_path, f"frame {frames[k]}, t_s", detail)
     pixel = np.full((len(frames), len(names), 2), np.nan)
     sigma = np.full_like(pixel, np.nan)
     row = np.searchsorted(frames, known["frame"].to_numpy())

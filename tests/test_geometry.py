@@ -373,6 +373,16 @@ def tracks_of(seen: Camera, run: Run, pose: np.ndarray, noise_px: float, rng: np
     return pd.concat(frames)
 
 
+def test_tracks_whose_times_fall_have_no_motion(tmp_path: Path) -> None:
+    seen = camera()
+    run = run_of(seen, picks(seen, TOP), tmp_path)
+    pose = np.column_stack([np.full(12, -2.4), np.linspace(-0.1, 0.1, 12), np.zeros(12)])
+    tracks = tracks_of(seen, run, pose, 0.0, np.random.default_rng(0))
+    for times, place in ((tracks["t_s"].max() - tracks["t_s"], 1), (tracks["t_s"].clip(upper=0.2), 6)):
+        with pytest.raises(InputError, match=f"frame {place}, t_s: .*times must rise strictly"):
+            motion_from_tracks(run, tracks.assign(t_s=times), run_datum(run, None))
+
+
 @pytest.mark.parametrize("post_y_m", [0.0, 0.12])
 def test_motion_of_a_known_pose_with_offset_tow_point(tmp_path: Path, post_y_m: float) -> None:
     """alpha from the reconstructed tow point: the pose is made from alpha by (2.10) with Y_T and a post off the axis."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..record.errors import InputError
 from ..record.run import RUN_FILE, Run
 from ..record.schema import Marker
-from ..record.tables import seen_rows
+from ..record.tables import first_fall, seen_rows
 from .camera import Array
 from .datum import DatumFit
 from .lag import lag_modes
@@ -269,9 +269,8 @@ def _by_frame(
         )
     frames, first = np.unique(known["frame"].to_numpy(), return_index=True)
     times = known["t_s"].to_numpy()[first]
-    falls = np.flatnonzero(~(np.diff(times) > 0))
-    if len(falls):
-        k = int(falls[0]) + 1
+    k = first_fall(times)
+    if k is not None:
         detail = f"{times[k]:g} s after {times[k - 1]:g} s; times must rise strictly"
         raise InputError(run.source_path, f"frame {frames[k]}, t_s", detail)
     pixel = np.full((len(frames), len(names), 2), np.nan)

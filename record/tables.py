@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -337,10 +337,20 @@ def _no_gap(path: str | Path, table: pd.DataFrame, names: tuple[str, ...]) -> No
         raise InputError(path, "", "holds no row")
 
 
+def first_fall(times: NDArray[Any]) -> int | None:
+    """Place of the first time that does not rise beyond the one before it; None: all do.
+
+    Parameters
+    ----------
+    times : (n,)
+    """
+    falls = np.flatnonzero(~(np.diff(times) > 0))
+    return int(falls[0]) + 1 if len(falls) else None
+
+
 def _rising(path: str | Path, times: pd.Series, whose: str) -> None:
-    falls = np.flatnonzero(np.diff(times.to_numpy()) <= 0)
-    if len(falls):
-        index = int(falls[0]) + 1
+    index = first_fall(times.to_numpy())
+    if index is not None:
         row = int(times.index[index])
         before, here = times.iloc[index - 1], times.iloc[index]
         word = "repeats" if here == before else "falls"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from ..errors import InputError
+from ..tables import first_fall
 from .convention import Array, Convention
 
 if TYPE_CHECKING:
@@ -125,9 +126,8 @@ def frames_of_times(path: Path, t_s: Array, rate_hz: float | None, lines: list[i
     rate_hz : frames per second, or None
     lines : line of each in the file, for errors
     """
-    falls = np.flatnonzero(np.diff(t_s) <= 0)
-    if len(falls):
-        row = int(falls[0]) + 1
+    row = first_fall(t_s)
+    if row is not None:
         raise InputError(path, f"line {lines[row]}, time", f"{t_s[row]:g} s after {t_s[row - 1]:g} s; times must rise")
     wild = np.flatnonzero(np.abs(t_s) * (rate_hz or 1.0) >= LARGEST)
     if len(wild):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..tables import numbers_of, read_table
+from ..tables import first_fall, numbers_of, read_table
 from .setup import ChannelTable, SetupFile
 
 Array = NDArray[Any]
@@ -122,9 +122,8 @@ def read_channels(path: str | Path, setup: SetupFile, setup_path: str | Path = "
             raise InputError(source, f"row {row + 1}, {table.time}", f"is empty beside a value of {column}")
         rows = np.flatnonzero(np.isfinite(t_s))
         t_s, value = t_s[rows], value[rows]
-        falls = np.flatnonzero(np.diff(t_s) <= 0)
-        if len(falls):
-            at = int(falls[0]) + 1
+        at = first_fall(t_s)
+        if at is not None:
             raise InputError(
                 source,
                 f"row {rows[at] + 1}, {table.time}",

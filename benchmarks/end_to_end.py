@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import tomlkit
-from end_to_end_cases import PRIORS, campaign, filmed
+from end_to_end_cases import PRIORS, SPEED_M_S, campaign, filmed
 
 from towline.blind.scores import interval
 from towline.pipeline.analysis import compute_motions, identify_batch
@@ -36,10 +36,6 @@ TRUE_SIGMA_PX, TRUE_SIGMA_M, TRUE_SIGMA_RAD = 0.02, 2e-5, 1e-5
 """Stated beside true pixels and motions, which have none: a fit needs weights."""
 CODECS = (("lossless", 0, 0), ("crf 17-19", 17, 19), ("crf 20-22", 20, 22), ("crf 23-25", 23, 25))
 COVERED = 1.96
-QUOTED_M_S = 1.28
-"""Speed at which the truth holds (``end_to_end_cases``): damping goes with the speed, and a fit left to itself quotes it at the
-stated one, which is off by what [priors] say.
-"""
 
 
 def analysed(folders: list[Path]) -> dict[str, Any]:
@@ -47,7 +43,8 @@ def analysed(folders: list[Path]) -> dict[str, Any]:
     began = time.perf_counter()
     batch = compute_motions(folders)
     tracked_s = time.perf_counter() - began
-    answer = identify_batch(batch, speed_m_s=QUOTED_M_S)
+    # damping goes with the speed: left to itself the fit quotes it at the stated one, which is off by what [priors] say
+    answer = identify_batch(batch, speed_m_s=SPEED_M_S)
     lost = [float((m.motion["status"] != "measured").mean()) if "status" in m.motion else 0.0 for m in batch.runs]
     return {
         "derivatives": {n: [d.value, d.std] for n, d in answer.result.derivatives.items()},

@@ -23,6 +23,8 @@ from towline.simulate.scenario import read_scenario, scenario_stability, simulat
 Rng = np.random.Generator
 SAMPLE = Path(__file__).resolve().parent.parent / "sample_videos" / "mariner" / "x1446" / "scenario.toml"
 """Its hull is the ITTC MARINER, thesis Table 8.2."""
+SPEED_M_S = 1.28
+"""Of every tow, at which the hulls' damping is drawn."""
 PRIORS = {
     "tension_sd_rel": 0.005,
     "tow_point_sd_m": 0.0005,
@@ -70,7 +72,7 @@ def campaign(seed: int, duration_s: float | None = None, rate_hz: float | None =
                 "name": f"e{seed:03d}-{k + 1}",
                 "seed": int(rng.integers(1 << 30)),
                 "time": time,
-                "hull": {"speed_m_s": 1.28, **hull},
+                "hull": {"speed_m_s": SPEED_M_S, **hull},
                 "tow": tow,
                 "start": {"y_cg_m": round(float(rng.choice([-1, 1]) * rng.uniform(0.12, 0.2)), 3)},
                 "model": {"length_pp_m": LENGTH_M, "mass_kg": MASS_KG},
@@ -110,7 +112,7 @@ def _tows(rng: Rng) -> list[dict[str, float]]:
     points = np.linspace(1.45, 1.78, TOW_POINTS) + rng.uniform(-0.02, 0.02, TOW_POINTS)
     return [
         {
-            "speed_m_s": 1.28,
+            "speed_m_s": SPEED_M_S,
             "line_length_m": line,
             "tow_point_m": round(float(x), 4),
             "tension_n": round(pull * float(1 + 0.01 * rng.normal()), 4),

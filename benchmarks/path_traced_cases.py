@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from surge_cases import MARINER
 
 from towline.simulate.characteristic import stability
 from towline.simulate.model import DERIVATIVE_UNITS, Hull, Tow
@@ -19,15 +20,6 @@ from towline.simulate.motion import Start, simulate_full
 Array = NDArray[Any]
 Rng = np.random.Generator
 
-MARINER = {
-    "m_minus_y_vdot": 149.19,
-    "i_minus_n_rdot": 62.11,
-    "y_v": -52.87,
-    "y_r_minus_mu": -66.33,
-    "n_v": -48.51,
-    "n_r": -57.60,
-}
-"""Thesis Table 8.2, ITTC."""
 MASS_KG, LENGTH_PP_M, HULL_LENGTH_M, SPEED_M_S, TANK_WIDTH_M = 78.0, 2.66, 2.80, 1.28, 4.6
 TOWS, DURATION_S = 4, 30.0
 RATES_HZ = (25.0, 12.5, 12.5)

@@ -10,13 +10,11 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from slow_modes import chi_squares
+from slow_modes import assert_told, chi_squares, exact_tow
 
-from towline.geometry import motion_from_tracks, run_datum
 from towline.geometry.pull import PULL_PX_RAD, pull_modes
 from towline.identify import RunData
 from towline.pipeline.analysis import compute_motions, identify_batch
-from towline.record import read_run, read_tracks
 from towline.simulate.model import DERIVATIVE_UNITS
 
 MARKS_M = (1.3, -1.1)
@@ -50,22 +48,11 @@ def test_without_a_line_only_the_heading_turns_anything() -> None:
 
 def test_the_motion_s_modes_are_what_such_a_pull_does_to_it(samples: Path) -> None:
     """Pixels moved by 0.4 px a radian of the true heading and line angle: y_CG, beta and alpha change as the modes say."""
-    run = read_run(samples / "mariner" / "x1446")
-    tracks = read_tracks(run.folder / "truth" / "tracks.csv")
-    tracks = tracks[tracks["frame"] < 200].reset_index(drop=True).assign(sigma_u_px=0.05, sigma_v_px=0.05)
-    fit = run_datum(run, (960, 720))
-    made = motion_from_tracks(run, tracks, fit)
-    names = [m.name for m in run.file.marker]
-    motion, t_s = made.motion[["y_cg_m", "beta_rad", "alpha_rad"]].to_numpy(), made.motion["t_s"].to_numpy()
-    modes = pull_modes(t_s, motion[:, 1], motion[:, 2], len(names))
-    assert len(modes) == 4 * len(names)
-    for mode, told in zip(modes, made.lag[: len(modes)], strict=True):
-        moved = tracks.copy()
-        for k, name in enumerate(names):
-            moved.loc[moved["marker"] == name, ["u_px", "v_px"]] += mode[:, k]
-        change = motion_from_tracks(run, moved, fit).motion[["y_cg_m", "beta_rad", "alpha_rad"]].to_numpy() - motion
-        # the projection's curvature over 0.1 px of 1000, and weights that turn with the rays
-        np.testing.assert_allclose(change, told, atol=5e-3 * np.abs(told).max() + 1e-12)
+    run, tracks, made = exact_tow(samples)
+    t_s, beta, alpha = made.motion[["t_s", "beta_rad", "alpha_rad"]].to_numpy().T
+    modes = pull_modes(t_s, beta, alpha, len(run.file.marker))
+    assert len(modes) == 4 * len(run.file.marker)
+    assert_told(run, tracks, made, modes, made.lag[: len(modes)])
 
 
 def with_pulls(run: RunData) -> RunData:

@@ -98,12 +98,13 @@ def shared_out(inference: Inference, ranking: Ranking) -> Ranking:
     """
     if ranking.p_unknown < WORTH:
         return ranking
+    orders = _looked_at(ranking.candidates)
+    sure = {alike[0]: _sure_of(inference, ranking, ranking.candidates[alike[0]]) for alike in orders[0][1]}
     inexact, left = np.zeros(len(ranking.candidates)), ranking.p_unknown
-    for likely, turns in _looked_at(ranking.candidates):
-        left = ranking.p_unknown
+    for likely, turns in orders:
+        left = ranking.p_unknown  # of every order the same is left in the end
         for alike in turns:
-            share = share_of(inference, ranking, ranking.candidates[alike[0]])
-            part = left * sureness(share, inference.simulator.half_sure, inference.simulator.sure_width)
+            part = left * sure[alike[0]]
             inexact[alike] += likely * part * softmax([ranking.candidates[k].weight for k in alike])
             left -= part
     order = np.argsort(-(ranking.probabilities + inexact), kind="stable")
@@ -114,6 +115,11 @@ def shared_out(inference: Inference, ranking: Ranking) -> Ranking:
         inexact=inexact[order],
         p_unknown=left,
     )
+
+
+def _sure_of(inference: Inference, ranking: Ranking, candidate: Candidate) -> float:
+    simulator = inference.simulator
+    return sureness(share_of(inference, ranking, candidate), simulator.half_sure, simulator.sure_width)
 
 
 def share_of(inference: Inference, ranking: Ranking, candidate: Candidate) -> float:

@@ -52,14 +52,7 @@ def shift_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Ef
         return found
     found += [_since(SHIFT, names, k) for k in range(1, len(runs))]
     if len(runs) > 1:
-        found += [_little_by_little(runs, "little by little in all runs", lambda share: share)]
-        found += [
-            _little_by_little(
-                runs, f"little by little, and no further from {share:.0%} of all runs on", partial(_until, share)
-            )
-            for share in UNTIL
-        ]
-        found += [_little_by_little(runs, "ever slower, as what grows warm", _ever_slower)]
+        found += _little_by_little(runs)
     steps = [(*_step(run, residuals[k]), k) for k, run in enumerate(runs)]
     clearest, time, where = max(steps)
     if clearest > STEP_Z:
@@ -96,14 +89,23 @@ def _slowly(names: Sequence[str], where: int, middle_s: float, over_s: float) ->
     return replace(SHIFT, variant=f"from {names[where]}, {middle_s:.1f} s on, over {over_s:g} s", when=when)
 
 
-def _little_by_little(runs: Sequence[TowRun], variant: str, course: Callable[[Array], Array]) -> Effect:
-    """One that goes on through all runs; ``course`` says how far it has come, by the share of all runs that has passed."""
-    lasts = {run.name: len(run.centre_s) * run.step_s for run in runs}
-    ends = np.cumsum(list(lasts.values()))
-    begins = dict(zip(lasts, ends - np.array(list(lasts.values())), strict=True))
-    return replace(
-        SHIFT, variant=variant, when=lambda name, t_s: course((begins[name] + t_s) / float(ends[-1])), form=CREEP_FORM
-    )
+def _little_by_little(runs: Sequence[TowRun]) -> list[Effect]:
+    """Through all runs: all along, until it stands, and ever slower."""
+    lasts = np.array([len(run.centre_s) * run.step_s for run in runs])
+    ends = np.cumsum(lasts)
+    begins = dict(zip((run.name for run in runs), ends - lasts, strict=True))
+
+    def effect(variant: str, course: Callable[[Array], Array]) -> Effect:
+        """``course`` says how far it has come, by the share of all runs that has passed."""
+        return replace(
+            SHIFT, variant=variant, when=lambda name, t_s: course((begins[name] + t_s) / ends[-1]), form=CREEP_FORM
+        )
+
+    return [
+        effect("little by little in all runs", partial(_until, 1.0)),
+        *(effect(f"little by little, and no further from {s:.0%} of all runs on", partial(_until, s)) for s in UNTIL),
+        effect("ever slower, as what grows warm", _ever_slower),
+    ]
 
 
 def _until(share: float, passed: Array) -> Array:

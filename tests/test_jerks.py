@@ -65,12 +65,21 @@ def test_the_jerk_gives_back_what_the_slack_line_did_not_pull() -> None:
     assert np.sum(pull - 1) * STEP_S == pytest.approx(0.0, abs=0.02 * abs(lost))
 
 
-def seen(push: Push, begin: float, length: float, hard: float, t_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Block means of the exact course, with noise."""
+def seen(
+    push: Push,
+    begin: float,
+    length: float,
+    hard: float,
+    t_s: np.ndarray,
+    rng: np.random.Generator,
+    width_s: float = BLOCK_S,
+    sd_m: float = SD_M,
+) -> np.ndarray:
+    """Means of the exact course, with noise."""
     fine = np.arange(0.0, 20.0, 0.002)
     ahead, _ = exact(push, length, hard, fine)
-    at = t_s[:, None] - begin + BLOCK_S * ((np.arange(50) + 0.5) / 50 - 0.5)
-    return np.interp(at, fine, ahead, left=0.0, right=0.0).mean(axis=1) + rng.normal(0, SD_M, len(t_s))
+    at = t_s[:, None] - begin + width_s * ((np.arange(50) + 0.5) / 50 - 0.5)
+    return np.interp(at, fine, ahead, left=0.0, right=0.0).mean(axis=1) + rng.normal(0, sd_m, len(t_s))
 
 
 @pytest.mark.parametrize(("waves", "length", "hard"), [(0, 2.0, 1.7), (1, 2.0, 1.6), (3, 6.0, 2.0)])
@@ -92,6 +101,49 @@ def test_an_event_is_found_in_the_radius_with_its_time_length_and_strength(
     slow = np.ones(50) / 50
     course, wanted = (np.convolve(x - 1, slow, "same") for x in (told, held))
     assert np.corrcoef(course, wanted)[0, 1] > 0.9
+
+
+def test_a_short_stop_shows_its_course_in_parts_of_a_block_that_whole_ones_hide() -> None:
+    """A stop that shows for half a second holds two means of a block: any wave fits them, and the jerk it ends with is not told."""
+    course = np.arange(0.0, 6.0, STEP_S)
+    _, wanted = exact(Push(1), 1.7, 1.8, course)
+
+    def jerk(width_s: float, sd_m: float, seed: int) -> tuple[float, float]:
+        rng, t_s = np.random.default_rng(seed), width_s * (np.arange(round(45 / width_s)) + 0.5)
+        shown = seen(Push(1), 14.0, 1.7, 1.8, t_s, rng, width_s, sd_m)
+        shown[:: round(4 / width_s)] = np.nan  # a frame without its marks here and there
+        (found,) = events([Radius(t_s, shown, sd_m, TOW)])
+        stop = next(e for e in found if e.push == Push(1))
+        t, _, pull = stop.course()
+        told = np.interp(course + 14.0, t, pull, left=1.0, right=1.0)
+        return found[0].gain - stop.gain, float(np.abs(np.cumsum(told - wanted)).max() * STEP_S)
+
+    block = [jerk(BLOCK_S, SD_M, seed) for seed in range(3)]
+    parts = [jerk(BLOCK_S / 4, 1.2 * SD_M, seed) for seed in range(3)]
+    assert max(behind for behind, _ in parts) < SLACK_Z
+    # what the line has not pulled so far, in resistances times seconds: the radius in parts tells it better
+    assert np.mean([off for _, off in parts]) < 0.7 * np.mean([off for _, off in block])
+
+
+def test_the_radius_in_parts_of_a_block(tow_runs: Callable[[int, int], list]) -> None:
+    """Means of the frames' radius, NaN where none was measured; a slow camera has no more parts than frames."""
+    (run,) = tow_runs(4, 1)
+    frame_s = 0.04 * np.arange(len(run.centre_s) * run.step_s / 0.04)
+    course = 1e-3 * np.sin(frame_s)
+    course[(frame_s > 10) & (frame_s < 11)] = np.nan
+    t_s, means, sd_m = replace(run, frame_s=frame_s, radius_m=course).radius_by_parts(4)
+    assert t_s[1] - t_s[0] == pytest.approx(run.step_s / 4)
+    seen_at = np.isfinite(means)
+    assert (~seen_at).sum() == pytest.approx(1 / (run.step_s / 4), abs=2)
+    assert ((t_s[~seen_at] > 9.9) & (t_s[~seen_at] < 11.1)).all()
+    # the frames of a part lie within half of it
+    np.testing.assert_allclose(means[seen_at], 1e-3 * np.sin(t_s[seen_at]), atol=1e-3 * run.step_s / 8)
+    assert sd_m == pytest.approx(2 * run.usual_sd(2))
+    slow_s = run.step_s * (np.arange(len(run.centre_s)) + 0.5)
+    t_s, means, sd_m = replace(run, frame_s=slow_s, radius_m=np.cos(slow_s)).radius_by_parts(4)
+    np.testing.assert_allclose(t_s, slow_s)
+    np.testing.assert_allclose(means, np.cos(slow_s))
+    assert sd_m == run.usual_sd(2)
 
 
 def test_noise_holds_no_event() -> None:

@@ -82,6 +82,7 @@ class TowRun:
     length_pp_m, density_kg_m3, half_width_m : of model, water and tank (NaN: not given)
     run : as stated
     cell_s, cell_spread_s2 : (n,), mean time and variance of the load cell's samples in each block, by its own clock
+    frame_s, radius_m : (f,), of every frame its time from start_s, and the taut-line radius (as in ``values``) that it shows
     """
 
     name: str
@@ -102,6 +103,8 @@ class TowRun:
     run: Run
     cell_s: Array
     cell_spread_s2: Array
+    frame_s: Array
+    radius_m: Array
 
     @property
     def celled(self) -> bool:
@@ -120,6 +123,28 @@ class TowRun:
         if good.sum() < least:
             return None
         return np.where(good, radius - np.nanmedian(radius), 0.0) / self.usual_sd(LINE)
+
+    def radius_by_parts(self, most: int) -> tuple[Array, Array, float]:
+        """The taut-line radius in parts of a block, as many as the frames allow: what is quick shows its course.
+
+        Parameters
+        ----------
+        most : parts of a block at most
+
+        Returns
+        -------
+        middles (p,), s from start_s, means (p,), m, NaN where nothing was measured, and their sd: as if a block's noise were white
+        """
+        good = np.isfinite(self.radius_m)
+        often = len(self.centre_s) * self.step_s / max(int(good.sum()), 1)
+        parts = int(np.clip(self.step_s / often + 1e-6, 1, most))
+        size, width = parts * len(self.centre_s), self.step_s / parts
+        part = np.floor(self.frame_s / width + 1e-9).astype(int)
+        inside = good & (part < size)
+        count = np.bincount(part[inside], minlength=size)
+        total = np.bincount(part[inside], self.radius_m[inside], minlength=size)
+        means = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        return width * (np.arange(size) + 0.5), means, self.usual_sd(LINE) * float(np.sqrt(parts))
 
     def usual_sd(self, channel: int) -> float:
         """Standard deviation of a block's mean in a channel, the median over the blocks."""
@@ -276,6 +301,8 @@ def _tow_run(recorded: Recorded, still: Sequence[StillNoise | None], step_s: flo
         run,
         centre,
         spread,
+        series.t_s - start,
+        series.values[:, LINE],
     )
 
 

@@ -6,6 +6,7 @@ the model was carried, and with that what the line pulled with, jerks included, 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -25,10 +26,10 @@ HARD = (1.1, 1.3, 1.6, 2.0, 2.6, 3.4)
 """How hard it may be carried, in the straight tow's resistance: the search's grid. Below 1 no line falls slack."""
 LENGTHS_S = tuple(np.geomspace(0.8, 9.0, 18))
 """How long: the search's grid."""
-QUIET_Z, STRETCHES = 4.0, (2, 4, 8, 16)
-"""Where no stretch of so many blocks falls short by more than so many standard deviations nothing is sought: choices, for time."""
-SHIFTS = 3
-"""Begins tried to a block."""
+QUIET_Z, STRETCHES = 4.0, (2, 4, 8, 16, 32, 64)
+"""Where no stretch of so many means falls short by more than so many standard deviations nothing is sought: choices, for time."""
+APART_S = 0.12
+"""Of the begins that are tried."""
 NUMBERS = ("begin_s", "length", "hard", "skew", "spring", "damping", "gain")
 """Of an event, all but the first as logarithms."""
 USUAL = np.log([1.0, 1.0, 1.0, 1.0, SPRING_RAD_S, DAMPING, 1.0])
@@ -127,8 +128,8 @@ class Radius:
 
     Attributes
     ----------
-    t_s : (n,) mean times of the blocks, evenly spaced
-    ahead_m : (n,) by how much the line's radius falls short
+    t_s : (n,) middles of the means, evenly spaced
+    ahead_m : (n,) by how much the line's radius falls short; NaN where it was not measured
     sd_m : noise of those
     tow : that events befall
     """
@@ -140,13 +141,18 @@ class Radius:
 
     @property
     def step_s(self) -> float:
-        """Of the blocks."""
+        """Between the means."""
         return float(np.median(np.diff(self.t_s)))
+
+    @property
+    def seen_m(self) -> Array:
+        """(n,) the same with 0 where it was not measured."""
+        return np.nan_to_num(self.ahead_m)
 
     @property
     def quiet(self) -> bool:
         """Nothing is sought here."""
-        sums = np.concatenate([[0.0], np.cumsum(self.ahead_m / self.sd_m)])
+        sums = np.concatenate([[0.0], np.cumsum(self.seen_m / self.sd_m)])
         shown = [(sums[n:] - sums[:-n]).max() / np.sqrt(n) for n in STRETCHES if n < len(sums)]
         return max(shown, default=0.0) < QUIET_Z
 
@@ -229,7 +235,7 @@ def events(radii: Sequence[Radius]) -> list[list[Event]]:
 
 def _begun(radius: Radius) -> list[tuple[Push, Array]]:
     """Of every kind of push the best of the grid's numbers."""
-    t_s, ahead_m, sd_m, step = radius.t_s, radius.ahead_m, radius.sd_m, radius.step_s
+    t_s, ahead_m, sd_m, step = radius.t_s, radius.seen_m, radius.sd_m, radius.step_s
     starts = [
         (p, np.log([1.0, n, h, 1.0, SPRING_RAD_S, DAMPING, 1.0])) for p in PUSHES for n in LENGTHS_S for h in HARD
     ]
@@ -237,9 +243,10 @@ def _begun(radius: Radius) -> list[tuple[Push, Array]]:
     far, _ = surged(pushes, numbers, radius.tow)
     whole = np.concatenate([np.zeros_like(far[:1]), np.cumsum(far, axis=0)])
     best: dict[Push, tuple[float, Array]] = {}
-    for shift in range(SHIFTS):
-        # an event that begins shortly before a block's begin
-        early = step * shift / SHIFTS
+    shifts = math.ceil(step / APART_S)
+    for shift in range(shifts):
+        # an event that begins shortly before a mean's begin
+        early = step * shift / shifts
         means = _block_means(whole, early, step) / sd_m
         padded = np.pad(ahead_m / sd_m, (0, len(means)))
         for k, push in enumerate(pushes):
@@ -284,7 +291,8 @@ def _missed(radii: Sequence[Radius], pushes: Sequence[Sequence[Push]], numbers: 
             (np.interp(late - b, fine, w) - np.interp(early - b, fine, w)) / step
             for b, w in zip(flat[:, 0], whole.T, strict=True)
         ]
-        gaps = np.column_stack([(radius.ahead_m - np.array(rows)) / radius.sd_m, -(flat - USUAL) / SPREAD])
+        apart = np.nan_to_num(radius.ahead_m - np.array(rows))
+        gaps = np.column_stack([apart / radius.sd_m, -(flat - USUAL) / SPREAD])
         found.append(gaps.reshape(*own.shape[:2], -1))
     return found
 
@@ -308,7 +316,7 @@ def _fitted(radii: Sequence[Radius], starts: Sequence[Sequence[tuple[Push, Array
             here[k] = np.where(better[:, None], trial[k], here[k])
             left[k] = np.where(better[:, None], rest, left[k])
             damp[k] = np.where(better, damp[k] / 5, damp[k] * 8)
-    before = [float(((r.ahead_m / r.sd_m) ** 2).sum()) for r in radii]
+    before = [float(((r.seen_m / r.sd_m) ** 2).sum()) for r in radii]
     return [
         [
             Event(push, x, radius.tow, 0.5 * (total - float((rest**2).sum())))

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.stats import median_abs_deviation
 
 from ...geometry.checks.bundle import half_sine
 from ...simulate.model import RESISTANCE_EXPONENT, Array
@@ -30,6 +31,8 @@ SURGING = 1.05
 """Usual mass in surge over the model's."""
 NOTHING = (np.zeros_like,) * 3
 """Course of a line that stays taut."""
+PARTS = 4
+"""Of a block, for the course of a jerk: about 0.1 s."""
 LEAST_BLOCKS = 10
 """Means that a run must have for it: a choice."""
 SLACK_LENGTHS_S = (1.0, 2.0, 3.0, 4.5, 7.0)
@@ -78,10 +81,8 @@ def jerk_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Eff
     """
     radii: dict[int, Radius] = {}
     for index, (run, residual) in enumerate(zip(runs, residuals, strict=True)):
-        rest = run.off_middle(residual[:, LINE], LEAST_BLOCKS)
-        sd_m = run.usual_sd(LINE)
-        if rest is not None:
-            radii[index] = Radius(run.centre_s, -sd_m * rest, sd_m, _straight(run))
+        if (radius := _radius(run, residual[:, LINE])) is not None:
+            radii[index] = radius
     likely = zip(radii, events(list(radii.values())), strict=True)
     shown: dict[int, list[Event]] = {index: own for index, own in likely if own}
     sure = {index: max(found[0].gain, 0.0) for index, found in shown.items()}
@@ -105,6 +106,19 @@ def jerk_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Eff
             ahead, pull, loose = (by_run(functions) for functions in zip(*courses, strict=True))
             found.append(jerked(ahead, pull, loose, f"{push.words}, {said}", FOUND_COST * count))
     return found
+
+
+def _radius(run: TowRun, left: Array) -> Radius | None:
+    """What a run's frames show of events beside what the taut line of the fit explains of its blocks; None of too few blocks."""
+    good = np.isfinite(left)
+    if good.sum() < LEAST_BLOCKS:
+        return None
+    t_s, means, sd_m = run.radius_by_parts(PARTS)
+    explained = np.interp(t_s, run.centre_s[good], (run.values[:, LINE] - left)[good])
+    short = explained + np.median(left[good]) - means
+    # most of a block's error is slow: its parts scatter less than if it were white, and a run is taut for most of its time
+    scatter = float(median_abs_deviation(short, nan_policy="omit", scale="normal"))
+    return Radius(t_s, short, min(sd_m, scatter), _straight(run))
 
 
 def _straight(run: TowRun) -> Straight:

@@ -27,6 +27,9 @@ AS_WELL = 1.25
 """What is left over about its middle is at most this many times what the wider mark leaves there, or what its fellow leaves about
 its own: of 8 frames with 9 degrees of freedom each (13 pixels less ground, height and place) the ratio has a standard deviation of
 0.24."""
+EXCUSED = 2.0
+"""What the fellow leaves counts up to this many times what the wider mark leaves: a fellow that stands on a dark bar leaves so much
+that it would excuse anything. A choice: marks on the corners of their plates need 1.1 at most."""
 Seen = tuple[Refiner, Stack, Refined]
 """A mark's first stretch: what was learnt of it, its windows, what was found."""
 
@@ -56,7 +59,10 @@ def like_their_fellows(seen: Mapping[int, Seen]) -> dict[int, tuple[Refiner, Ref
         middle, reach = again.fit.centre_px, _middle_px(known)
         one, other = (_left_over(r, stack, found, middle, reach) for r, found in ((trial, again), (refiner, before)))
         both = sure & np.isfinite(one) & np.isfinite(other)
-        if both.any() and np.median(one[both]) <= AS_WELL * max(np.median(other[both]), usual):
+        if not both.any():
+            continue
+        wider = float(np.median(other[both]))
+        if np.median(one[both]) <= AS_WELL * max(wider, min(usual, EXCUSED * wider)):
             answer[index] = trial, again
     return answer
 

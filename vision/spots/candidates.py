@@ -50,6 +50,10 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.centre_px)
 
+    def brightest(self, dark: bool) -> float:
+        """Largest contrast of the bright ones, or of the dark; 1 where there is none."""
+        return float(self.contrast_dn[self.dark == dark].max(initial=1.0))
+
     def rows(self, index) -> Candidates:
         """Some of them."""
         return Candidates(*(getattr(self, f.name)[index] for f in fields(self)))

@@ -124,6 +124,7 @@ class SpotFollower:
         self.taken: list[Array | None] = []
         self.taken_cost = np.inf
         self.on_probation, self.proven = True, 0
+        self.unproven: list[Found] = []
         self.first_sight = False
         self.looks: list[tuple[float, float] | None] = [None] * len(markers)
         self.began_s: float | None = None
@@ -305,7 +306,7 @@ class SpotFollower:
             return
         self.search.learn_lamps(candidates, chosen.chosen)
         self.on_probation = self.first_sight = True
-        self.proven = 0
+        self.proven, self.unproven = 0, []
         self.looks = looks
         self.tries = [frame]
         self.taken = [candidates.centre_px[spot] if spot >= 0 else None for spot in chosen.chosen]
@@ -490,6 +491,7 @@ class SpotFollower:
             self.proven += len(found.frames)
             self.on_probation = self.on_probation and self.proven < PROBATION_FRAMES
             self._learn(found)
+            self.unproven = [*self.unproven, found] if self.on_probation else []
         self._write(found)
         stretch.clear()
 
@@ -565,10 +567,16 @@ class SpotFollower:
         return again
 
     def _dismiss(self, found: Found) -> None:
-        """What was acquired did not hold: those frames were not the marks, and the search begins anew."""
+        """What was acquired did not hold: those frames, and what was written of it before, were not the marks; the search begins
+        anew.
+        """
         self.search.dismissed(found, [m is not None for m in self.marks])
-        why = np.array([f"not confirmed ({r})" if r else "not confirmed" for r in found.reason.ravel()], dtype=object)
-        found.reason = np.where(found.reason == DAMAGED, found.reason, why.reshape(found.reason.shape))
+        for one in (*self.unproven, found):
+            why = np.array([f"not confirmed ({r})" if r else "not confirmed" for r in one.reason.ravel()], dtype=object)
+            self.losses += int((one.reason == "").sum()) if one is not found else 0
+            one.reason = np.where(one.reason == DAMAGED, one.reason, why.reshape(one.reason.shape))
+            one.place[:], one.sigma[:] = np.nan, np.nan
+        self.unproven = []
         self._forget()
 
     def _forget(self) -> None:

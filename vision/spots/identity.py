@@ -50,6 +50,8 @@ MOST_PAIRS, PAIRS_AT_ONCE = 4000, 200
 """Pairs of spots that are tried as a pair of markers, the best first, until none can be better than what was found: for time."""
 NEAR_PX = 4.0
 """Two spots so near to each other may be one; the same for a spot and where it was."""
+SAME_PLACE_PX = 1.0
+"""Spots of two searches no farther apart are one."""
 TINTS = {"blue": (1, 0, 0), "green": (0, 1, 0), "red": (0, 0, 1), "yellow": (0, 1, 1), "white": (1, 1, 1)}
 """(blue, green, red) of the colours that run.toml names."""
 TINT_SD_RAD = 0.25
@@ -100,6 +102,7 @@ def assign(
     near_sd_px: Sequence[float] | None = None,
     looks: Sequence[tuple[float, float] | None] | None = None,
     refused: Sequence[Sequence[Array | None]] = (),
+    sure: Candidates | None = None,
 ) -> Assignment:
     """Try every pair of spots as every pair of markers; the rigid body they fix must explain all the others.
 
@@ -113,6 +116,7 @@ def assign(
     near_sd_px : how far from there it may be, standard deviation (default ``SEEN_SD_PX``)
     looks : per marker the contrast and the width of the spot that it was a frame before, or None
     refused : sets of places (one a marker, or None) that were tried before and are not the marks
+    sure : those of the spots that would be found anywhere; of the pair of markers farthest apart one is among them. None: all
     """
     body = np.array([m.body_m for m in markers])
     pairs = sorted(
@@ -127,8 +131,10 @@ def assign(
     # one alone has no distances: its contrast is all that tells it
     most = CONTRAST_MOST if len(markers) > 1 else np.inf
     share = 1 / max(len(markers) - 1, 1)
+    brightest = (candidates if sure is None else sure).brightest
     own = np.stack([
-        _own_cost(candidates, m, near, sd, share, most) for m, near, sd in zip(markers, expected, loose, strict=True)
+        _own_cost(candidates, m, near, sd, share, most, brightest(m.colour == "dark"))
+        for m, near, sd in zip(markers, expected, loose, strict=True)
     ])  # fmt: skip
     own += PLATE_COST * holds_a_mark(candidates)
     for row, look in enumerate(looks or ()):
@@ -140,11 +146,16 @@ def assign(
     if len(markers) == 1:
         return _alone(candidates, own[0])
     seen = _Seen(candidates, markers, body, place, px_m, own, _unlike(candidates))
+    weak = np.zeros(len(candidates), dtype=bool)
+    if sure is not None:
+        apart = np.linalg.norm(candidates.centre_px[:, None] - sure.centre_px[None], axis=2)
+        weak = (apart > SAME_PLACE_PX).all(axis=1)
     best = (np.inf, (-1,) * len(markers))
     second = (np.inf, (-1,) * len(markers))
     nearest: tuple[float, float] | None = None
     for first, other in pairs[:3]:
         cost, heading = _pair_costs(place, own, body, first, other, run)
+        cost = np.where(weak[:, None] & weak[None], np.inf, cost)
         if markers[first].colour == markers[other].colour:
             cost = cost + seen.alike
         stated = float(np.hypot(*(body[first] - body[other])))
@@ -177,6 +188,11 @@ def assign(
     return Assignment(best[1], best[0], ambiguous, turned, nearest, float(second[0] - best[0]))
 
 
+def line_sd_m(length_m: float) -> float:
+    """How far a taut line may be seen off its length, standard deviation."""
+    return LINE_SD_M + LINE_SD_SHARE * length_m
+
+
 def _alone(candidates: Candidates, own: Array) -> Assignment:
     """One mark alone: the spot that costs least by itself, ambiguous where another elsewhere costs nearly as much."""
     best = int(np.argmin(own))
@@ -198,20 +214,26 @@ def holds_a_mark(candidates: Candidates) -> Array:
 
 
 def _own_cost(
-    candidates: Candidates, marker: Marker, near_px: Array | None, near_sd_px: float, share: float, most: float
+    candidates: Candidates,
+    marker: Marker,
+    near_px: Array | None,
+    near_sd_px: float,
+    share: float,
+    most: float,
+    brightest: float,
 ) -> Array:
-    """Cost of each spot by itself: dimmer than the brightest of its kind (at most ``most``, of which ``share`` counts), stretched,
-    of another colour, far from where it is expected; infinite for a bright spot where a dark mark is meant.
+    """Cost of each spot by itself: dimmer than the ``brightest`` of its kind (at most ``most``, of which ``share`` counts),
+    stretched, of another colour, far from where it is expected; infinite for a bright spot where a dark mark is meant.
     """
     kind = candidates.dark == (marker.colour == "dark")
-    brightest = candidates.contrast_dn[kind].max() if kind.any() else 1.0
     cost = STRETCH_WEIGHT * np.maximum(candidates.stretch - 1.3, 0.0) ** 2
     if marker.colour in TINTS:
         cost += _tint_cost(candidates.tint, np.array(TINTS[marker.colour], dtype=float))
     if near_px is not None:
         cost += ((candidates.centre_px - near_px) ** 2).sum(axis=1) / near_sd_px**2
     else:
-        cost += share * np.minimum(CONTRAST_WEIGHT * np.log(brightest / candidates.contrast_dn) ** 2, most)
+        dimmer = np.maximum(np.log(brightest / candidates.contrast_dn), 0.0)
+        cost += share * np.minimum(CONTRAST_WEIGHT * dimmer**2, most)
     return np.where(kind, cost, np.inf)
 
 
@@ -252,7 +274,7 @@ def _pair_costs(place: Array, own: Array, body: Array, first: int, other: int, r
         x = place[first][:, None, 0] + cosine * dx - sine * dy - tow.post_m[0]
         y = place[first][:, None, 1] + sine * dx + cosine * dy - tow.post_m[1]
         length = tow.line_length_m
-        cost = cost + np.where(x < 0, ((np.hypot(x, y) - length) / (LINE_SD_M + LINE_SD_SHARE * length)) ** 2, np.inf)
+        cost = cost + np.where(x < 0, ((np.hypot(x, y) - length) / line_sd_m(length)) ** 2, np.inf)
     np.fill_diagonal(cost, np.inf)
     return np.where(np.isfinite(cost), cost, np.inf), heading
 

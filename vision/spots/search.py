@@ -15,6 +15,7 @@ from .candidates import Array, Candidates, find_candidates, with_tint
 from .identity import SEEN_SD_PX, TINTS, Assignment, assign
 from .scales import find_spots, free_of_rims
 from .stretch import Found
+from .taut import MOST_WEAK, REACH_PX, leading_of, taut_places
 
 STATIC_PX = 1.0
 """A spot within this of where it was seen before stands still."""
@@ -64,7 +65,19 @@ class Search:
             rest = find_spots(frame.luma, dark, np.array(known) if known else None, reach)
             parts.append(narrow.and_also(rest.apart_from(narrow)))
         refused = [places for index, places in self.refused if index == frame.index]
-        return self._assigned(self._coloured(frame, parts), near, near_sd_px, looks, refused)
+        found = self._assigned(self._coloured(frame, parts), near, near_sd_px, looks, refused)
+        if known or (found[0].accepted and not found[0].ambiguous) or len(self.markers) == 1:
+            return found
+        # one of the marks may be weak, or on uneven ground: where the taut line leads from the others less is asked of a spot
+        size = frame.luma.shape[1], frame.luma.shape[0]
+        leading = leading_of(found[1])
+        places = taut_places(leading, self.markers, self.mapping, self.run, size)
+        if not len(places):
+            return found
+        for dark, part in zip(self._shades(), list(parts), strict=True):
+            weak = find_spots(frame.luma, dark, places, REACH_PX, MOST_WEAK)
+            parts.append(weak.apart_from(part))
+        return self._assigned(self._coloured(frame, parts), near, near_sd_px, looks, refused, leading)
 
     def about(
         self,
@@ -127,10 +140,14 @@ class Search:
         near_sd_px: list[float] | None,
         looks: list[tuple[float, float] | None] | None = None,
         refused: list[list[Array | None]] | None = None,
+        sure: Candidates | None = None,
     ) -> tuple[Assignment, Candidates]:
         candidates = self._without_lamps(found)
-        self.most = max(self.most, len(candidates))
-        self.last = assign(candidates, self.markers, self.mapping, self.run, near, near_sd_px, looks, refused or ())
+        if sure is None:
+            self.most = max(self.most, len(candidates))
+        self.last = assign(
+            candidates, self.markers, self.mapping, self.run, near, near_sd_px, looks, refused or (), sure
+        )
         return self.last, candidates
 
     def _shades(self) -> list[bool]:

@@ -69,6 +69,30 @@ as their fixtures are shared, so that the last minute of several workers (``--di
 """
 
 
+CORES = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
+"""Which this process may use; of what goes on before ``pytest_configure``."""
+
+
+def pytest_configure() -> None:
+    """Where there is a worker for every core, each keeps to its own: no diagnosis copies itself for a core that has work already,
+    which costs a sixth more (a copy's findings are lost with it). Whether it does changes no answer (test_side_by_side.py).
+    """
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "")
+    if CORES and worker and int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")) >= len(CORES):
+        os.sched_setaffinity(0, {CORES[int(worker.removeprefix("gw")) % len(CORES)]})
+
+
+@pytest.fixture
+def two_cores() -> Iterator[None]:
+    """All cores for the test; skips it where there is one, or where the system copies no process."""
+    if sys.platform != "linux" or len(CORES) < 2:
+        pytest.skip("the system copies no process, or has one core")
+    own = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, CORES)
+    yield
+    os.sched_setaffinity(0, own)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The dearest files first, all others in their order."""
     place = {f"test_{name}.py": k for k, name in enumerate(DEAREST)}

@@ -357,20 +357,20 @@ def tow_runs(cases: ModuleType) -> Callable[[int, int], list]:
 
 
 @pytest.fixture(scope="session")
-def write_runs() -> Callable[[list, Path], list[Path]]:
-    """(runs of a simulated campaign, folder) -> their run folders, with tracks and static records."""
+def write_runs() -> Callable[..., list[Path]]:
+    """(runs of a simulated campaign, folder, until when, s) -> their run folders, with tracks and static records."""
     import tomlkit
 
     from towline.record.tables import write_table
 
-    def written(runs: list, folder: Path) -> list[Path]:
+    def written(runs: list, folder: Path, until_s: float = np.inf) -> list[Path]:
         paths = []
         for run, tracks, static in runs:
             path = folder / run.name
             path.mkdir(parents=True)
             content = run.file.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
             (path / "run.toml").write_text(tomlkit.dumps(content))
-            write_table(path / "tracks.csv", tracks)
+            write_table(path / "tracks.csv", tracks[tracks["t_s"] < until_s])
             write_table(path / "static.csv", static)
             paths.append(path)
         return paths

@@ -9,7 +9,7 @@ import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, chdir
 from html.parser import HTMLParser
 from pathlib import Path
 from types import ModuleType
@@ -139,6 +139,37 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callab
         return folder
 
     return made
+
+
+TRACKED = (
+    "mariner/x1446",
+    "mariner/x1548",
+    "mariner/x1649",
+    "mariner/x1751",
+    "leander_steady/hole6",
+    "leander_steady/hole3",
+)
+"""Samples that tests share as they are tracked and fitted."""
+
+
+@pytest.fixture(scope="session")
+def worked(made_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
+    """A folder with sample_videos, six of the eight, tracked and fitted."""
+    from towline.cli import main
+
+    def make(folder: Path) -> None:
+        for name in TRACKED:
+            shutil.copytree(
+                ROOT / "sample_videos" / name, folder / "sample_videos" / name, ignore=shutil.ignore_patterns("out")
+            )
+        with chdir(folder):
+            mariner, leander = (
+                [f"sample_videos/{n}" for n in TRACKED if n.startswith(kind)] for kind in ("mar", "lea")
+            )
+            assert main(["identify", "--no-page", *mariner]) == 0
+            assert main(["steady", *leander]) == 0
+
+    return made_once("docs", make)
 
 
 def _cases(root: Path, name: str) -> ModuleType:

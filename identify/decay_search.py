@@ -78,17 +78,21 @@ def best_model(t: Array, p: Array, values: Array, weight: Whitener, reduced: boo
     reduced : one exponential less
     """
     basis, slopes = basis_of(t, p, reduced)
-    white = weight(np.repeat(basis[:, None, :], 2, axis=1))
-    target = weight(values)
-    residual, jacobian, amplitudes = [], [], []
+    white = weight.along(np.ascontiguousarray(np.broadcast_to(basis.T, (2, *basis.T.shape))))
+    target = weight.along(np.ascontiguousarray(values.T))
+    bases, residual, amplitudes = [], [], []
     for channel in range(2):
-        q, r = np.linalg.qr(white[:, channel])
-        projected = q.T @ target[:, channel]
-        amplitude = np.linalg.lstsq(r, projected, rcond=1e-13)[0]
-        residual.append(target[:, channel] - q @ projected)
-        moved = weight(np.repeat((slopes @ amplitude).T[:, None, :], 2, axis=1))[:, channel]
-        jacobian.append(-(moved - q @ (q.T @ moved)))
-        amplitudes.append(amplitude)
+        q, r = np.linalg.qr(white[channel].T)
+        projected = q.T @ target[channel]
+        amplitudes.append(np.linalg.lstsq(r, projected, rcond=1e-13)[0])
+        residual.append(target[channel] - q @ projected)
+        bases.append(q)
+    moves = [slopes @ amplitude for amplitude in amplitudes]
+    if weight.mixes:
+        moved = [weight.along(np.array([move, move]))[channel] for channel, move in enumerate(moves)]
+    else:
+        moved = weight.along(np.array(moves))
+    jacobian = [-(move.T - q @ (q.T @ move.T)) for q, move in zip(bases, moved, strict=True)]
     found = np.array(amplitudes)
     return basis @ found.T, found, np.concatenate(residual), np.concatenate(jacobian)
 

@@ -57,7 +57,7 @@ class Whitener:
         scaled = np.empty_like(flat)
         np.multiply(flat[0], root[:, 0, 0] / self.scale[0], out=scaled[0])
         np.multiply(flat[1], root[:, 1, 1] / self.scale[1], out=scaled[1])
-        if root[:, 1, 0].any():
+        if self.mixes:
             scaled[1] += flat[0] * (root[:, 1, 0] / self.scale[1])
         for channel, coefficients in enumerate(self.regression):
             if not len(coefficients):
@@ -73,6 +73,11 @@ class Whitener:
                 some = slice(begin, begin + min(count, len(first)))
                 filtered[:, some] = here[:, some] @ first[: some.stop - begin, : some.stop - begin].T
         return scaled.reshape(values.shape)
+
+    @cached_property
+    def mixes(self) -> bool:
+        """Whether the first channel is part of the second one's whitened."""
+        return bool(self.matrices[:, 1, 0].any())
 
     @cached_property
     def _stretches(self) -> list[tuple[int, int]]:

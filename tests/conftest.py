@@ -9,7 +9,7 @@ import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, chdir
 from html.parser import HTMLParser
 from pathlib import Path
 from types import ModuleType
@@ -30,7 +30,6 @@ DEAREST = (
     "surge_fit",
     "commands",
     "identify",
-    "front",
     "acquire",
     "diagnose",
     "campaign",
@@ -47,6 +46,7 @@ DEAREST = (
     "datum_find",
     "blind_forms",
     "diagnose_motion",
+    "front",
     "free_command",
     "hall",
     "identify_noise",
@@ -67,6 +67,30 @@ DEAREST = (
 """Of the files that were timed (November 2026), those whose tests take longest: 15 to 150 s of CPU each. They begin, whole files
 as their fixtures are shared, so that the last minute of several workers (``--dist worksteal``) is shared out in small pieces.
 """
+
+
+CORES = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
+"""Which this process may use; of what goes on before ``pytest_configure``."""
+
+
+def pytest_configure() -> None:
+    """Where there is a worker for every core, each keeps to its own: no diagnosis copies itself for a core that has work already,
+    which costs a sixth more (a copy's findings are lost with it). Whether it does changes no answer (test_side_by_side.py).
+    """
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "")
+    if CORES and worker and int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")) >= len(CORES):
+        os.sched_setaffinity(0, {CORES[int(worker.removeprefix("gw")) % len(CORES)]})
+
+
+@pytest.fixture
+def two_cores() -> Iterator[None]:
+    """All cores for the test; skips it where there is one, or where the system copies no process."""
+    if sys.platform != "linux" or len(CORES) < 2:
+        pytest.skip("the system copies no process, or has one core")
+    own = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, CORES)
+    yield
+    os.sched_setaffinity(0, own)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -115,6 +139,37 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callab
         return folder
 
     return made
+
+
+TRACKED = (
+    "mariner/x1446",
+    "mariner/x1548",
+    "mariner/x1649",
+    "mariner/x1751",
+    "leander_steady/hole6",
+    "leander_steady/hole3",
+)
+"""Samples that tests share as they are tracked and fitted."""
+
+
+@pytest.fixture(scope="session")
+def worked(made_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
+    """A folder with sample_videos, six of the eight, tracked and fitted."""
+    from towline.cli import main
+
+    def make(folder: Path) -> None:
+        for name in TRACKED:
+            shutil.copytree(
+                ROOT / "sample_videos" / name, folder / "sample_videos" / name, ignore=shutil.ignore_patterns("out")
+            )
+        with chdir(folder):
+            mariner, leander = (
+                [f"sample_videos/{n}" for n in TRACKED if n.startswith(kind)] for kind in ("mar", "lea")
+            )
+            assert main(["identify", "--no-page", *mariner]) == 0
+            assert main(["steady", *leander]) == 0
+
+    return made_once("docs", make)
 
 
 def _cases(root: Path, name: str) -> ModuleType:
@@ -333,20 +388,20 @@ def tow_runs(cases: ModuleType) -> Callable[[int, int], list]:
 
 
 @pytest.fixture(scope="session")
-def write_runs() -> Callable[[list, Path], list[Path]]:
-    """(runs of a simulated campaign, folder) -> their run folders, with tracks and static records."""
+def write_runs() -> Callable[..., list[Path]]:
+    """(runs of a simulated campaign, folder, until when, s) -> their run folders, with tracks and static records."""
     import tomlkit
 
     from towline.record.tables import write_table
 
-    def written(runs: list, folder: Path) -> list[Path]:
+    def written(runs: list, folder: Path, until_s: float = np.inf) -> list[Path]:
         paths = []
         for run, tracks, static in runs:
             path = folder / run.name
             path.mkdir(parents=True)
             content = run.file.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
             (path / "run.toml").write_text(tomlkit.dumps(content))
-            write_table(path / "tracks.csv", tracks)
+            write_table(path / "tracks.csv", tracks[tracks["t_s"] < until_s])
             write_table(path / "static.csv", static)
             paths.append(path)
         return paths

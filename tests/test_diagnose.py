@@ -32,6 +32,8 @@ from towline.simulate.motion import Start, simulate_full
 
 FEWER = {"none": 4, "crossflow_drag": 4, "deck_height": 3, "unknown kick": 3}
 """So many of the six runs tell it."""
+UNTIL_S = 26.0
+"""And so much of each, of 45 s: by then the swings have died away."""
 
 
 @pytest.mark.parametrize("planted", ["none", "crossflow_drag", "deck_height", "unknown kick"])
@@ -39,8 +41,9 @@ def test_what_was_planted_is_what_is_said(
     write_runs: Callable[[list, Path], list[Path]], cases: ModuleType, planted: str, tmp_path: Path
 ) -> None:
     """Clear to the eye in the residual; two seeds in no way chosen. Rates over many campaigns belong to the blind check."""
-    folders = write_runs(cases.campaign(planted, np.random.default_rng([11, 5])).runs, tmp_path)
-    folders = folders[: FEWER.get(planted)]
+    folders = write_runs(
+        cases.campaign(planted, np.random.default_rng([11, 5])).runs[: FEWER[planted]], tmp_path, UNTIL_S
+    )
     found = diagnose_folders(folders)
     file = found.diagnosis.file
     total = file.p_no_gap + file.p_unknown + sum(float(p) for p in found.diagnosis.ranking.named)
@@ -242,7 +245,7 @@ def test_the_command_its_page_and_the_fixed_simulator(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Three runs, a current across the tank; one more kept aside; the saved model simulates with the effect."""
-    folders = write_runs(cases.campaign("cross_current", np.random.default_rng(4)).runs[:4], tmp_path / "runs")
+    folders = write_runs(cases.campaign("cross_current", np.random.default_rng(4)).runs[:4], tmp_path / "runs", UNTIL_S)
     (tmp_path / "mine.py").write_text(MINE)
     model = tmp_path / "model.toml"
     given = ["--hold-out", str(folders[3]), "--effects", str(tmp_path / "mine.py"), "--write-model", str(model)]

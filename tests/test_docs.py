@@ -19,7 +19,6 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -54,14 +53,6 @@ SCHEMAS = {
     "priors.toml": Priors,
     "scenario.toml": ScenarioFile,
 }
-SAMPLES = (
-    "mariner/x1446",
-    "mariner/x1548",
-    "mariner/x1649",
-    "mariner/x1751",
-    "leander_steady/hole6",
-    "leander_steady/hole3",
-)
 MOST_NOT_RUN = 8
 NUMBER_REL = 0.02  # another machine's linear algebra moves what is printed by less
 SMALL = 0.05  # near nought: residuals and scores, to their last printed digit or two
@@ -223,25 +214,6 @@ def test_a_table_of_no_schema_would_be_seen() -> None:
 
 
 # running them --------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="session")
-def worked(made_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
-    """A folder with sample recordings, six of the eight, tracked and fitted."""
-
-    def make(folder: Path) -> None:
-        for name in SAMPLES:
-            shutil.copytree(
-                ROOT / "sample_videos" / name, folder / "sample_videos" / name, ignore=shutil.ignore_patterns("out")
-            )
-        with contextlib.chdir(folder):
-            mariner, leander = (
-                [f"sample_videos/{n}" for n in SAMPLES if n.startswith(kind)] for kind in ("mar", "lea")
-            )
-            assert main(["identify", "--no-page", *mariner]) == 0
-            assert main(["steady", *leander]) == 0
-
-    return made_once("docs", make)
 
 
 RUNNABLE = [

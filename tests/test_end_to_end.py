@@ -11,9 +11,9 @@ import pytest
 
 from towline.simulate.model import DERIVATIVE_UNITS
 
-SEED, DURATION_S, RATE_HZ = 21, 8.0, 12.5
+SEED, DURATION_S, RATE_HZ = 21, 8.0, 10.0
 """The first small picture without compression; runs so short that most of each is a swing. Of 5 s nothing tells N_v from what may
-pull the marks aside as the model turns, and it is left out. A swing takes seconds, and half the usual frames follow it."""
+pull the marks aside as the model turns, and it is left out. A swing takes seconds, and a third of the usual frames follow it."""
 FAR = 4.2
 """Standard deviations: six derivatives beyond it once in 6000 campaigns."""
 EXACT = 2e-3

@@ -79,7 +79,7 @@ def test_the_pendulum_misses_its_sine(root: Path, shared: Path) -> None:
     if not data.is_file():
         pytest.skip("the measured swings of the pendulum are not there")
     module = example(root, "pendulum_gap")
-    found = module.diagnose(module.swings(data)[::2], False).file
+    found = module.diagnose(module.swings(data)[::3], False).file
     assert found.verdict == "effect"
     assert "finite_amplitude" in found.ranking[0].effects
     share = found.ranking[0].parameters["finite_amplitude.share"]

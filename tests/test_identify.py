@@ -450,15 +450,16 @@ def test_steady_intervals_are_true_over_many_seeds() -> None:
 
 
 def test_the_steady_part_of_a_decaying_tow_is_found_and_its_mean_is_true(tmp_path: Path) -> None:
-    """100 decaying oscillations with white noise: z-scores of both means with std 1 within 4 standard errors and 15 %.
+    """50 decaying oscillations with white noise: z-scores of both means with std 1 within 2.5 standard errors and 15 %.
 
-    The 15 %: the window is chosen by the very variance that is then stated.
+    The 15 %: the window is chosen by the very variance that is then stated. Standard deviations 1.6 times too small would be missed
+    in one set of seeds of ninety (100 oscillations and 4 standard errors missed them in one of two hundred).
     """
     rng = np.random.default_rng(13)
     run = Run(tmp_path, check_tables(RUN, RunFile, tmp_path / "run.toml"))
     t = np.arange(0, 60, 0.04)
     scores, begins = [], []
-    for _ in range(100):
+    for _ in range(50):
         decay = np.exp(-t / 6) * np.cos(1.1 * t + rng.uniform(0, 6))
         motion = pd.DataFrame(
             {
@@ -474,7 +475,7 @@ def test_the_steady_part_of_a_decaying_tow_is_found_and_its_mean_is_true(tmp_pat
         begins.append(found.span_s[0])
         scores.append((np.array([found.alpha_rad, found.beta_rad]) - [0.5, 0.06]) / np.sqrt(np.diag(found.covariance)))
     z = np.array(scores)
-    assert (np.abs(z.std(axis=0) - 1) < 4 / np.sqrt(200) + 0.15).all()
+    assert (np.abs(z.std(axis=0) - 1) < 2.5 / np.sqrt(100) + 0.15).all()
     assert 18 < np.median(begins) < 48  # the swing has fallen to the noise after about six time constants
     drifting = motion.assign(alpha_rad=motion["alpha_rad"] + 0.01 * t)
     with pytest.raises(UnsettledError, match=r"not steady: drifts by 5\.\d and .* over its last 10\.1 s"):

@@ -167,7 +167,7 @@ def test_a_slack_line_is_named_in_a_reality_of_its_own(tmp_path: Path) -> None:
     """blind/truth shares no code with the diagnosis: three degrees of freedom, a spring of its own stiffness, a train of waves."""
     case = case_of("case-x", "effect", ["slack_line"], [12, 1], False)
     event = {"slack_line.begin_s@1": 12.0, "slack_line.length_s@1": 6.0, "slack_line.crest@1": 2.0}
-    case = replace(case, numbers=event, runs=case.runs[:2], extra={}, history=False)
+    case = replace(case, numbers=event, runs=case.runs[:2], extra={}, history=False, duration_s=24.0)
     found = diagnose_folders(write_case(tmp_path, case)).diagnosis.file
     assert found.verdict in ("effect", "form_not_exact")
     assert "slack_line" in found.ranking[0].effects

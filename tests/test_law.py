@@ -264,7 +264,7 @@ def bump(made_once: Callable[[str, Callable[[Path], None]], Path]) -> tuple[Path
 
     def make(folder: Path) -> None:
         case = planted({"law.kind0": 10.0, "law.side0": 0.02, "law.a0": 0.04, "law.phase0": 0.05}, 12, 1500.0)
-        write_cases(folder, [replace(case, runs=case.runs[:4])])
+        write_cases(folder, [replace(case, runs=case.runs[:4], duration_s=30.0)])
         runs = sorted((folder / CASES / "law").glob("run-*"))
         assert main(["diagnose", *map(str, runs), "--law", "-o", str(folder / "out")]) == 0
 
@@ -361,8 +361,8 @@ def test_derivatives_are_fitted_beside_a_law_and_say_so(bump: tuple[Path, Path],
 
 def test_no_law_is_looked_for_in_noise(tmp_path: Path) -> None:
     case = gentle(case_of("none", "null", [], [5], coloured=True))
-    write_cases(tmp_path, [case])
-    runs = sorted((tmp_path / CASES / "none").glob("run-*"))[:2]
+    write_cases(tmp_path, [replace(case, runs=case.runs[:2], duration_s=26.0)])
+    runs = sorted((tmp_path / CASES / "none").glob("run-*"))
     assert main(["diagnose", *map(str, runs), "--law", "--no-page", "-o", str(tmp_path / "out")]) == 0
     file = read_result(tmp_path / "out" / "law.json", LawFile)
     assert (file.verdict, file.laws) == ("no_gap", [])

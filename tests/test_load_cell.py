@@ -137,7 +137,7 @@ def test_delays_are_found_where_record_and_motion_disagree(since: float | None) 
 def test_a_clock_that_jumps_is_named_in_a_reality_of_its_own(tmp_path: Path) -> None:
     case = case_of("case-x", "effect", ["sync_delay"], [4, 1], False)
     numbers = {"sync_delay.delay_s": 0.05, "sync_delay.jump_s": 0.3, "sync_delay.change_s": 15.0}
-    case = replace(case, numbers=numbers, runs=case.runs[:3], extra={})
+    case = replace(case, numbers=numbers, runs=case.runs[:3], extra={}, duration_s=30.0)
     found = diagnose_folders(write_case(tmp_path, case)).diagnosis.file
     assert found.verdict == "effect"
     assert found.ranking[0].effects == ["sync_delay"]

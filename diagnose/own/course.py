@@ -208,6 +208,12 @@ class Steps:
         u : (halves, m, k) inputs, as of ``held``, at least to the next sample
         pushed : (s, k), added to the rates until there
         """
+        # stated, as a type checker takes long to find what a loop does to each
+        x: Array
+        k1: Array
+        k2: Array
+        k3: Array
+        k4: Array
         h, x, memory = self._h, self.x, self._memory
         for _ in range(self._inner):
             t, (before, middle, after) = 0.5 * h * self._at, u[self._at : self._at + 3]

@@ -162,22 +162,24 @@ def _run(record: Record, force: Array, six: Array, own: Array, speed: float) -> 
         model = open_loop(Hull(*columns[:, index], speed_m_s=speed), tow)
         blocks[index, :4, :4], blocks[index, :4, 4] = model.a, model.b[:, 0]
         blocks[index, 4, 5] = 1.0 / step
-    powers = expm(blocks * step)
-    transition = powers[:, :4, :4]
+    powers: Array = expm(blocks * step)
+    transition: Array = powers[:, :4, :4]
     # from each of: the four unit states (v, y, beta', beta), a force at a step's start, its rise over the step
-    begin = np.concatenate([np.broadcast_to(np.eye(4), (7, 4, 4)), powers[:, :4, 4:]], axis=2)
-    path = begin[:, :, None, :]  # (7, state, time, begin)
+    begin: Array = np.concatenate([np.broadcast_to(np.eye(4), (7, 4, 4)), powers[:, :4, 4:]], axis=2)
+    path: Array = begin[:, :, None, :]  # (7, state, time, begin)
     while path.shape[2] < n:
         path = np.concatenate([path, np.einsum("kij,kjtb->kitb", transition, path)], axis=2)
         transition = transition @ transition
     path = path[:, [1, 3], :n]
-    parts = np.concatenate([path[:1].real, path[1:].imag / COMPLEX_STEP])  # the answer, then its six slopes
+    parts: Array = np.concatenate(
+        [np.real(path[:1]), np.imag(path[1:]) / COMPLEX_STEP]
+    )  # the answer, then its six slopes
     rise = np.diff(force, append=force[-1])
-    forced = np.zeros((7, 2, n))
+    forced: Array = np.zeros((7, 2, n))
     for at, signal in ((4, force), (5, rise)):
         forced[:, :, 1:] += fftconvolve(parts[:, :, :, at], signal[None, None], axes=2)[:, :, : n - 1]
     y, beta, v, r, bias = own
-    free = parts[:, :, :, :4] @ np.array([v, y, r, beta])
+    free: Array = parts[:, :, :, :4] @ np.array([v, y, r, beta])
     response = (free + forced)[0].T + np.array([0.0, bias])
     own_slope = np.stack([*(parts[0, :, :, b].T for b in (1, 3, 0, 2)), np.tile([0.0, 1.0], (n, 1))], axis=2)
     return response, np.concatenate([(free + forced)[1:].transpose(2, 1, 0), own_slope], axis=2)

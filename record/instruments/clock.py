@@ -151,29 +151,39 @@ def _fine(t_a: Array, a: Array, t_b: Array, b: Array, offset: float, detail_s: f
     middle = float(0.5 * (max(t_a[0], t_b[0] - offset) + min(t_a[-1], t_b[-1] - offset)))
     # room for the steps that the offset takes
     low, high = min(t_a[0] + offset, t_b[0]) - 2 * detail_s, max(t_a[-1] + offset, t_b[-1]) + 2 * detail_s
-    knots = low + detail_s * np.arange(-3, int(np.ceil((high - low) / detail_s)) + 4)
-    size = len(knots) - 4
-    rows_b = BSpline.design_matrix(t_b, knots, 3).toarray()
+    knots: Array = low + detail_s * np.arange(-3, int(np.ceil((high - low) / detail_s)) + 4)
+    size: int = len(knots) - 4
+    rows_b: Array = BSpline.design_matrix(t_b, knots, 3).toarray()
     normal_b, right_b = rows_b.T @ rows_b, rows_b.T @ b
     sd_a = sd_b = float(np.std(np.concatenate([a, b]))) or 1.0
     floor = 1e-12 * sd_b
-    spent = np.sqrt((len(a) + len(b)) / max(len(a) + len(b) - size - 3, 1))
+    spent: float = np.sqrt((len(a) + len(b)) / max(len(a) + len(b) - size - 3, 1))
     drift, lever = 0.0, t_a - middle
+    # stated, as a type checker takes long to find what a loop does to each
+    rows: Array
+    left_a: Array
+    left_b: Array
+    covariance: Array
+    linear: Array
+    right: Array
+    slope: Array
+    moved: Array
+    step: Array
     for _ in range(ITERATIONS):
-        mapped = np.clip(t_a + offset + drift * lever, knots[3], knots[-4])
+        mapped: Array = np.clip(t_a + offset + drift * lever, knots[3], knots[-4])
         rows = np.column_stack([BSpline.design_matrix(mapped, knots, 3).toarray(), np.ones(len(a))])
         linear = rows.T @ rows / sd_a**2
         right = rows.T @ a / sd_a**2
         linear[:size, :size] += normal_b / sd_b**2
         right[:size] += right_b / sd_b**2
         inverse = _inverse(linear)
-        coefficients = inverse @ right
+        coefficients: Array = inverse @ right
         slope = BSpline(knots, coefficients[:size], 3).derivative()(mapped)
         moved = np.stack([slope, slope * lever], axis=1) / sd_a
         left_a, left_b = a - rows @ coefficients, b - rows_b @ coefficients[:size]
         # the curve is at its best for this offset, so that its own gradient is 0
-        across = moved.T @ rows / sd_a
-        information = moved.T @ moved + np.diag([0.0, drift_sd**-2]) - across @ inverse @ across.T
+        across: Array = moved.T @ rows / sd_a
+        information: Array = moved.T @ moved + np.diag([0.0, drift_sd**-2]) - across @ inverse @ across.T
         covariance = _inverse(information)
         step = covariance @ (moved.T @ left_a / sd_a - np.array([0.0, drift / drift_sd**2]))
         offset, drift = offset + float(np.clip(step[0], -detail_s, detail_s)), drift + float(step[1])

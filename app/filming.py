@@ -167,6 +167,9 @@ class _Nobody:
         """Of one of two cameras."""
         return self
 
+    def joint(self, told: Any) -> None:
+        """What two cameras say together."""
+
     def ready(self, lines: Any) -> None:
         """What is to be said before the tow."""
 

@@ -144,6 +144,19 @@ def test_a_model_that_stands_still_tells_no_clock(pairs: ModuleType) -> None:
         joined(still)
 
 
+def test_noise_of_a_model_at_rest_is_no_motion_however_long_it_is_filmed() -> None:
+    """What is known beforehand stands: by what the noise of rates feigned, a minute told the clock to 0.01 s, wherever that was."""
+    rng = np.random.default_rng(2)
+
+    def rest(t_s: np.ndarray) -> np.ndarray:
+        return np.column_stack([-2 + 0 * t_s, 0.1 + 0 * t_s, 0.02 + 0 * t_s])
+
+    one_s, two_s = np.arange(1800) / 30, np.arange(1500) / 25
+    clock = match_views(drawn_view(one_s, rng, rest, one_s), drawn_view(two_s, rng, rest, two_s), Known(0.3, 0.2)).clock
+    assert clock.offset_s == pytest.approx(0.3, abs=0.02)
+    assert clock.offset_sd_s == pytest.approx(0.2, rel=0.05)
+
+
 def test_a_motion_that_repeats_itself_needs_a_stated_offset() -> None:
     rng = np.random.default_rng(1)
 
@@ -456,6 +469,18 @@ def test_two_sources_are_filmed_into_one_run(filmed: Any, tmp_path: Path, capsys
         assert len(seen) > 0
         assert seen.min() > truth_y_m.min() - 0.02
         assert seen.max() < truth_y_m.max() + 0.02
+    together = [json.loads(line) for line in (run.out / "live.jsonl").read_text().splitlines()]
+    rows = [r for r in together if "joint" in r and r["y_cg_m"] is not None]
+    assert {r["camera"] for r in rows} >= {"port", "port+starboard"}
+    y_m, own_m, common_m = np.array([r["y_cg_m"] for r in rows]).T
+    off = (y_m - filmed.truth(np.array([r["t_s"] for r in rows]))[:, 1]) / np.hypot(own_m, common_m)
+    assert np.abs(off).max() < 5.0
+    clocks = [r for r in together if "cameras" in r]
+    assert not clocks[0]["told"] or len(clocks) == 1
+    assert clocks[-1]["told"]
+    assert abs(clocks[-1]["offset_s"][0] - filmed.offset_s) < 4 * clocks[-1]["offset_s"][1]
+    assert "port+starboard: y" in said
+    assert "starboard's clock shows 0 when port's shows" in said
     assert json.loads((day / "day.json").read_text())["tows"] == [run.name]
     offset = json.loads((run.out / CAMERAS).read_text())["offset_s"]
     assert abs(offset["value"] - filmed.offset_s) < 4 * offset["std"]

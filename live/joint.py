@@ -24,12 +24,14 @@ from ..geometry.cameras.match import TOLD_S, Known, Match, unmatched
 from ..geometry.cameras.motion import AFLOAT, JointMotion, camera_names, joint_motion
 from ..geometry.cameras.view import POINTS, View, shared_modes, view_of
 from ..geometry.cameras.words import joint_sentences
+from ..geometry.lag import lag_modes
 from ..geometry.motion import motion_table
 from ..geometry.phase import phase_modes
 from ..geometry.poses import Framed, Poses, poses_of
 from ..record.errors import InputError, TowlineError
 from ..record.run import Run, cameras_of
 from ..vision.flash import flashes
+from ..vision.glance import LEAST_WIDEN
 
 ARRIVAL_SD_S = 0.2
 """How well the second camera's clock is known from when the pictures of both came (standard deviation): encoders, networks and
@@ -72,6 +74,8 @@ class _Camera:
         self._frames: list[int] = []
         self._marks: list[NDArray[np.float64]] = []
         self._light: list[float] = []
+        self._lag_px = self._lag_now_px = np.zeros(len(self._names))
+        self._put_away = 0
 
     def add(self, records: Iterable[dict[str, Any]]) -> None:
         """Take new lines of its log."""
@@ -84,7 +88,12 @@ class _Camera:
             self._frames.append(record["frame"])
             self.t_s.append(record["t_s"])
             self.arrived_s.append(record["arrived_s"])
-            self._marks.append(np.array(seen, dtype=float))
+            lag_px = record.get("lag_px", {})
+            self._lag_now_px = np.array([lag_px.get(name, 0.0) for name in self._names])
+            of_marks = np.array(seen, dtype=float)
+            # what a codec holds back is in the log's sigma; here it is apart, as in tables
+            of_marks[:, 2:] = np.sqrt(of_marks[:, 2:] ** 2 - self._lag_now_px[:, None] ** 2)
+            self._marks.append(of_marks)
             light = record.get("light")
             self._light.append(np.nan if light is None else light)
         if self.t_s and np.isnan(self.began_s):
@@ -92,16 +101,25 @@ class _Camera:
         old = bisect_right(self.t_s, self.t_s[-1] - LONGEST_S - MARGIN_S) if self.t_s else 0
         for kept in (self._frames, self.t_s, self.arrived_s, self._marks, self._light):
             del kept[:old]
+        self._put_away += old
+
+    @property
+    def sure(self) -> slice:
+        """Frames whose marks' sigma holds what their paths show, and the codec: not the first ones."""
+        return slice(max(LEAST_WIDEN - self._put_away, 0), None)
 
     def poses(self, some: slice = slice(None)) -> Poses:
         """Of some of the frames; InputError where no two marks are seen in any of them."""
-        marks, t_s = np.array(self._marks[some]), np.array(self.t_s[some])
-        pixel = marks[..., :2]
-        none = np.zeros((0, *pixel.shape))
-        framed = Framed(
-            np.array(self._frames[some]), t_s, pixel, marks[..., 2:], none, phase_modes(t_s, pixel), notes=()
-        )
+        marks, t_s, frames = np.array(self._marks[some]), np.array(self.t_s[some]), np.array(self._frames[some])
+        pixel, sigma = marks[..., :2], marks[..., 2:]
+        repeated = np.zeros(pixel.shape[:2], dtype=bool)
+        lags = lag_modes(frames, t_s, pixel, self._lag_px, repeated)
+        framed = Framed(frames, t_s, pixel, sigma, lags, phase_modes(t_s, pixel), notes=())
         return poses_of(self.view, framed, self.mapping, pulled=True)
+
+    def take_lags(self) -> None:
+        """From now on a codec's lags are as large as was said of them last; they stay so until this is called again."""
+        self._lag_px = self._lag_now_px
 
     def view_from(self, begin_s: float, least: int, size: int, like: View | None) -> View:
         """What it sees of the model from a time of its own clock on, at least so many frames, in so many numbers a pose.
@@ -175,7 +193,7 @@ class Joint:
     def match(self) -> dict[str, Any] | None:
         """Match all that was seen so far, where enough of it is new: what is to be said of the two; None: nothing new."""
         one, two = self._first, self._second
-        if not one.t_s or not two.t_s:
+        if any(not camera.t_s[camera.sure] for camera in (one, two)):
             return None
         filmed_s = min(camera.t_s[-1] - camera.began_s for camera in (one, two))
         if filmed_s < GROWS * self._tried_s:
@@ -183,8 +201,10 @@ class Joint:
         self._tried_s = filmed_s
         t_s = round(one.t_s[-1], 6)
         about = self._by_their_arrival()
+        for camera in (one, two):
+            camera.take_lags()
         try:
-            poses, mappings = (one.poses(), two.poses()), (one.mapping, two.mapping)
+            poses, mappings = (one.poses(one.sure), two.poses(two.sure)), (one.mapping, two.mapping)
             found = joint_motion(self._run, poses, mappings, (one.lit(), two.lit()), about)
         except TowlineError as error:
             self._match = None

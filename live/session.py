@@ -225,18 +225,26 @@ def live_tow(
                 for feed in feeds:
                     feed.hearing.stop()
             came.clear()
-            heard = [feed.heard() for feed in feeds if not feed.ended]
-            if not any(piece for _, piece, _ in heard):
+            some = False
+            for feed in feeds:
+                if feed.ended:
+                    continue
+                piece, times = feed.heard()
+                some = some or piece is not None
+                if meeting.run is None:
+                    continue
+                if not feed.begun:
+                    place = feeds.index(feed)
+                    view, fit = meeting.views[place]
+                    feed.begin(view, fit, telling if len(feeds) == 1 else telling.camera(view.camera), wanted)
+                feed.take(piece, times)
+                feed.catch_up()
+            if not some:
                 came.wait(TICK_S)
             if meeting.run is None:
                 continue
-            if not feeds[0].begun:
-                for feed, (view, fit) in zip(feeds, meeting.views, strict=True):
-                    feed.begin(view, fit, telling if len(feeds) == 1 else telling.camera(view.camera), wanted)
-                pair = _Pair(meeting, sources, telling) if len(feeds) > 1 else None
-            for feed, piece, times in heard:
-                feed.take(piece, times)
-                feed.catch_up()
+            if pair is None and len(feeds) > 1:
+                pair = _Pair(meeting, sources, telling)
             if pair is not None:
                 pair.tell()
             if track and not asides and all(feed.said for feed in feeds):
@@ -299,19 +307,19 @@ class _Feed:
         self._tow: _Tow | None = None
         self.ended, self.asked, self._error, self._last_s = False, False, "", 0.0
 
-    def heard(self) -> tuple[_Feed, Piece | None, Times | None]:
+    def heard(self) -> tuple[Piece | None, Times | None]:
         """The next piece; None: nothing has come."""
         try:
             piece, times = self.hearing.pieces.get_nowait()
         except queue.Empty:
-            return self, None, None
+            return None, None
         if isinstance(piece, Ended):
             self.ended, self._error = True, piece.error
         if isinstance(piece, Opened):
             if self._tow is not None:
                 self._tow.decoding.again(piece)
             self._opened = piece
-        return self, piece, times
+        return piece, times
 
     @property
     def begun(self) -> bool:
@@ -344,7 +352,7 @@ class _Feed:
         """Of a source that fell behind all is taken that waits: one at a time, after each frame of the other that is looked at, it
         would never get there."""
         while self._tow is not None and self._tow.behind and not self.ended and self.hearing.pieces.qsize():
-            _, piece, times = self.heard()
+            piece, times = self.heard()
             self.take(piece, times)
 
     def steady(self, told: dict[str, Any]) -> None:
@@ -508,6 +516,7 @@ def frame_record(seen: Seen, latency_s: float) -> dict[str, Any]:
         **{name: _numbers(getattr(seen, name)) for name in ("y_cg_m", "beta_rad", "alpha_rad", "slack_m")},
         "camera_turn_rad": None if seen.turn is None else _plain(seen.turn.angle_rad, 7),
         "light": _plain(seen.light, 7),
+        "lag_px": {m.marker: round(m.lag_px, 4) for m in seen.marks if m.lag_px},
     }
 
 

@@ -67,8 +67,8 @@ class Document:
             raise InputError(path, "", TOO_DEEP) from None
         except ValueError as error:  # TOMLDecodeError, and what a whole number of thousands of digits gives
             raise InputError(path, "", f"is not valid TOML: {' '.join(str(error).split())[:300]}") from None
-        if isinstance(document._content.get("camera"), list):
-            raise InputError(path, "camera", "the page takes a run of one camera; this one has two [[camera]]")
+        if document.cameras:
+            document.run()  # what is missing there is not filled in here
         with suppress(InputError):  # told when it is saved
             sweep(linked(path, document.outside))
         return document
@@ -102,6 +102,12 @@ class Document:
     def dirty(self) -> bool:
         """Something is not saved."""
         return self._text != self._saved
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the ``[[camera]]`` of a run that two cameras film; () for one camera."""
+        tables = self._content.get("camera")
+        return tuple(str(table.get("name")) for table in tables) if isinstance(tables, list) else ()
 
     @property
     def outside(self) -> bool:

@@ -25,14 +25,14 @@ class Order:
     Attributes
     ----------
     setup : run folder of the set-up
-    source : as typed
+    sources : as typed; one for each of the set-up's cameras
     day : folder of the day's tows
     plan : plan.toml; None: no wish
     what : a tow; the model held still; or nothing, and the day's tows are fitted together anew
     """
 
     setup: Path
-    source: str
+    sources: tuple[str, ...]
     day: Path
     plan: Path | None = None
     what: Literal["tow", "static", "fit"] = "tow"
@@ -167,6 +167,9 @@ class _Nobody:
         """Of one of two cameras."""
         return self
 
+    def joint(self, told: Any) -> None:
+        """What two cameras say together."""
+
     def ready(self, lines: Any) -> None:
         """What is to be said before the tow."""
 
@@ -238,13 +241,17 @@ class _Films:
 
         telling = _Nobody()
         if day is None:
-            folder, counts = film_static(setup, order.source, order.day, telling, stopped, Wanted(pictures=True), told)
+            folder, counts = film_static(
+                setup, order.sources[0], order.day, telling, stopped, Wanted(pictures=True), told
+            )
             say(phase="done", words=f"{folder.name}: {counts.words}; the tows that come know it")
             return
         wanted = replace(day.wanted, pictures=True)
-        folder, (counts,) = film_tow(setup, [order.source], order.day, telling, stopped, wanted, True, told)
+        folder, counts = film_tow(setup, order.sources, order.day, telling, stopped, wanted, True, told)
+        names = [f"{camera.name}: " for camera in setup.file.cameras] or [""]
+        words = "; ".join(name + one.words for name, one in zip(names, counts, strict=True))
         if os.getppid() == self._parent:
-            self._fit(order, day, telling.ended_s, f"{folder.name}: {counts.words}. ", say)
+            self._fit(order, day, telling.ended_s, f"{folder.name}: {words}. ", say)
 
     def _fit(self, order: Order, day: Any, ended_s: float, words: str, say: Callable[..., None]) -> None:
         """What the day's tows tell, kept beside them."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..live.folder import STATIC, tows_of
 from ..live.kept import DAY, kept_day
-from ..live.log import LOG, LogReader, spoiling
+from ..live.log import LOG, LogReader, camera_logs, spoiling
 from ..live.picture import PICTURE
 from ..record.day_file import DayFile
 from ..record.errors import TowlineError
@@ -38,15 +38,17 @@ RATE_FRAMES = 30
 
 @dataclass
 class Tail:
-    """The end of a tow's live.jsonl.
+    """The end of a tow's live.jsonl, and of those of its two cameras, where two film it.
 
     Attributes
     ----------
     folder : of the tow
-    frames : of the last ``SHOWN_S``
+    frames : of the last ``SHOWN_S``; of two cameras what both say together, with all that is unsure of it
     events : newest last
     steady : what was said last of where a steady tow comes to rest; None: nothing
     ready : by what it is of: words, and whether it is in order
+    pair : what was said last of the two cameras' clocks; None: nothing, or there is one camera
+    lost : marks that are not seen now, by camera; "" of one camera alone
     version : goes up with everything new
     """
 
@@ -55,29 +57,51 @@ class Tail:
     events: deque[dict[str, Any]] = field(default_factory=lambda: deque(maxlen=MOST_EVENTS))
     ready: dict[str, tuple[str, bool]] = field(default_factory=dict)
     steady: dict[str, Any] | None = None
+    pair: dict[str, Any] | None = None
+    lost: dict[str, list[str]] = field(default_factory=dict)
     version: int = 0
-    _reader: LogReader | None = None
+    _readers: dict[str, LogReader] = field(default_factory=dict)
 
     def read(self) -> None:
         """What is new."""
-        self._reader = self._reader or LogReader(self.folder / "out" / LOG)
-        for record in self._reader.records():
-            self.version += 1
-            if "frame" in record:
-                self.frames.append(record)
-                while record["t_s"] - self.frames[0]["t_s"] > SHOWN_S:
-                    self.frames.popleft()
-            elif "event" in record:
-                self.events.append(record)
-            elif "steady" in record:
-                self.steady = record
-            elif "ready" in record:
-                self.ready[record["ready"]] = record["words"], record["good"]
+        for name, path in {"": self.folder / "out" / LOG, **camera_logs(self.folder / "out")}.items():
+            reader = self._readers.setdefault(name, LogReader(path))
+            for record in reader.records():
+                self.version += 1
+                self._take(record, name)
 
-    def picture(self) -> tuple[int, float]:
-        """Which picture is there, by when it was drawn, in ns (0: none), and how old it is in s."""
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the two that film it; ("",) of one."""
+        return tuple(name for name in self._readers if name) or ("",)
+
+    def _take(self, record: dict[str, Any], camera: str) -> None:
+        """A line of the log of the tow (""), or of one of two cameras."""
+        whose = f"{camera}: " if camera else ""
+        if "frame" in record:
+            self.lost[camera] = [name for name, mark in record["marks"].items() if isinstance(mark, str)]
+        if "event" in record:
+            self.events.append(record | {"words": whose + record["words"]})
+        elif "steady" in record:
+            self.steady = record
+        elif "ready" in record:
+            self.ready[whose + record["ready"]] = record["words"], record["good"]
+        elif "cameras" in record:
+            self.pair = record
+        elif "joint" in record or ("frame" in record and not camera):
+            self.frames.append(_together(record) if "joint" in record else record)
+            while record["t_s"] - self.frames[0]["t_s"] > SHOWN_S:
+                self.frames.popleft()
+
+    def picture(self, camera: str = "") -> tuple[int, float]:
+        """Which picture is there, by when it was drawn, in ns (0: none), and how old it is in s.
+
+        Parameters
+        ----------
+        camera : one of ``cameras``
+        """
         try:
-            drawn_ns = (self.folder / "out" / PICTURE).stat().st_mtime_ns
+            drawn_ns = (self.folder / "out" / camera / PICTURE).stat().st_mtime_ns
         except OSError:
             return 0, float("inf")
         return drawn_ns, time.time() - drawn_ns / 1e9
@@ -108,16 +132,25 @@ class Tail:
         if not self.frames:
             return ""
         last = self.frames[-1]
-        lost = [name for name, mark in last["marks"].items() if isinstance(mark, str)]
         said = [f"{last['t_s']:.1f} s"]
+        if "joint" in last:
+            said.append(f"by {last['camera'].replace('+', ' and ')}" if last["camera"] else "by no camera")
         for key, label, unit, factor in CURVES:
             if last[key] is not None:
                 digits = 1 if unit == "mm" else 2
                 value, sd = (factor * v for v in last[key][:2])
                 said.append(f"{label.partition(',')[0]} {value:+.{digits}f} ± {sd:.{digits}f} {unit}")
-        said += [f"not seen: {', '.join(lost)}"] if lost else []
+        by = {name: f" by {name}" if name else "" for name in self.lost}
+        said += [f"not seen{by[name]}: {', '.join(lost)}" for name, lost in self.lost.items() if lost]
         late = [f["latency_s"] for f in list(self.frames)[-RATE_FRAMES:]]
         return "   ".join([*said, f"({1e3 * float(np.median(late)):.0f} ms behind)"])
+
+
+def _together(record: dict[str, Any]) -> dict[str, Any]:
+    """A line of both cameras as one of a frame: its number, and all that is unsure of a value as one standard deviation."""
+    values = {key: record[key] for key, *_ in CURVES}
+    sure = {key: None if v is None else [v[0], float(np.hypot(v[1], v[2]))] for key, v in values.items()}
+    return {**record, **sure, "frame": record["joint"]}
 
 
 def _scaled(value: list[float | None] | None, place: int, factor: float) -> float | None:
@@ -152,13 +185,14 @@ class DayView:
         return [self._row(path) for kind in (STATIC, "tow-") for path in tows_of(self.folder, kind)]
 
     def _row(self, path: Path) -> TowRow:
-        log = path / "out" / LOG
-        size = log.stat().st_size if log.is_file() else 0
+        logs = {"": path / "out" / LOG, **camera_logs(path / "out")}
+        size = sum(log.stat().st_size for log in logs.values() if log.is_file())
         known = self._rows.get(path)
         if known is None or known[0] != size:
-            frames = [r["t_s"] for r in LogReader(log).records() if "frame" in r]
+            frames = [r["t_s"] for r in LogReader(logs[""]).records() if "frame" in r or "joint" in r]
             seconds = frames[-1] - frames[0] if frames else None
-            known = self._rows[path] = size, TowRow(path, seconds, tuple(spoiling(log)))
+            named = [f"{name}: {words}" if name else words for name, log in logs.items() for words in spoiling(log)]
+            known = self._rows[path] = size, TowRow(path, seconds, tuple(named))
         return known[1]
 
     def standing(self) -> tuple[DayFile | None, str]:
@@ -191,27 +225,29 @@ class Live:
 
     Attributes
     ----------
-    source, plan : as typed
+    sources : as typed, one for each camera of the set-up
+    plan : as typed
     day : what lies in the day's folder
     tail : of the tow that is filmed, or was last; None: none yet
     """
 
-    source: str
+    sources: list[str]
     plan: str
     day: DayView
     tail: Tail | None = None
 
     @classmethod
-    def beside(cls, setup: Path, date: str) -> Live:
+    def beside(cls, setup: Path, date: str, cameras: int = 1) -> Live:
         """Of a set-up, on a date: the day's folder stands beside it, as does plan.toml; what was filmed there is shown again.
 
         Parameters
         ----------
         setup : run folder
         date : for the day's name
+        cameras : that film
         """
         plans = [p for p in (setup / "plan.toml", setup.parent / "plan.toml") if p.is_file()]
-        return cls("", str(plans[0]) if plans else "", DayView(setup.parent / f"day-{date}"))
+        return cls([""] * cameras, str(plans[0]) if plans else "", DayView(setup.parent / f"day-{date}"))
 
     def turn_to(self, day: Path) -> None:
         """Another day's folder."""

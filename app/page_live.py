@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 from datetime import date
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,7 +26,7 @@ WORD = {"good": "over", "warning": "look", "fault": "FAULT"}
 SHOW = """
     const next = new Image();
     next.onload = () => { const shown = getHtmlElement(ELEMENT); if (shown) shown.src = next.src; };
-    next.src = (window.path_prefix || "") + "/live/DRAWN.jpg";
+    next.src = (window.path_prefix || "") + "/live/PLACE/DRAWN.jpg";
 """
 """The picture changes when the new one is there: none flickers, and one that is late is not waited for."""
 OLD_S = 2.0
@@ -39,11 +40,13 @@ class LiveStep(Step):
 
     title = "Live"
     with_viewer = False
+    for_pairs = True
 
     def build(self) -> None:
         """Draw the panel: what films, what is in order, the rolling plot, the day."""
         if self.session.live is None:
-            self.session.live = Live.beside(self.session.doc.folder, date.today().isoformat())
+            doc = self.session.doc
+            self.session.live = Live.beside(doc.folder, date.today().isoformat(), len(doc.cameras) or 1)
         self._seen: dict[str, Any] = {}
         with ui.element("div").style("display: flex; gap: 22px; height: 100%"):
             with ui.element("div").style("flex: 0 0 430px; overflow-y: auto; padding-right: 6px"):
@@ -52,18 +55,19 @@ class LiveStep(Step):
                 self._ready = ui.html("", sanitize=False)
                 ui.html("<h3>Named</h3>", sanitize=False)
                 self._events = ui.html("", sanitize=False)
+                if len(self._cameras) > 1:
+                    ui.html("<h3>The two together</h3>", sanitize=False)
+                self._pair = ui.html("", sanitize=False)
             with ui.element("div").style("flex: 1; min-width: 0; overflow-y: auto"):
                 self._now = ui.label("").classes("livenow")
                 self._now.props["aria-label"] = "Values now"
-                with ui.element("div").classes("livebox"):
-                    with ui.element("figure") as self._shown:
-                        self._picture = ui.element("img").props('alt="The tow as the camera sees it"')
-                        self._age = ui.label("")
+                with ui.element("div").classes("livebox pair" if len(self._cameras) > 1 else "livebox"):
+                    with ui.element("div").classes("livepictures"):
+                        self._shown = [self._figure(name) for name in self._cameras]
                     with ui.element("div"):
                         self._plots = Plots(
                             "Nothing is filmed yet. Say where the pictures come from, and press Film a tow."
                         )
-                self._shown.set_visibility(False)
                 self._steady = ui.html("", sanitize=False)
                 self._verdict = ui.html("", sanitize=False)
                 self._verdict.props["aria-live"] = "polite"
@@ -77,15 +81,30 @@ class LiveStep(Step):
         assert self.session.live is not None
         return self.session.live
 
+    @property
+    def _cameras(self) -> tuple[str, ...]:
+        """Of the set-up: ("",) of one."""
+        return self.session.doc.cameras or ("",)
+
+    def _figure(self, name: str) -> tuple[Any, Any, Any]:
+        """What one camera sees: the figure, its picture, and what is said of it."""
+        with ui.element("figure") as figure:
+            whose = f"camera {name}" if name else "the camera"
+            picture = ui.element("img").props(f'alt="The tow as {whose} sees it"')
+            said = ui.label("")
+        figure.set_visibility(False)
+        return figure, picture, said
+
     def _orders(self) -> None:
         live = self._live
+        hint = "0, rtsp://..., udp://..., http://..., or a film"
         for label, text, hint in (
-            ("Source", live.source, "0, rtsp://..., udp://..., http://..., or a film"),
+            *((f"Source {name}".strip(), text, hint) for name, text in zip(self._cameras, live.sources, strict=True)),
             ("Day", str(live.day.folder), "folder of the day's tows"),
             ("Plan", live.plan, "plan.toml, with the wish; may be empty"),
         ):
             with ui.element("div").style("display: flex; align-items: center; gap: 8px; margin-bottom: 4px"):
-                ui.label(label).style("width: 56px; font-weight: 700")
+                ui.label(label).style("min-width: 56px; font-weight: 700")
                 field = ui.input(value=text, placeholder=hint, on_change=lambda e, label=label: self._typed(label, e))
                 field.props("outlined dense").style("flex: 1").props["aria-label"] = label
         with ui.row().style("gap: 8px; margin-top: 6px"):
@@ -100,8 +119,8 @@ class LiveStep(Step):
 
     def _typed(self, label: str, event: Any) -> None:
         text = str(event.value or "").strip()
-        if label == "Source":
-            self._live.source = text
+        if label.startswith("Source"):
+            self._live.sources[self._cameras.index(label.removeprefix("Source").strip())] = text
         elif label == "Plan":
             self._live.plan = text
         elif text:
@@ -111,8 +130,9 @@ class LiveStep(Step):
         from ..live.filming import STATIC_S
 
         live = self._live
-        if not live.source and what != "fit":
-            self.window.tell("Say where the pictures come from: Source", "warning")
+        if not all(live.sources) and what != "fit":
+            missing = self._cameras[live.sources.index("")]
+            self.window.tell(f"Say where the pictures come from: {f'Source {missing}'.strip()}", "warning")
             return
         if live.plan and not Path(live.plan).expanduser().is_file():
             self.window.tell(f"{live.plan}: no such file", "negative")
@@ -120,7 +140,7 @@ class LiveStep(Step):
         if not self.window.save():
             return
         plan = Path(live.plan).expanduser() if live.plan else None
-        order = Order(self.session.doc.folder, live.source, live.day.folder, plan, what)
+        order = Order(self.session.doc.folder, tuple(live.sources), live.day.folder, plan, what)
         if not self.session.filming.start(order, STATIC_S if what == "static" else None):
             self.window.tell("Something is filmed already", "warning")
         self.tick()
@@ -136,10 +156,10 @@ class LiveStep(Step):
         tail = live.tail
         self._put("tail", (None if tail is None else (tail.folder, tail.version)), self._show_tail)
         filmed = there and status.phase == "filming"
-        drawn, age_s = (0, 0.0) if tail is None else tail.picture()
-        self._put(
-            "picture", (drawn, filmed, filmed and age_s > OLD_S), lambda: self._show_picture(drawn, filmed, age_s)
-        )
+        for place, name in enumerate(self._cameras):
+            drawn, age_s = (0, 0.0) if tail is None else tail.picture(name)
+            key = drawn, filmed, filmed and age_s > OLD_S
+            self._put(f"picture {name}", key, partial(self._show_picture, place, drawn, filmed, age_s))
         standing, wrong = live.day.standing()
         self._put("day", (live.day.version, status.phase), lambda: self._show_day(standing, wrong))
 
@@ -148,16 +168,19 @@ class LiveStep(Step):
             self._seen[name] = key
             show()
 
-    def _show_picture(self, drawn: int, filmed: bool, age_s: float) -> None:
-        self._shown.set_visibility(drawn > 0)
+    def _show_picture(self, place: int, drawn: int, filmed: bool, age_s: float) -> None:
+        (figure, picture, said), name = self._shown[place], self._cameras[place]
+        figure.set_visibility(drawn > 0)
         if drawn:
-            ui.run_javascript(SHOW.replace("DRAWN", str(drawn)).replace("ELEMENT", str(self._picture.id)))
+            code = SHOW.replace("PLACE", str(place)).replace("DRAWN", str(drawn))
+            ui.run_javascript(code.replace("ELEMENT", str(picture.id)))
             late = "No new picture: frames come late, or none does." if age_s > OLD_S else ""
-            self._age.text = late if filmed else "The last picture."
+            text = late if filmed else "The last picture."
+            said.text = f"{name}{'. ' if text else ''}{text}" if name else text
 
     def _show_state(self, status: FilmStatus) -> None:
         self._film.set_enabled(not status.running)
-        self._static.set_enabled(not status.running)
+        self._static.set_enabled(not status.running and len(self._cameras) == 1)
         self._fit.set_enabled(not status.running)
         self._stop.set_enabled(status.phase in ("preparing", "filming") and not status.stopping)
         name = "" if status.folder is None else status.folder.name
@@ -182,6 +205,10 @@ class LiveStep(Step):
         ready = tail.ready.items()
         rows = [("good" if good else "warn", "✓" if good else "look", f"{k}: {words}") for k, (words, good) in ready]
         self._ready.content = _lines(rows, "Readiness")
+        pair = tail.pair
+        kind = "" if pair is None else "good" if pair["agree"] else "warn"
+        rows = [(kind, "✓" if kind == "good" else "look", words) for words in ([] if pair is None else pair["cameras"])]
+        self._pair.content = _lines(rows, "The two cameras")
         steady = tail.steady
         kind = "" if steady is None else "good" if steady["stands"] else "warn" if steady["settled"] else ""
         self._steady.content = "" if steady is None else _verdict(kind, steady["steady"])

@@ -21,6 +21,7 @@ class RunStep(Step):
 
     title = "Run"
     with_viewer = False
+    for_pairs = True
 
     def build(self) -> None:
         """Draw the panel of the run: open, begin, what is missing."""
@@ -60,8 +61,8 @@ class RunStep(Step):
 
     def _todo(self) -> None:
         document = self.session.doc
-        ui.html(f"<h2 style='margin-top:18px'>{len(document.rows('datum'))} datum points, "
-                f"{len(document.rows('marker'))} markers</h2>", sanitize=False)  # fmt: skip
+        what = f"{len(document.cameras)} cameras" if document.cameras else f"{len(document.rows('datum'))} datum points"
+        ui.html(f"<h2 style='margin-top:18px'>{what}, {len(document.rows('marker'))} markers</h2>", sanitize=False)
         say(f"{document.folder}", "soft")
         faults = document.faults()
         if not faults:
@@ -118,7 +119,8 @@ class RunStep(Step):
         except TowlineError as error:
             self._fault.text = str(error)
             return
-        self.window.go_step(1 if self.session.doc.faults() else 5)
+        pair = bool(self.session.doc.cameras)
+        self.window.go_step(self.window.home if pair or self.session.doc.faults() else 5)
 
     def _asked(self, folder: str, video: str) -> bool:
         """Ask before what is not saved is lost."""

@@ -26,6 +26,8 @@ class Step:
     title = ""
     with_viewer = True
     picks = False
+    for_pairs = False
+    """It also takes a run that two cameras film."""
 
     def __init__(self, window: Window) -> None:
         self.window, self.session = window, window.session
@@ -73,7 +75,7 @@ class Window:
     def __init__(self, session: Session, kinds: list[Callable[[Window], Step]]) -> None:
         self.session = session
         self._steps = [kind(self) for kind in kinds]
-        self.number = 0 if session.document is None else 1
+        self.number = 0 if session.document is None else self.home
         self.viewer: Viewer | None = None
         self._slider: ui.slider | None = None
         self._now: ui.label | None = None
@@ -82,6 +84,11 @@ class Window:
         self._count = 0
         self._busy = False
         self._drawn: tuple[int, tuple[int, int]] = (-1, (0, 0))
+
+    @property
+    def home(self) -> int:
+        """The step where work at the open run begins: the facts, or, of a run of two cameras, the one that films it."""
+        return len(self._steps) - 1 if self.session.document is not None and self.session.document.cameras else 1
 
     @property
     def step(self) -> Step:
@@ -119,6 +126,11 @@ class Window:
         """Show another step."""
         if self.session.document is None and number > 0:
             self.tell("Open a folder first", "warning")
+            return
+        if not self._steps[number].for_pairs and self.session.document is not None and self.session.document.cameras:
+            self.tell(
+                f"{self._steps[number].title} takes a run of one camera; one of two is filmed in step Live", "warning"
+            )
             return
         self.number = number
         self.draw()

@@ -223,11 +223,13 @@ def add_routes(app: Any, session: Session) -> None:
         data = cv2.imencode(".jpg", seen, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
         return Response(data, media_type="image/jpeg", headers={"Cache-Control": "no-store"})
 
-    @app.get("/live/{version}.jpg")
-    def live(version: int) -> Response:
+    @app.get("/live/{place}/{version}.jpg")
+    def live(place: int, version: int) -> Response:
         tail = None if session.live is None else session.live.tail
+        cameras = (session.document.cameras if session.document is not None else ()) or ("",)
         try:
-            data = b"" if tail is None else read_bytes(tail.folder / "out" / PICTURE, MOST_PICTURE_BYTES)
+            folder = None if tail is None or not 0 <= place < len(cameras) else tail.folder / "out" / cameras[place]
+            data = b"" if folder is None else read_bytes(folder / PICTURE, MOST_PICTURE_BYTES)
         except (TowlineError, OSError):
             data = b""
         if not data:

@@ -139,15 +139,44 @@ class _Stop:
 class _Terminal:
     """Prints what is seen, a line a second, and what is named at once."""
 
-    def __init__(self, name: str = "") -> None:
+    def __init__(self, name: str = "", pair: _Terminal | None = None) -> None:
         self._name = f"{name}: " if name else ""
+        self._pair = pair
         self._console, self._said_s, self._was_ready = console(), float("-inf"), False
         self._steady_said_s, self._stood = float("-inf"), False
+        self._joined, self._cameras = False, ""
         self.ended_s = float("nan")
 
     def camera(self, name: str) -> _Terminal:
         """Of one of two cameras."""
-        return _Terminal(name)
+        return _Terminal(name, self)
+
+    def joint(self, told: dict[str, Any]) -> None:
+        """What two cameras say together: a line a second instead of each camera's; of their clocks what is new."""
+        if "cameras" in told:
+            self._tell_cameras(told)
+            return
+        self._joined = True
+        if told["t_s"] - self._said_s < SAY_EVERY_S:
+            return
+        self._said_s = told["t_s"]
+        values = [told[name] for name in ("y_cg_m", "beta_rad", "alpha_rad")]
+        if None in values[:2]:
+            words = "no camera sees the model" if not told["camera"] else f"{told['camera']}: not seen"
+        else:
+            words = f"{told['camera']}: {_values(*(_total(value) for value in values))}"
+        self._console.print(
+            f"{told['t_s']:7.2f} s  {words}  [dim]({1e3 * told['latency_s']:.0f} ms)[/dim]", markup=True
+        )
+
+    def _tell_cameras(self, told: dict[str, Any]) -> None:
+        said = f"{told['told']} {told['agree']}"
+        if said == self._cameras:
+            return
+        self._cameras = said
+        style = COLOURS["good" if told["agree"] else "warning"]
+        for words in told["cameras"]:
+            self._console.print(f"{told['t_s']:7.2f} s  {words}", style=style, markup=False)
 
     def ended(self) -> None:
         """The film is whole."""
@@ -155,16 +184,13 @@ class _Terminal:
 
     def frame(self, seen: Any, latency_s: float) -> None:
         """A frame's values."""
-        if seen.t_s - self._said_s < SAY_EVERY_S:
+        joined = self._pair is not None and self._pair._joined
+        if joined or seen.t_s - self._said_s < SAY_EVERY_S:
             return
         self._said_s = seen.t_s
-        y, beta, alpha = seen.y_cg_m, seen.beta_rad, seen.alpha_rad
         lost = [mark.marker for mark in seen.marks if not mark.seen]
-        degrees = math.degrees(1.0)
-        words = (
-            f"{seen.t_s:7.2f} s  {self._name}y {1e3 * y.value:+8.1f} +- {1e3 * y.sd:.1f} mm  beta {degrees * beta.value:+7.2f} +- "
-            f"{degrees * beta.sd:.2f} deg  alpha {degrees * alpha.value:+7.2f} +- {degrees * alpha.sd:.2f} deg"
-        )
+        values = _values(*((v.value, v.sd) for v in (seen.y_cg_m, seen.beta_rad, seen.alpha_rad)))
+        words = f"{seen.t_s:7.2f} s  {self._name}{values}"
         if lost:
             words = f"{seen.t_s:7.2f} s  {self._name}not seen: {', '.join(lost)}"
         self._console.print(f"{words}  [dim]({1e3 * latency_s:.0f} ms)[/dim]", markup=True)
@@ -194,3 +220,17 @@ class _Terminal:
         self._console.print(
             self._name + ("ready" if good else "not all is in order"), style=COLOURS["good" if good else "warning"]
         )
+
+
+def _values(y: tuple[float, float], beta: tuple[float, float], alpha: tuple[float, float]) -> str:
+    """Each with its standard deviation."""
+    degrees = math.degrees(1.0)
+    return (
+        f"y {1e3 * y[0]:+8.1f} +- {1e3 * y[1]:.1f} mm  beta {degrees * beta[0]:+7.2f} +- {degrees * beta[1]:.2f} deg  "
+        f"alpha {degrees * alpha[0]:+7.2f} +- {degrees * alpha[1]:.2f} deg"
+    )
+
+
+def _total(value: list[float] | None) -> tuple[float, float]:
+    """A value of the joint course with all that is unsure of it; nan where there is none."""
+    return (math.nan, math.nan) if value is None else (value[0], math.hypot(value[1], value[2]))

@@ -57,6 +57,16 @@ def logs_of(run: Run) -> list[Path]:
     return [view.out / LOG for view in cameras_of(run)]
 
 
+def camera_logs(out: Path) -> dict[str, Path]:
+    """Logs of the cameras of a tow that two filmed, by their names; {} of a tow of one.
+
+    Parameters
+    ----------
+    out : of the tow's folder; need not be there yet
+    """
+    return {path.parent.name: path for path in sorted(out.glob(f"*/{LOG}"))}
+
+
 def spoiling(path: Path) -> list[str]:
     """What was named in a tow that may spoil it, a line each, at its time.
 
@@ -68,4 +78,4 @@ def spoiling(path: Path) -> list[str]:
     return [f"{float(r.get('t_s', 0.0)):.1f} s: {r.get('words', '')}" for r in found]
 
 
-__all__ = ["LOG", "LogReader", "logs_of", "spoiling"]
+__all__ = ["LOG", "LogReader", "camera_logs", "logs_of", "spoiling"]

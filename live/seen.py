@@ -12,6 +12,7 @@ from ..geometry.motion import invariant_series
 from ..geometry.poses import Framed, poses_of
 from ..record.errors import InputError
 from ..record.run import Run
+from ..vision.flash import light
 from ..vision.follower import Glance
 from ..vision.glance import Glances
 from ..vision.recording.codecs import losses
@@ -43,6 +44,7 @@ class Seen:
     y_cg_m, beta_rad, alpha_rad : as in motion.csv; NaN where fewer than two marks were seen, alpha also without a line
     slack_m : how much nearer to the post the tow point is than the line is long; negative: farther
     turn : the camera against the first second; None: not looked at in this frame, or nothing to see it by
+    light : how bright the whole picture is, as a share of white; NaN where it is damaged
     """
 
     index: int
@@ -56,6 +58,7 @@ class Seen:
     alpha_rad: Valued
     slack_m: Valued
     turn: Turn | None
+    light: float = np.nan
 
 
 class Seeing:
@@ -100,6 +103,7 @@ class Seeing:
             alpha,
             slack,
             turn,
+            np.nan if frame.damaged else light(frame),
         )
 
     def settle(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import queue
+import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from .aside import TrackingAside
 from .clock import Times
 from .decoding import Decoding
 from .event import Event
+from .joining import Joining
 from .log import LOG
 from .meeting import Begin, Meeting, MeetingRecorder
 from .picture import Pictures
@@ -27,7 +29,7 @@ from .pieces import Ended, Opened, Packet, Piece
 from .ready import Line, Ready
 from .resting import Resting
 from .seen import Seeing, Seen, Valued
-from .source import Hearing
+from .source import Hearing, kind_of
 from .stamped import Stamped
 from .watch import WALL_M, Watch
 
@@ -83,6 +85,10 @@ class Telling(Protocol):
 
     def camera(self, name: str) -> Telling:
         """Who shows what one of two cameras sees."""
+        ...
+
+    def joint(self, told: dict[str, Any]) -> None:
+        """What two cameras say together, of a frame or of their clocks, as it stands in the run's live.jsonl."""
         ...
 
     def ended(self) -> None:
@@ -200,13 +206,14 @@ def live_tow(
     VideoError : a source does not answer, or ends before a frame has come
     TowlineError : no run can be made for it
     """
-    meeting = Meeting(len(sources), begin)
+    meeting, came = Meeting(len(sources), begin), threading.Event()
     feeds = [
-        _Feed(source, MeetingRecorder(folder, stem, meeting, place))
+        _Feed(source, MeetingRecorder(folder, stem, meeting, place), came)
         for place, (source, stem) in enumerate(zip(sources, stems, strict=True))
     ]
-    ending, begun = False, False
+    ending = False
     rests: Resting | None = None
+    pair: _Pair | None = None
     asides: list[TrackingAside] = []
     for feed in feeds:
         feed.hearing.start()
@@ -217,15 +224,29 @@ def live_tow(
                 ending = True
                 for feed in feeds:
                     feed.hearing.stop()
-            heard = [feed.heard(TICK_S / len(feeds)) for feed in feeds if not feed.ended]
+            came.clear()
+            some = False
+            for feed in feeds:
+                if feed.ended:
+                    continue
+                piece, times = feed.heard()
+                some = some or piece is not None
+                if meeting.run is None:
+                    continue
+                if not feed.begun:
+                    place = feeds.index(feed)
+                    view, fit = meeting.views[place]
+                    feed.begin(view, fit, telling if len(feeds) == 1 else telling.camera(view.camera), wanted)
+                feed.take(piece, times)
+                feed.catch_up()
+            if not some:
+                came.wait(TICK_S)
             if meeting.run is None:
                 continue
-            if not begun:
-                begun = True
-                for feed, (view, fit) in zip(feeds, meeting.views, strict=True):
-                    feed.begin(view, fit, telling if len(feeds) == 1 else telling.camera(view.camera), wanted)
-            for feed, piece, times in heard:
-                feed.take(piece, times)
+            if pair is None and len(feeds) > 1:
+                pair = _Pair(meeting, sources, telling)
+            if pair is not None:
+                pair.tell()
             if track and not asides and all(feed.said for feed in feeds):
                 asides = [TrackingAside(meeting.run, place) for place in range(len(feeds))]
             if rests is None and len(feeds) == 1 and feeds[0].said and not feeds[0].ended and not feeds[0].asked:
@@ -244,36 +265,66 @@ def live_tow(
             feed.close()
         if rests is not None:
             rests.end()
+        if pair is not None:
+            pair.close()
     telling.ended()
     for aside in asides:
         aside.end()
     return tuple(feed.counted() for feed in feeds)
 
 
+class _Pair:
+    """Two cameras' joint course, written down and told as it comes."""
+
+    def __init__(self, meeting: Meeting, sources: Sequence[str], telling: Telling) -> None:
+        assert meeting.run is not None
+        by_arrival = all(kind_of(source) != "file" for source in sources)
+        self._joining = Joining(meeting.run, [fit for _, fit in meeting.views], by_arrival)
+        self._scribe = _Scribe(telling)
+        self._scribe.open(meeting.run)
+
+    def tell(self) -> None:
+        """What is new."""
+        for told in self._joining.told():
+            self._scribe.joint(told)
+
+    def close(self) -> None:
+        """The cameras' logs are whole."""
+        for told in self._joining.rest():
+            self._scribe.joint(told)
+        self._joining.end()
+        self._scribe.close()
+
+
 class _Feed:
     """One source: heard, recorded, and, when the run is there, looked at."""
 
-    def __init__(self, source: str, recorder: MeetingRecorder) -> None:
+    def __init__(self, source: str, recorder: MeetingRecorder, came: threading.Event) -> None:
         self._source, self._recorder = source, recorder
-        self.hearing = Hearing(source, recorder.take)
+        self.hearing = Hearing(source, recorder.take, came)
         self._opened: Opened | None = None
         self._begun: tuple[Run, DatumFit, _Scribe, Wanted] | None = None
         self._tow: _Tow | None = None
         self.ended, self.asked, self._error, self._last_s = False, False, "", 0.0
 
-    def heard(self, patience_s: float) -> tuple[_Feed, Piece | None, Times | None]:
-        """The next piece; None: nothing came for so long."""
+    def heard(self) -> tuple[Piece | None, Times | None]:
+        """The next piece; None: nothing has come."""
         try:
-            piece, times = self.hearing.pieces.get(timeout=patience_s)
+            piece, times = self.hearing.pieces.get_nowait()
         except queue.Empty:
-            return self, None, None
+            return None, None
         if isinstance(piece, Ended):
             self.ended, self._error = True, piece.error
         if isinstance(piece, Opened):
             if self._tow is not None:
                 self._tow.decoding.again(piece)
             self._opened = piece
-        return self, piece, times
+        return piece, times
+
+    @property
+    def begun(self) -> bool:
+        """The run is there."""
+        return self._begun is not None
 
     def begin(self, view: Run, fit: DatumFit, telling: Telling, wanted: Wanted) -> None:
         """The run is there."""
@@ -296,6 +347,13 @@ class _Feed:
         while self._recorder.early:
             self._tow.pass_by(*self._recorder.early.pop(0))
         self._tow.take(piece, times, self.hearing.pieces.qsize())
+
+    def catch_up(self) -> None:
+        """Of a source that fell behind all is taken that waits: one at a time, after each frame of the other that is looked at, it
+        would never get there."""
+        while self._tow is not None and self._tow.behind and not self.ended and self.hearing.pieces.qsize():
+            piece, times = self.heard()
+            self.take(piece, times)
 
     def steady(self, told: dict[str, Any]) -> None:
         """Where the tow comes to rest."""
@@ -330,19 +388,19 @@ class _Tow:
         self.decoding, self._looking, self._scribe, self._pictures = decoding, looking, scribe, pictures
         self._counts = Counts()
         self._said_s: float | None = None
-        self._behind = False
+        self.behind = False
         self._began_s: float | None = None
 
     def take(self, piece: Piece | None, times: Times | None, waiting: int) -> None:
-        """A packet, or None: nothing came for ``TICK_S``."""
+        """A packet, or None: nothing has come."""
         if not isinstance(piece, Packet) or times is None:
             for event in self._looking.watch.tick(time.monotonic()):
                 self._scribe.event(event)
             return
         for stamped in self.decoding.step(piece, times.t_s):
             usual = self._looking.arrivals.usual_s
-            self._behind = waiting > CAUGHT_UP and (self._behind or (usual is not None and waiting * usual > BEHIND_S))
-            if self._behind:
+            self.behind = waiting > CAUGHT_UP and (self.behind or (usual is not None and waiting * usual > BEHIND_S))
+            if self.behind:
                 self._counts.not_looked_at += 1
                 for event in self._looking.passed_by(stamped):
                     self._scribe.event(event)
@@ -420,6 +478,12 @@ class _Scribe:
         self._write(told)
         self._telling.steady(told)
 
+    def joint(self, told: dict[str, Any]) -> None:
+        if "arrived_s" in told:
+            told = told | {"latency_s": round(time.monotonic() - told["arrived_s"], 4)}
+        self._write(told)
+        self._telling.joint(told)
+
     def close(self) -> None:
         if self._file is not None:
             self._file.close()
@@ -451,6 +515,8 @@ def frame_record(seen: Seen, latency_s: float) -> dict[str, Any]:
         "marks": marks,
         **{name: _numbers(getattr(seen, name)) for name in ("y_cg_m", "beta_rad", "alpha_rad", "slack_m")},
         "camera_turn_rad": None if seen.turn is None else _plain(seen.turn.angle_rad, 7),
+        "light": _plain(seen.light, 7),
+        "lag_px": {m.marker: round(m.lag_px, 4) for m in seen.marks if m.lag_px},
     }
 
 

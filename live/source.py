@@ -60,14 +60,15 @@ class Hearing:
     ----------
     source : as typed
     kept : called in that thread with every piece before anybody else has it: the recording, which gives packets their times
+    came : set with every piece, for who listens to several; None: nobody does
 
     Attributes
     ----------
     pieces : what came, in its order, and a packet's times
     """
 
-    def __init__(self, source: str, kept: Heard) -> None:
-        self.source, self._kept = source, kept
+    def __init__(self, source: str, kept: Heard, came: threading.Event | None = None) -> None:
+        self.source, self._kept, self._came = source, kept, came
         self.pieces: queue.SimpleQueue[tuple[Piece, Times | None]] = queue.SimpleQueue()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._hear, name="live source", daemon=True)
@@ -94,10 +95,15 @@ class Hearing:
         try:
             self._say(Ended(error))
         except Exception as fault:  # of the recording
-            self.pieces.put((Ended(error or str(fault)), None))
+            self._put(Ended(error or str(fault)), None)
 
     def _say(self, piece: Piece) -> None:
-        self.pieces.put((piece, self._kept(piece)))
+        self._put(piece, self._kept(piece))
+
+    def _put(self, piece: Piece, times: Times | None) -> None:
+        self.pieces.put((piece, times))
+        if self._came is not None:
+            self._came.set()
 
 
 def _file(source: str, stop: threading.Event) -> Iterator[Piece]:

@@ -196,6 +196,12 @@ def live_settles(root: Path) -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def live_joint(root: Path, pairs: ModuleType) -> ModuleType:
+    """Two cameras' frames as they come."""
+    return _cases(root, "live_joint")
+
+
+@pytest.fixture(scope="session")
 def laws_truth(root: Path) -> ModuleType:
     """The judge of laws, which shares nothing with their search."""
     return _cases(root, "laws_truth")

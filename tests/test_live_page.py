@@ -91,6 +91,44 @@ def test_the_end_of_a_log_says_what_was_named_and_what_is_in_order(tmp_path: Pat
     assert Tail(tmp_path / "none").curves() == {}
 
 
+def test_two_cameras_are_shown_as_one_course_with_what_each_says(tmp_path: Path) -> None:
+    """Values of both together with all that is unsure of them; what was named, what is in order and what is not seen by each
+    camera; in the list of tows, too."""
+    tow = tmp_path / "tow-01"
+    for name, y_m in (("port", 0.3), ("starboard", None)):
+        (tow / "out" / name).mkdir(parents=True)
+        told = [
+            {"ready": "datum", "t_s": 3.0, "good": True, "words": "stands"},
+            a_frame(90, y_m),
+            {"event": "mark", "t_s": 3.0, "level": "fault", "words": "stern is lost"},
+        ]
+        lines = told if y_m is None else told[:2]
+        (tow / "out" / name / "live.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+
+    def joint(number: int, camera: str) -> dict[str, Any]:
+        y = [0.2, 3e-4, 4e-4] if camera else None
+        row = {"joint": number, "t_s": number / 30, "latency_s": 0.2, "camera": camera, "told": True}
+        return row | {"y_cg_m": y, "beta_rad": y, "alpha_rad": None}
+
+    clock = {"cameras": ["the clock", "they agree"], "t_s": 2.0, "told": True, "agree": True}
+    tail = a_log(tow, *(joint(k, "port+starboard") for k in range(60)), clock, joint(60, ""), joint(61, "port"))
+    assert tail.cameras == ("port", "starboard")
+    assert tail.pair == clock
+    assert "by port" in tail.now()
+    assert "y_CG +200.0 ± 0.5 mm" in tail.now()
+    assert "not seen by starboard: stern" in tail.now()
+    assert set(tail.ready) == {"port: datum", "starboard: datum"}
+    assert [event["words"] for event in tail.events] == ["starboard: stern is lost"]
+    panels = tail.curves()["panels"]
+    assert [len(panel["y"]) for panel in panels] == [62, 62]
+    assert panels[1]["y"][60] is None
+    assert panels[1]["sd"][0] == pytest.approx(0.5)
+    (tow / "run.toml").write_text("")
+    (row,) = DayView(tmp_path).rows()
+    assert row.seconds == pytest.approx(61 / 30)
+    assert row.named == ("starboard: 3.0 s: stern is lost",)
+
+
 def test_a_day_is_shown_from_what_lies_on_the_disk(tmp_path: Path, samples: Path) -> None:
     """A static record, a tow with something named, and where the day stands; a page that was begun anew shows the same."""
     day = tmp_path / "day-2026-11-25"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import json
+import os
+import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -142,6 +144,19 @@ def test_a_model_that_stands_still_tells_no_clock(pairs: ModuleType) -> None:
     still = pairs.random_case(3, duration_s=SHORT_S, still=True)
     with pytest.raises(InputError, match=r'camera\[2 "starboard"\].*too little to tell.*offset_s'):
         joined(still)
+
+
+def test_noise_of_a_model_at_rest_is_no_motion_however_long_it_is_filmed() -> None:
+    """What is known beforehand stands: by what the noise of rates feigned, a minute told the clock to 0.01 s, wherever that was."""
+    rng = np.random.default_rng(2)
+
+    def rest(t_s: np.ndarray) -> np.ndarray:
+        return np.column_stack([-2 + 0 * t_s, 0.1 + 0 * t_s, 0.02 + 0 * t_s])
+
+    one_s, two_s = np.arange(1800) / 30, np.arange(1500) / 25
+    clock = match_views(drawn_view(one_s, rng, rest, one_s), drawn_view(two_s, rng, rest, two_s), Known(0.3, 0.2)).clock
+    assert clock.offset_s == pytest.approx(0.3, abs=0.02)
+    assert clock.offset_sd_s == pytest.approx(0.2, rel=0.05)
 
 
 def test_a_motion_that_repeats_itself_needs_a_stated_offset() -> None:
@@ -456,12 +471,64 @@ def test_two_sources_are_filmed_into_one_run(filmed: Any, tmp_path: Path, capsys
         assert len(seen) > 0
         assert seen.min() > truth_y_m.min() - 0.02
         assert seen.max() < truth_y_m.max() + 0.02
+    together = [json.loads(line) for line in (run.out / "live.jsonl").read_text().splitlines()]
+    rows = [r for r in together if "joint" in r and r["y_cg_m"] is not None]
+    y_m, own_m, common_m = np.array([r["y_cg_m"] for r in rows]).T
+    off = (y_m - filmed.truth(np.array([r["t_s"] for r in rows]))[:, 1]) / np.hypot(own_m, common_m)
+    assert np.abs(off).max() < 5.0
+    clocks = [r for r in together if "cameras" in r]
+    for clock in (r for r in clocks if r["told"]):  # seven seconds may be too little, on a busy machine they are
+        assert abs(clock["offset_s"][0] - filmed.offset_s) < 4 * clock["offset_s"][1]
+    assert "port: y" in said
+    assert "starboard's clock" in said
     assert json.loads((day / "day.json").read_text())["tows"] == [run.name]
     offset = json.loads((run.out / CAMERAS).read_text())["offset_s"]
     assert abs(offset["value"] - filmed.offset_s) < 4 * offset["std"]
     capsys.readouterr()
     assert main(["live", words[0], str(day), "--like", str(setup)]) == 1
     assert "one source to film from, but the set-up has two [[camera]] (port, starboard)" in capsys.readouterr().err
+
+
+def test_the_page_films_with_two_cameras(filmed: Any, tmp_path: Path, browsers: Any) -> None:
+    """By clicks: the pair's set-up is opened, other steps say that it is none of theirs; both pictures, one course, what is said of
+    the clock, the fit."""
+    pytest.importorskip("nicegui", reason="nicegui is not installed (the extra app)")
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (the extra test)")
+    from test_app_browser import Served
+
+    served, said = Served(filmed.folder, tmp_path / "errors.txt"), []
+    with sync_api.sync_playwright() as playwright:
+        browser = browsers.started(playwright)
+        try:
+            page = browser.new_page(viewport={"width": 1280, "height": 800})
+            page.set_default_timeout(60_000)
+            page.on("console", lambda m: said.append(m.text) if m.type == "error" else None)
+            page.on("pageerror", lambda e: said.append(str(e)))
+            page.goto(served.address)
+            page.locator(".head").wait_for()
+            page.keyboard.press("3")
+            page.get_by_text("Datum takes a run of one camera; one of two is filmed in step Live").wait_for()
+            page.get_by_label("Source port", exact=True).fill(str(filmed.folder / "port.mp4"))
+            page.get_by_label("Day", exact=True).fill(str(tmp_path / "today"))
+            page.get_by_label("Day", exact=True).press("Tab")
+            page.get_by_role("button", name="Film a tow", exact=True).click()
+            page.get_by_text("Say where the pictures come from: Source starboard").wait_for()
+            page.get_by_label("Source starboard", exact=True).fill(str(filmed.folder / "starboard.mp4"))
+            page.get_by_label("Source starboard", exact=True).press("Tab")
+            page.get_by_role("button", name="Film a tow", exact=True).click()
+            page.locator(".plots .curve").first.wait_for()
+            for name in ("port", "starboard"):
+                page.get_by_alt_text(f"The tow as camera {name} sees it").wait_for()
+            page.get_by_label("The two cameras").get_by_text("starboard's clock").first.wait_for()
+            page.get_by_text(re.compile(r"port: 84 pictures.*; starboard: 7\d pictures.* Fitted")).wait_for()
+            assert "port: bow" in page.get_by_label("Readiness").inner_text()
+            assert re.search(r"by (port|starboard).*y_CG", page.get_by_label("Values now").inner_text())
+            page.screenshot(path=str(Path(os.environ.get("TOWLINE_SHOTS", tmp_path)) / "8-two-cameras.png"))
+            browser.close()
+        finally:
+            served.end()
+    assert said == []
+    assert "Traceback" not in (tmp_path / "errors.txt").read_text()
 
 
 def test_the_source_that_answers_first_waits_and_loses_nothing(filmed: Any, tmp_path: Path) -> None:

@@ -29,9 +29,19 @@ def brightness(frames: Iterable[Frame]) -> tuple[Array, Array]:
     ----------
     frames : of a film; damaged ones are left out
     """
-    found = [(f.t_s, float(f.luma[::THINNED, ::THINNED].mean()) / f.white_dn) for f in frames if not f.damaged]
+    found = [(f.t_s, light(f)) for f in frames if not f.damaged]
     table = np.array(found).reshape(-1, 2)
     return table[:, 0], table[:, 1]
+
+
+def light(frame: Frame) -> float:
+    """How bright a picture is on average, as a share of white.
+
+    Parameters
+    ----------
+    frame : as decoded
+    """
+    return float(frame.luma[::THINNED, ::THINNED].mean()) / frame.white_dn
 
 
 def flashes(t_s: Array, level: Array, exposure_s: float = 0.0) -> list[Lit]:
@@ -67,4 +77,4 @@ def _scatter(values: Array) -> float:
     return float(1.4826 * np.median(np.abs(values - np.median(values))))
 
 
-__all__ = ["brightness", "flashes"]
+__all__ = ["brightness", "flashes", "light"]

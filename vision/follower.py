@@ -53,6 +53,7 @@ class Glance:
     peak_dn : brightest pixel of its window; NaN where there is none
     width_px : standard deviation of its picture; NaN where it is not known
     clipped : share of its light's pixels that are as bright as the recording can say
+    lag_px : how far a codec may hold it back (standard deviation), which is in sigma_u_px and sigma_v_px, too
     """
 
     marker: str
@@ -64,6 +65,7 @@ class Glance:
     peak_dn: float = np.nan
     width_px: float = np.nan
     clipped: bool = False
+    lag_px: float = 0.0
 
     @property
     def seen(self) -> bool:

@@ -62,6 +62,7 @@ class Glances:
             self._following.append(follower)
         self._rows: deque[list[tuple]] = deque(maxlen=WIDEN_FRAMES)
         self._more_px2 = {name: np.zeros(2) for name in self._names}
+        self._lag_px2 = dict.fromkeys(self._names, 0.0)
         self._frames = 0
         self._open: Frame | None = None
 
@@ -105,7 +106,9 @@ class Glances:
             sigmas = [t.loc[own, ["sigma_u_px", "sigma_v_px"]].to_numpy() ** 2 for t in (wider, table)]
             more = sigmas[0] - sigmas[1]
             if LAG_COLUMN in wider:
-                more = more + wider.loc[own, [LAG_COLUMN]].to_numpy() ** 2
+                lags = wider.loc[own, LAG_COLUMN].dropna().to_numpy() ** 2
+                self._lag_px2[name] = float(np.median(lags)) if len(lags) else 0.0
+                more = more + self._lag_px2[name]
             known = np.isfinite(more).all(axis=1)
             if known.any():
                 self._more_px2[name] = np.maximum(np.median(more[known], axis=0), 0.0)
@@ -118,6 +121,7 @@ class Glances:
             seen,
             sigma_u_px=float(np.sqrt(seen.sigma_u_px**2 + more[0])),
             sigma_v_px=float(np.sqrt(seen.sigma_v_px**2 + more[1])),
+            lag_px=float(np.sqrt(self._lag_px2[seen.marker])),
         )
 
 

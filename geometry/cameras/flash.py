@@ -27,7 +27,8 @@ EXPOSURES = (0.05, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
 ROUNDING = 1e-12
 """Of a square that is a difference of squares: less is nothing."""
 NEAR_S = 0.25
-"""Flashes of both cameras that lie closer by the motion's clock are taken for one: no two follow one another so soon by hand."""
+"""Flashes of both cameras that lie closer by the motion's clock, and by what it leaves open, are taken for one: no two follow one
+another so soon by hand."""
 AGREE_SD = 3.0
 """Standard deviations by which flash and motion may differ."""
 
@@ -148,7 +149,8 @@ def tie_of(first: Sequence[Lit], second: Sequence[Lit], clock: Clock | None) -> 
         pairs = []
         for one in second:
             there = float(clock.first(np.array(one.middle_s)))
-            near = [lit for lit in first if abs(lit.middle_s - there) < NEAR_S + lit.step_s]
+            reach_s = NEAR_S + AGREE_SD * float(clock.sd_at(np.array(one.middle_s)))
+            near = [lit for lit in first if abs(lit.middle_s - there) < reach_s + lit.step_s]
             pairs += [(near[0], one)] if len(near) == 1 else []
     if not pairs:
         return None

@@ -8,7 +8,7 @@ does not tell keeps its unit variance and stays what it was, so that runs of one
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,12 +43,13 @@ class Joined:
     source: NDArray[np.int_]
 
 
-def join_views(match: Match) -> Joined:
+def join_views(match: Match, alone: bool = False) -> Joined:
     """Join two views.
 
     Parameters
     ----------
     match : of the two
+    alone : where both see the model the first one counts alone: of a clock that is not told yet, the second one adds nothing then
     """
     first, second, clock = match.first, match.second, match.clock
     own_s = clock.first(second.t_s)
@@ -59,6 +60,8 @@ def join_views(match: Match) -> Joined:
     middle = slice(len(before), len(before) + len(first.t_s))
     one = _spread(first, len(t_s), middle)
     two = _beside(match, len(t_s), middle, before, after)
+    if alone:
+        two = replace(two, seen=two.seen & ~one.seen)
     modes = _root(match)
     first_modes, second_modes = _in_order(match, one.modes, two.modes, two.rate, two.second_s)
     values = np.concatenate([np.zeros(2), match.values])

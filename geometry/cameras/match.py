@@ -24,6 +24,7 @@ from scipy.special import chdtrc
 
 from ...record.errors import GeometryError
 from ..camera import Array
+from ..lag import RATE_S
 from .clock import LEAST_TOGETHER_S, Clock, Start, starts
 from .view import Between, View, between, between_variance, rates
 
@@ -52,6 +53,14 @@ COLOURED = 1e-3
 """A sum over frames varies by more than its frames where chance does it less often than this."""
 DISAGREE = 1e-3
 """Two cameras whose difference has less probability than this do not agree."""
+STILL_SD, STILL = 3.0, 0.01
+"""A rate is motion where its mean square is beyond its noise's by so many standard deviations of that; what is none counts by the
+second, so that a clock which nothing tells has a standard deviation all the same. Choices."""
+TOO_LITTLE = (
+    "the motion is too little to tell the second camera's clock{}; state offset_s (a flash, a clap, a common trigger), or film a "
+    "tow that swings"
+)
+"""What is said of that."""
 SIZES = (0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 1.6)
 """Pulls and lags over what is stated of them: sizes that are tried."""
 NOTHING = 12.0
@@ -173,6 +182,8 @@ def match_views(
         one = _fitted(first, second, start.offset_s, known)
         if one is not None and all(abs(one.clock.offset_s - other.clock.offset_s) > TOLD_S for other in found):
             found.append(one)
+    if not found and (_moves(first, np.flatnonzero(first.seen)) <= STILL).all():
+        raise GeometryError(TOO_LITTLE.format(""))
     if not found:
         raise GeometryError(
             "no offset of the second camera's clock was found at which the two cameras see one motion: are both recordings of this "
@@ -182,10 +193,7 @@ def match_views(
     best = found[0]
     sd_s = float(best.clock.sd_at(np.array(best.middle_s)))
     if known is None and sd_s > TOLD_S:
-        raise GeometryError(
-            f"the motion is too little to tell the second camera's clock: its offset would be known to {sd_s:.2g} s; state "
-            "offset_s (a flash, a clap, a common trigger), or film a tow that swings"
-        )
+        raise GeometryError(TOO_LITTLE.format(f": its offset would be known to {sd_s:.2g} s"))
     quiet = min(one.inflation for one in found)
     for other in found[1:]:
         if (other.misfit - best.misfit) * min(len(other.rows), len(best.rows)) / quiet < SURE_BY:
@@ -194,6 +202,43 @@ def match_views(
                 "the motion repeats itself; state offset_s within half a swing, with its offset_sd_s"
             )
     return best
+
+
+def unmatched(first: View, second: View, known: Known) -> Match:
+    """Two views as they are stated, before anything was told of them by one another: for what is joined until then.
+
+    Parameters
+    ----------
+    first, second : two views of one motion
+    known : of the second one's clock
+    """
+    seen_s = second.t_s if len(second.t_s) else np.zeros(1)
+    middle, span = _middle(seen_s)
+    modes = first.own + second.own + first.shared
+    covariance = np.eye(2 + modes)
+    covariance[0, 0] = known.sd_s**2 + (RATE_SDS[-1] * (middle - known.at_s)) ** 2
+    covariance[1, 1] = (RATE_SDS[-1] * span) ** 2
+    clock = Clock(known.offset_s, 0.0, np.diag([known.sd_s**2, RATE_SDS[-1] ** 2]))
+    none, nothing = np.zeros(0, dtype=int), np.zeros(first.pose.shape[1])
+    beside = between(second, np.zeros(0))
+    return Match(
+        first,
+        second,
+        clock,
+        none,
+        beside,
+        np.zeros(modes),
+        covariance,
+        middle,
+        span,
+        1.0,
+        0.0,
+        0,
+        nothing,
+        nothing,
+        nothing,
+        0.0,
+    )
 
 
 def _fitted(first: View, second: View, offset_s: float, known: Known | None) -> Match | None:
@@ -289,13 +334,25 @@ def _differences(first: View, second: View, offset_s: float, rate: float, extra:
     others = (
         np.moveaxis(np.stack([beside.of(mode) for mode in second.modes]), 0, 2) if len(second.modes) else own[..., :0]
     )
-    path = rates(first, first.t_s[rows])
+    path = rates(first, first.t_s[rows]) * _moves(first, rows)
     middle, span = _middle(second_s)
     clock = -path[..., None] * np.stack([np.ones_like(second_s), (second_s - middle) / span], axis=-1)[:, None]
     shared = own[..., first.own :] - others[..., second.own :]
     slope = np.concatenate([clock, own[..., : first.own], -others[..., : second.own], shared], axis=2)
     whiten = _Whitener(first.covariance[rows], second.covariance, beside, extra)
     return _Rows(rows, beside, second_s, gap, slope, whiten(gap.reshape(-1)), whiten(slope.reshape(gap.size, -1)))
+
+
+def _moves(view: View, rows: NDArray[np.int_]) -> Array:
+    """(D,) how much of the rates in these rows is motion and not their frames' noise: 1 where it moves, near 0 where it rests.
+
+    What two frames' noise feigns of a rate would tell the clock all the better the longer a model stands: every rate counts by the
+    share of its mean square that is beyond that noise, and beyond what chance makes of it.
+    """
+    square = (rates(view, view.t_s[rows]) ** 2).mean(axis=0)
+    noise = 2 * np.einsum("ndd->nd", view.covariance[rows]).mean(axis=0) / (2 * RATE_S) ** 2
+    chance = 1.0 + STILL_SD * 2.0 / np.sqrt(len(rows))  # of squares of which neighbours in pairs share a frame
+    return np.clip(1.0 - np.divide(chance * noise, square, out=np.ones_like(noise), where=square > 0), STILL, 1.0)
 
 
 class _Whitener:
@@ -403,4 +460,4 @@ def _frame_variance(first: View, second: View, at: _Rows) -> Array:
     return np.einsum("ndd->nd", both)
 
 
-__all__ = ["Known", "Match", "match_views"]
+__all__ = ["TOLD_S", "Known", "Match", "match_views", "unmatched"]

@@ -62,6 +62,7 @@ def joint_motion(
     poses: Sequence[Poses],
     mappings: Sequence[Mapping],
     lit: tuple[Sequence[Lit], Sequence[Lit]] = ((), ()),
+    about: Known | None = None,
 ) -> JointMotion:
     """Join what two cameras say of one tow.
 
@@ -71,6 +72,8 @@ def joint_motion(
     poses, mappings : of each, as ``poses_from_tracks`` and ``run_mapping`` give for each of ``cameras_of(run)``
     lit : flashes that each saw; what they say of the clock counts beside the motion, by its weight, where the two do not contradict
         one another
+    about : what else is known of the clock beforehand, as from when the pictures of both came; a clock that the motion tells badly
+        is then no error. None: nothing
 
     Raises
     ------
@@ -81,7 +84,7 @@ def joint_motion(
         return _joined_with(run, poses, mappings, Known(camera.offset_s, camera.offset_sd_s))
     found = None
     try:
-        found = _joined_with(run, poses, mappings, None)
+        found = _joined_with(run, poses, mappings, about)
     except InputError:
         tie = tie_of(*lit, None)
         if tie is None:

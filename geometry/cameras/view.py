@@ -164,6 +164,8 @@ def rates(view: View, at_s: Array) -> Array:
     """
     seen = view.seen
     found = np.zeros((len(at_s), view.pose.shape[1]))
+    if not seen.any():
+        return found
     for column in range(3):
         found[:, column] = mark_rate(view.t_s[seen], view.pose[seen, column], at_s)
     return found

@@ -9,6 +9,7 @@ from ...record.results import Measured
 from ...record.run import Run
 from .flash import Tie
 from .join import BOTH
+from .match import Match
 from .motion import AFLOAT, CAMERA_COLUMN, JointMotion
 
 NAMES = ("x_m", "y_m", "heading_rad", *AFLOAT)
@@ -34,11 +35,6 @@ def cameras_file(run: Run, found: JointMotion, tool: str, inputs: dict[str, str]
     match = found.match
     names = run.file.cameras[0].name, run.file.cameras[1].name
     rows = found.motion[CAMERA_COLUMN].replace("", "lost").value_counts()
-    differences = {
-        name: Difference(mean=float(match.found[k]), expected=float(match.expected[k]), left=float(match.left[k]))
-        for k, name in enumerate(NAMES[: len(match.found)])
-    }
-    afloat = _afloat(found)
     return CamerasFile(
         schema="towline/cameras",
         tool=tool,
@@ -57,11 +53,19 @@ def cameras_file(run: Run, found: JointMotion, tool: str, inputs: dict[str, str]
         degrees=match.degrees,
         widened=match.widened,
         inflation=match.inflation,
-        differences=differences,
+        differences=_differences(match),
         rolls=None if found.afloat is None else found.rolls,
-        afloat=afloat,
-        sentences=_sentences(names, found, differences, afloat),
+        afloat=_afloat(found),
+        sentences=joint_sentences(run, found),
     )
+
+
+def _differences(match: Match) -> dict[str, Difference]:
+    """By what they differ, by name."""
+    return {
+        name: Difference(mean=float(match.found[k]), expected=float(match.expected[k]), left=float(match.left[k]))
+        for k, name in enumerate(NAMES[: len(match.found)])
+    }
 
 
 def _afloat(found: JointMotion) -> dict[str, Measured]:
@@ -74,10 +78,17 @@ def _afloat(found: JointMotion) -> dict[str, Measured]:
     return {name: Measured(value=float(v), std=float(s)) for name, v, s in zip(AFLOAT, varies, sd, strict=True)}
 
 
-def _sentences(
-    names: tuple[str, str], found: JointMotion, differences: dict[str, Difference], afloat: dict[str, Measured]
-) -> list[str]:
+def joint_sentences(run: Run, found: JointMotion) -> list[str]:
+    """What the cameras say of each other, in words, the clock first.
+
+    Parameters
+    ----------
+    run : with two ``[[camera]]``
+    found : its motion
+    """
+    names = run.file.cameras[0].name, run.file.cameras[1].name
     match, clock = found.match, found.match.clock
+    differences, afloat = _differences(match), _afloat(found)
     said = [
         f"{names[1]}'s clock shows 0 when {names[0]}'s shows {clock.offset_s:+.4f} +- {clock.offset_sd_s:.4f} s, and "
         f"runs {1e6 * abs(clock.rate):.0f} +- {1e6 * clock.rate_sd:.0f} millionths {'slow' if clock.rate > 0 else 'fast'}",
@@ -145,4 +156,4 @@ def _difference(name: str, one: Difference) -> str:
     return f"{word} differs by {mean:+.3f} {unit} (stated {expected:.3f}, left {left:.3f})"
 
 
-__all__ = ["NAMES", "cameras_file"]
+__all__ = ["NAMES", "cameras_file", "joint_sentences"]

@@ -5,14 +5,13 @@ It reads what ``live.jsonl`` of each says, and asks ``joint``.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ..geometry import DatumFit
-from ..pipeline.executor.processes import THREADS, end_with, undisturbed
 from ..record.run import Run
+from .beside import Beside, event
 from .joint import Joint
 from .log import LogReader, logs_of
 
@@ -33,50 +32,27 @@ class Joining:
     """
 
     def __init__(self, run: Run, fits: Sequence[DatumFit], by_arrival: bool) -> None:
-        from multiprocessing import get_context
-
-        for name in THREADS:
-            os.environ.setdefault(name, "1")
-        context = get_context("spawn")
-        self._pipe, theirs = context.Pipe(duplex=False)
-        self._ended = context.Event()
-        arguments = (run, list(fits), by_arrival, theirs, self._ended, os.getpid())
-        self._process = context.Process(target=_join, args=arguments, name="joining", daemon=True)
-        with undisturbed():
-            self._process.start()
-        theirs.close()
+        self._ended = event()
+        self._process = Beside(_join, "joining", run, list(fits), by_arrival, self._ended)
 
     def told(self) -> Iterator[dict[str, Any]]:
         """Lines for ``live.jsonl`` since it was asked last: of the joint course, and of the cameras' clocks."""
-        try:
-            while self._pipe.poll():
-                yield from self._pipe.recv()
-        except (EOFError, OSError):
-            return
+        for lines in self._process.told():
+            yield from lines
 
     def rest(self) -> Iterator[dict[str, Any]]:
         """The logs are whole: what it still has to say."""
         self._ended.set()
-        end_s = time.monotonic() + LAST_S
-        try:
-            while self._pipe.poll(max(end_s - time.monotonic(), 0.0)):
-                yield from self._pipe.recv()
-        except (EOFError, OSError):
-            return
+        for lines in self._process.told(LAST_S):
+            yield from lines
 
     def end(self) -> None:
         """Nobody asks any more."""
-        self._process.terminate()
-        self._process.join()
-        self._pipe.close()
+        self._process.end()
 
 
-def _join(run: Run, fits: list[DatumFit], by_arrival: bool, pipe: Any, ended: Any, parent: int) -> None:
+def _join(run: Run, fits: list[DatumFit], by_arrival: bool, ended: Any, pipe: Any) -> None:
     """In the process."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    end_with(parent)
     joint, readers = Joint(run, fits, by_arrival), [LogReader(path) for path in logs_of(run)]
     last = False
     while not last:

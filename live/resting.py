@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 from ..identify.settling import NeutralPoint, Settling, neutral_point, settling
 from ..identify.steady import SteadyState, steady_state, tension_known
-from ..pipeline.executor.processes import THREADS, end_with, undisturbed
 from ..record.errors import TowlineError
 from ..record.run import Run, read_run
+from .beside import Beside
 from .log import LOG, LogReader
 
 if TYPE_CHECKING:
@@ -52,39 +52,20 @@ class Resting:
     """
 
     def __init__(self, run: Run, before: Sequence[Path], wish_m: float | None) -> None:
-        from multiprocessing import get_context
-
-        for name in THREADS:
-            os.environ.setdefault(name, "1")
-        context = get_context("spawn")
-        self._pipe, theirs = context.Pipe(duplex=False)
-        arguments = (str(run.folder), [str(path) for path in before], wish_m, theirs, os.getpid())
-        self._process = context.Process(target=_tell, args=arguments, name="resting", daemon=True)
-        with undisturbed():
-            self._process.start()
-        theirs.close()
+        folders = [str(path) for path in before]
+        self._process = Beside(_tell, "resting", str(run.folder), folders, wish_m)
 
     def told(self) -> Iterator[dict[str, Any]]:
         """What it said since it was asked last."""
-        try:
-            while self._pipe.poll():
-                yield self._pipe.recv()
-        except (EOFError, OSError):
-            return
+        return self._process.told()
 
     def end(self) -> None:
         """Nobody asks any more."""
-        self._process.terminate()
-        self._process.join()
-        self._pipe.close()
+        self._process.end()
 
 
-def _tell(folder: str, before: list[str], wish_m: float | None, pipe: Any, parent: int) -> None:
+def _tell(folder: str, before: list[str], wish_m: float | None, pipe: Any) -> None:
     """In the process."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    end_with(parent)
     if hasattr(os, "nice"):
         os.nice(LESS_URGENT)
     run = read_run(Path(folder))

@@ -139,6 +139,21 @@ def test_a_camera_that_was_turned_for_a_while_is_offered_with_both_its_times(run
     assert np.abs(shares[1] - (inside[0] - inside[1])).sum() < 2.5
 
 
+@pytest.mark.parametrize("until_the_end", [True, False])
+def test_a_camera_turned_for_one_end_of_a_run_is_offered_as_either(runs: list, until_the_end: bool) -> None:
+    """Of a run of two halves nothing in it says which was the one: the other runs do, when both are fitted."""
+    rng, run, at_s = np.random.default_rng(6), runs[1], 24.6
+    late = np.clip((run.centre_s + run.step_s / 2 - at_s) / run.step_s, 0, 1)
+    turned = late if until_the_end else 1 - late
+    step = [0.002 * turned if r is run else np.zeros(len(r.centre_s)) for r in runs]
+    offered = shift_effects(runs, left(runs, rng, step, [-s for s in step]))
+    found = [e for e in offered if e.variant.startswith(f"in {run.name}")]
+    shares = [[e.when(r.name, r.centre_s) for r in runs] for e in found if e.when is not None]
+    assert len(shares) == 2
+    assert min(np.abs(own[1] - turned).sum() for own in shares) < 1.5
+    assert not any(own[k].any() for own in shares for k in (0, 2))
+
+
 def test_little_by_little_goes_on_from_run_to_run(runs: list) -> None:
     offered = {e.variant: e for e in shift_effects(runs, left(runs, np.random.default_rng(7)))}
     found = offered["little by little in all runs"]

@@ -57,8 +57,8 @@ def shift_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Ef
     clearest, time, where = max(steps)
     if clearest > STEP_Z:
         found.append(_since(SHIFT, names, where, time, runs[where].step_s))
-        begin, end = _while(runs[where], residuals[where])
-        found.append(_between(names, where, begin, end, runs[where].step_s))
+        windows = _while(runs[where], residuals[where])
+        found += [_between(names, where, begin, end, runs[where].step_s) for begin, end in windows]
         found += [_slowly(names, where, time, over) for over in OVER_S]
     return found
 
@@ -116,8 +116,12 @@ def _ever_slower(passed: Array) -> Array:
     return 1.0 - np.exp(-passed / WARM)
 
 
-def _while(run: TowRun, residual: Array) -> tuple[float, float]:
-    """Begin and end of the stretch, in the middle of a run, whose line and marker distance differ most from the rest."""
+def _while(run: TowRun, residual: Array) -> list[tuple[float, float]]:
+    """Begin and end of the stretch of a run whose line and marker distance differ most from the rest.
+
+    Where it begins or ends with the run the rest is as likely to be the one that differs, and is told as well: a camera that was
+    turned may have been turned back before the next run.
+    """
     both = _rests(run, residual)
     n = both.shape[1]
     sums = np.concatenate([np.zeros((len(both), 1)), np.cumsum(both, axis=1)], axis=1)
@@ -127,7 +131,13 @@ def _while(run: TowRun, residual: Array) -> tuple[float, float]:
     # of a mean of zero over the whole run
     shown = np.where(count > 0, inside.sum(axis=0) / np.maximum(count * (1 - count / n), 1e-9), 0.0)
     first, last = np.unravel_index(int(np.argmax(shown)), shown.shape)
-    return float(run.centre_s[first] - run.step_s / 2), float(run.centre_s[last] - run.step_s / 2)
+    begin_s, end_s = (_sharp(run, both, int(k)) if EDGE <= k <= n - EDGE else 0.0 for k in (first, last))
+    whole_s = float(run.centre_s[0] - run.step_s / 2), float(run.centre_s[-1] + run.step_s / 2)
+    if first < EDGE:
+        return [(whole_s[0], end_s), (end_s, whole_s[1])]
+    if last > n - EDGE:
+        return [(whole_s[0], begin_s), (begin_s, whole_s[1])]
+    return [(begin_s, end_s)]
 
 
 def _rests(run: TowRun, residual: Array) -> Array:
@@ -151,19 +161,26 @@ def _step(run: TowRun, residual: Array) -> tuple[float, float]:
     both = _rests(run, residual)
     if not len(both):
         return 0.0, 0.0
-    n, t_s = len(run.centre_s), run.centre_s
-
-    def shown(time_s: float, some: slice) -> float:
-        share = _share(t_s[some], time_s, run.step_s)
-        share, rest = share - share.mean(), both[:, some] - both[:, some].mean(axis=1, keepdims=True)
-        return float(((rest @ share) ** 2).sum() / max(share @ share, 1e-9))
-
-    squares = [shown(t_s[k] + run.step_s / 2, slice(None)) for k in range(EDGE, n - EDGE)]
+    n = len(run.centre_s)
+    squares = [_shown(run, both, float(run.centre_s[k]) + run.step_s / 2, slice(None)) for k in range(EDGE, n - EDGE)]
     at = EDGE + int(np.argmax(squares))
+    return float(np.sqrt(max(squares))), _sharp(run, both, at + 1)
+
+
+def _shown(run: TowRun, both: Array, time_s: float, some: slice) -> float:
+    """What a step at a time explains of some blocks."""
+    share = _share(run.centre_s[some], time_s, run.step_s)
+    share, rest = share - share.mean(), both[:, some] - both[:, some].mean(axis=1, keepdims=True)
+    return float(((rest @ share) ** 2).sum() / max(share @ share, 1e-9))
+
+
+def _sharp(run: TowRun, both: Array, first: int) -> float:
+    """When within its block the step was, about the begin of block ``first``."""
     # what a turned camera does changes as the model moves: close by, it is a step, and within its block
+    at = first - 1
     near = slice(max(at - NEAR, 0), at + NEAR + 1)
-    times = [float(t_s[at]) + run.step_s * k / 20 for k in range(-10, 31)]
-    return float(np.sqrt(max(squares))), max(times, key=lambda t: shown(t, near))
+    times = [float(run.centre_s[at]) + run.step_s * k / 20 for k in range(-10, 31)]
+    return max(times, key=lambda t: _shown(run, both, t, near))
 
 
 __all__ = ["shift_effects"]

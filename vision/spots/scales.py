@@ -110,7 +110,9 @@ def _rise_at(luma: NDArray[np.uint8], place: Array, width: float, dark: bool) ->
 def _peaks(picture: Array, near_px: Array | None, near_reach_px: float, most: int) -> list[tuple[Array, float, float]]:
     """(u, v), width and rise of what stands out, the most significant first."""
     import cv2
+    from scipy.spatial import KDTree
 
+    about = KDTree(near_px) if near_px is not None and len(near_px) else None
     noise = noise_of(picture)
     quiet = np.minimum(_noise_about(picture), noise)
     places, widths, rises, marks, clears = [], [], [], [], []
@@ -134,20 +136,18 @@ def _peaks(picture: Array, near_px: Array | None, near_reach_px: float, most: in
         tile = np.minimum(found.astype(int) // SMALL_TILE_PX, np.array(quiet.shape[::-1]) - 1)
         own_noise = quiet[tile[:, 1], tile[:, 0]] / factor / max(1.0, 2 * np.sqrt(np.pi) * blur)
         least = np.maximum(LEAST_RISE_DN, LEAST_RISE_SD * own_noise)
-        if near_px is not None and len(near_px):
-            near = np.linalg.norm(found[:, None] - near_px[None], axis=2).min(axis=1) < near_reach_px
-            least = np.where(near, np.maximum(LEAST_RISE_DN, NEAR_RISE_SD * own_noise), least)
+        near = about.query(found)[0] < near_reach_px if about is not None else np.zeros(len(found), dtype=bool)
+        least = np.where(near, np.maximum(LEAST_RISE_DN, NEAR_RISE_SD * own_noise), least)
         clear = rise[v, u] > least
         if not clear.any():
             continue
-        u, v, found, own_noise = u[clear], v[clear], found[clear], own_noise[clear]
+        u, v, found, own_noise, near = u[clear], v[clear], found[clear], own_noise[clear], near[clear]
         worth = rise[v, u] / np.hypot(_scatter(smooth, u + rim, v + rim, here), own_noise + 0.5)
         order = np.argsort(-worth)
         kept = order[:PER_SCALE]
-        if near_px is not None and len(near_px):
-            away = np.linalg.norm(found[:, None] - near_px[None], axis=2).min(axis=1)
-            kept = np.union1d(kept, np.flatnonzero(away < near_reach_px))
-            worth = np.where(away < near_reach_px, worth + 1e3, worth)
+        if near.any():
+            kept = np.union1d(kept, np.flatnonzero(near))
+            worth = np.where(near, worth + 1e3, worth)
         places.append(found[kept])
         widths.append(np.full(len(kept), width))
         rises.append(rise[v[kept], u[kept]])

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.special import ndtri
 from scipy.stats import median_abs_deviation
 
 from ...geometry.checks.bundle import half_sine
@@ -117,7 +118,7 @@ def _radius(run: TowRun, left: Array) -> Radius | None:
     explained = np.interp(t_s, run.centre_s[good], (run.values[:, LINE] - left)[good])
     short = explained + np.median(left[good]) - means
     # most of a block's error is slow: its parts scatter less than if it were white, and a run is taut for most of its time
-    scatter = float(median_abs_deviation(short, nan_policy="omit", scale="normal"))
+    scatter = float(median_abs_deviation(short, nan_policy="omit", scale=float(ndtri(0.75))))
     return Radius(t_s, short, min(sd_m, scatter), _straight(run))
 
 

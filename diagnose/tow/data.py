@@ -141,9 +141,7 @@ class TowRun:
         size, width = parts * len(self.centre_s), self.step_s / parts
         part = np.floor(self.frame_s / width + 1e-9).astype(int)
         inside = good & (part < size)
-        count = np.bincount(part[inside], minlength=size)
-        total = np.bincount(part[inside], self.radius_m[inside], minlength=size)
-        means = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        means = _means_of(part[inside], self.radius_m[inside, None], size)[0][:, 0]
         return width * (np.arange(size) + 0.5), means, self.usual_sd(LINE) * float(np.sqrt(parts))
 
     def usual_sd(self, channel: int) -> float:
@@ -421,14 +419,19 @@ def _blocks(t_s: Array, values: Array, step_s: float) -> tuple[Array, Array, Arr
     size = int(index.max())
     size = max(size, 1)
     inside = good & (index < size)
-    count = np.bincount(index[inside], minlength=size)
+    mean, count = _means_of(index[inside], values[inside], size)
     centre = np.bincount(index[inside], t_s[inside], minlength=size) / np.maximum(count, 1)
     centre = np.where(count > 0, centre, (np.arange(size) + 0.5) * step_s)
     off = t_s[inside] - centre[index[inside]]
     spread = np.bincount(index[inside], off**2, minlength=size) / np.maximum(count, 1)
-    mean = np.stack([np.bincount(index[inside], v, minlength=size) for v in values[inside].T], axis=1)
-    mean = np.where(count[:, None] > 0, mean / np.maximum(count, 1)[:, None], np.nan)
     return centre, spread, mean, count
+
+
+def _means_of(index: Array, values: Array, size: int) -> tuple[Array, Array]:
+    """Means (size, columns) of the rows of each index, NaN where there are none, and how many there are."""
+    count = np.bincount(index, minlength=size)
+    total = np.stack([np.bincount(index, v, minlength=size) for v in values.T], axis=1)
+    return np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], np.nan), count
 
 
 def _mean(t_s: Array, values: Array, step_s: float) -> Array:

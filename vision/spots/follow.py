@@ -123,7 +123,7 @@ class SpotFollower:
         self.tries: list[Frame] = []
         self.taken: list[Array | None] = []
         self.taken_cost = np.inf
-        self.on_probation, self.proven = True, 0
+        self.on_probation = True
         self.unproven: list[Found] = []
         self.first_sight = False
         self.looks: list[tuple[float, float] | None] = [None] * len(markers)
@@ -306,7 +306,7 @@ class SpotFollower:
             return
         self.search.learn_lamps(candidates, chosen.chosen)
         self.on_probation = self.first_sight = True
-        self.proven, self.unproven = 0, []
+        self.unproven = []
         self.looks = looks
         self.tries = [frame]
         self.taken = [candidates.centre_px[spot] if spot >= 0 else None for spot in chosen.chosen]
@@ -488,10 +488,10 @@ class SpotFollower:
             self._dismiss(found)
         else:
             self.tries = []
-            self.proven += len(found.frames)
-            self.on_probation = self.on_probation and self.proven < PROBATION_FRAMES
             self._learn(found)
-            self.unproven = [*self.unproven, found] if self.on_probation else []
+            if self.on_probation:
+                self.unproven.append(found)
+                self.on_probation = sum(len(one.frames) for one in self.unproven) < PROBATION_FRAMES
         self._write(found)
         stretch.clear()
 
@@ -540,10 +540,7 @@ class SpotFollower:
             self._write(self._unseen(frames))
 
     def _write(self, found: Found) -> None:
-        missing = found.reason != ""
-        found.place[missing] = np.nan
-        found.sigma[missing] = np.nan
-        self.losses += int(missing.sum())
+        self.losses += found.forget_missing()
         found.brightness = np.zeros(0)
         self.done.append(found)
 
@@ -571,12 +568,11 @@ class SpotFollower:
         anew.
         """
         self.search.dismissed(found, [m is not None for m in self.marks])
-        for one in (*self.unproven, found):
-            why = np.array([f"not confirmed ({r})" if r else "not confirmed" for r in one.reason.ravel()], dtype=object)
-            self.losses += int((one.reason == "").sum()) if one is not found else 0
-            one.reason = np.where(one.reason == DAMAGED, one.reason, why.reshape(one.reason.shape))
-            one.place[:], one.sigma[:] = np.nan, np.nan
-        self.unproven = []
+        for one in self.unproven:
+            self.losses -= int((one.reason != "").sum())
+            _not_confirmed(one)
+            self.losses += one.forget_missing()
+        _not_confirmed(found)
         self._forget()
 
     def _forget(self) -> None:
@@ -607,3 +603,9 @@ class SpotFollower:
         if self.never_found:
             raise TrackingError(self.search.why_never())
         return table_of(self.done, [m.name for m in self.markers])
+
+
+def _not_confirmed(found: Found) -> None:
+    """None of it was the marks; what was wrong besides stays said."""
+    why = np.array([f"not confirmed ({r})" if r else "not confirmed" for r in found.reason.ravel()], dtype=object)
+    found.reason = np.where(found.reason == DAMAGED, found.reason, why.reshape(found.reason.shape))

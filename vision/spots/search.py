@@ -65,7 +65,8 @@ class Search:
             rest = find_spots(frame.luma, dark, np.array(known) if known else None, reach)
             parts.append(narrow.and_also(rest.apart_from(narrow)))
         refused = [places for index, places in self.refused if index == frame.index]
-        found = self._assigned(self._coloured(frame, parts), near, near_sd_px, looks, refused)
+        spots = self._coloured(frame, parts)
+        found = self._assigned(spots, near, near_sd_px, looks, refused)
         if known or (found[0].accepted and not found[0].ambiguous) or len(self.markers) == 1:
             return found
         # one of the marks may be weak, or on uneven ground: where the taut line leads from the others less is asked of a spot
@@ -74,10 +75,11 @@ class Search:
         places = taut_places(leading, self.markers, self.mapping, self.run, size)
         if not len(places):
             return found
-        for dark, part in zip(self._shades(), list(parts), strict=True):
-            weak = find_spots(frame.luma, dark, places, REACH_PX, MOST_WEAK)
-            parts.append(weak.apart_from(part))
-        return self._assigned(self._coloured(frame, parts), near, near_sd_px, looks, refused, leading)
+        weak = [
+            find_spots(frame.luma, dark, places, REACH_PX, MOST_WEAK).apart_from(part)
+            for dark, part in zip(self._shades(), parts, strict=True)
+        ]
+        return self._assigned(spots.and_also(self._coloured(frame, weak)), near, near_sd_px, looks, refused, leading)
 
     def about(
         self,

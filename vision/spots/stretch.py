@@ -117,6 +117,13 @@ class Found:
     ground_px2: Array
     largest_sigma_px: Array
 
+    def forget_missing(self) -> int:
+        """No place where there is a reason; how many there are."""
+        missing = self.reason != ""
+        self.place[missing] = np.nan
+        self.sigma[missing] = np.nan
+        return int(missing.sum())
+
     def both(self, i: int, j: int) -> NDArray[np.int64]:
         """Frames in which two markers were measured."""
         return np.flatnonzero((self.reason[i] == "") & (self.reason[j] == ""))

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..live.folder import STATIC, tows_of
 from ..live.kept import DAY, kept_day
-from ..live.log import LOG, LogReader, camera_logs, spoiling
+from ..live.log import LOG, LogReader, camera_logs, in_all, spoiling
 from ..live.picture import PICTURE
 from ..record.day_file import DayFile
 from ..record.errors import TowlineError
@@ -149,7 +149,7 @@ class Tail:
 def _together(record: dict[str, Any]) -> dict[str, Any]:
     """A line of both cameras as one of a frame: its number, and all that is unsure of a value as one standard deviation."""
     values = {key: record[key] for key, *_ in CURVES}
-    sure = {key: None if v is None else [v[0], float(np.hypot(v[1], v[2]))] for key, v in values.items()}
+    sure = {key: None if v is None else list(in_all(v)) for key, v in values.items()}
     return {**record, **sure, "frame": record["joint"]}
 
 

@@ -153,6 +153,8 @@ class _Terminal:
 
     def joint(self, told: dict[str, Any]) -> None:
         """What two cameras say together: a line a second instead of each camera's; of their clocks what is new."""
+        from ..live.log import in_all
+
         if "cameras" in told:
             self._tell_cameras(told)
             return
@@ -164,7 +166,7 @@ class _Terminal:
         if None in values[:2]:
             words = "no camera sees the model" if not told["camera"] else f"{told['camera']}: not seen"
         else:
-            words = f"{told['camera']}: {_values(*(_total(value) for value in values))}"
+            words = f"{told['camera']}: {_values(*(in_all(value) for value in values))}"
         self._console.print(
             f"{told['t_s']:7.2f} s  {words}  [dim]({1e3 * told['latency_s']:.0f} ms)[/dim]", markup=True
         )
@@ -229,8 +231,3 @@ def _values(y: tuple[float, float], beta: tuple[float, float], alpha: tuple[floa
         f"y {1e3 * y[0]:+8.1f} +- {1e3 * y[1]:.1f} mm  beta {degrees * beta[0]:+7.2f} +- {degrees * beta[1]:.2f} deg  "
         f"alpha {degrees * alpha[0]:+7.2f} +- {degrees * alpha[1]:.2f} deg"
     )
-
-
-def _total(value: list[float] | None) -> tuple[float, float]:
-    """A value of the joint course with all that is unsure of it; nan where there is none."""
-    return (math.nan, math.nan) if value is None else (value[0], math.hypot(value[1], value[2]))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,16 @@ def camera_logs(out: Path) -> dict[str, Path]:
     return {path.parent.name: path for path in sorted(out.glob(f"*/{LOG}"))}
 
 
+def in_all(value: Sequence[float] | None) -> tuple[float, float]:
+    """A value of two cameras' joint course with all that is unsure of it as one standard deviation; NaN where there is none.
+
+    Parameters
+    ----------
+    value : as the line of a joint frame holds it: the value, its own standard deviation, and that of what is common to all frames
+    """
+    return (math.nan, math.nan) if value is None else (value[0], math.hypot(value[1], value[2]))
+
+
 def spoiling(path: Path) -> list[str]:
     """What was named in a tow that may spoil it, a line each, at its time.
 
@@ -78,4 +89,4 @@ def spoiling(path: Path) -> list[str]:
     return [f"{float(r.get('t_s', 0.0)):.1f} s: {r.get('words', '')}" for r in found]
 
 
-__all__ = ["LOG", "LogReader", "camera_logs", "logs_of", "spoiling"]
+__all__ = ["LOG", "LogReader", "camera_logs", "in_all", "logs_of", "spoiling"]

@@ -1,5 +1,5 @@
-"""What stands for something that is in no list: any function, by bumps, of a state in an equation, of an input, of an output; any
-memory of an input or output.
+"""What stands for something that is in no list: any function, by bumps, of a state or of time in an equation, of an input or an
+output by its size or by time; any memory of an input or output.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def odd_bumps(z: Any, numbers: Any) -> Any:
 
 
 def free_forms(system: System, kinematic: Mapping[str, str], scales: Scales) -> list[Missing]:
-    """For each equation one of each state (two where it is above and below zero) and input; two for each input and output.
+    """For each equation one of each state (two of one above and below zero), of each input and of time; three for each input and output.
 
     Parameters
     ----------
@@ -70,13 +70,16 @@ def free_forms(system: System, kinematic: Mapping[str, str], scales: Scales) -> 
             for one in system.inputs:
                 if scales.input[one.name]:
                     found.append(_driven(state.name, one.name, scales))
+            found.append(_pushed(state.name, scales))
     for name, size in scales.input.items():
         if size:
             found.append(_changed(name, size, SHARE * scales.moves[name], name, ""))
             found.append(_remembered(name, scales.step_s, name, ""))
+            found.append(_wandered(name, SHARE * scales.moves[name], scales.length_s, name, ""))
     for name, size in scales.output.items():
         found.append(_changed(name, size, SHARE * scales.moves[name], "", name))
         found.append(_remembered(name, scales.step_s, "", name))
+        found.append(_wandered(name, SHARE * scales.moves[name], scales.length_s, "", name))
     return found
 
 
@@ -113,6 +116,25 @@ def _driven(equation: str, name: str, scales: Scales) -> Missing:
 
     form = f"free_{equation}_with_{name}"
     return Missing(form, _parameters(SHARE * scales.term[equation]), WORDS, WORDS, changes, equation=equation)
+
+
+def _pushed(equation: str, scales: Scales) -> Missing:
+    """A push that comes and goes with the time from a record's beginning."""
+
+    def changes(t: Any, x: Any, u: Any, p: Any, *numbers: Array) -> Array:
+        return bumps(2 * t / scales.length_s - 1, numbers) + 0.0 * getattr(x, equation)
+
+    name = f"free_{equation}_by_time"
+    return Missing(name, _parameters(SHARE * scales.term[equation]), WORDS, WORDS, changes, equation=equation)
+
+
+def _wandered(name: str, height: float, length_s: float, given: str, seen: str) -> Missing:
+    """A zero that wanders with the time from a record's beginning."""
+
+    def changes(t: Any, values: Array, *numbers: Array) -> Array:
+        return values + bumps(2 * np.asarray(t)[:, None] / length_s - 1, numbers)
+
+    return Missing(f"free_{name}_by_time", _parameters(height), WORDS, WORDS, changes, "", given, seen)
 
 
 def _changed(name: str, size: float, height: float, given: str, seen: str) -> Missing:

@@ -2,14 +2,13 @@
 
     python benchmarks/any_simulator.py --kept FILE.jsonl --python PEERS/bin/python [--seed 1] > benchmarks/any_simulator.txt
 
-The truth is made by ``truth`` below with scipy's solve_ivp; it shares no code with the engine. Beside it in the table, on the same
-records: scipy's least squares of the model and of the model with each effect, the one of the smallest BIC named (eight steps at
-most, begun at the truth); and sparse regression (pysindy, by an interpreter of its own). D is twice the log likelihood that the true
-model has over the best of what is left without its effect: of the model as it is, and, where the effect is left out of the library,
-of the model with any other effect of the case, too, of which the two best are fitted to their end. Cases of D below 20 are not
-scored: no method could tell. One counts as named
-where it is the headline or is told as not to be distinguished from it. What is done stands in the file of --kept, and is not done
-again.
+The truth is made by ``truth`` below with scipy's solve_ivp; it shares no code with the engine. Beside it in the table, on the
+same records: scipy's least squares of the model and of the model with each effect, the one of the smallest BIC named (eight steps
+at most, begun at the truth); and sparse regression (pysindy, by an interpreter of its own). D is twice the log likelihood that
+the true model has over the best of what is left without its effect: of the model as it is, and, where the effect is left out of
+the library, of the model with any other effect of the case, too, of which the two best are fitted to their end. Cases of D below
+20 are not scored: no method could tell. One counts as named where it is the headline or is told as not to be distinguished from
+it. What is done stands in the file of --kept, and is not done again.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -347,3 +348,15 @@ def test_a_near_relative_of_what_is_left_out_is_not_taken_for_it() -> None:
     assert left_out.file.verdict == "unknown"
     assert left_out.file.where.stage == "cart"
     assert left_out.diagnosis.ranking.beside is not None
+
+
+def test_a_zero_that_wanders_is_no_wrong_zero() -> None:
+    """An encoder that drifts by ten times its noise: an offset takes three quarters of it, and is not what is missing."""
+    plain = swings(starts=(0.6, 1.3))
+    wandered = [replace(one, values=one.values + 0.04 * np.linspace(0, 1, len(one.values))[:, None]) for one in plain]
+    known = found_of(pendulum(), wandered)
+    assert known.file.verdict == "effect"
+    assert known.file.ranking[0].effects == ["angle_drift"]
+    left_out = found_of(pendulum(), wandered, without=("angle_drift",))
+    assert left_out.file.verdict == "unknown"
+    assert left_out.file.where.stage == "encoder"

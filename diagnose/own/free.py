@@ -50,7 +50,7 @@ def odd_bumps(z: Any, numbers: Any) -> Any:
 
 
 def free_forms(system: System, kinematic: Mapping[str, str], scales: Scales) -> list[Missing]:
-    """For each equation one of each state (two of one above and below zero), of each input and of time; three for each input and output.
+    """For each equation one of each state (two of one above and below zero), input and of time; three for each input and output.
 
     Parameters
     ----------

@@ -25,6 +25,12 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
         metavar="derivatives.json",
         help="judge a simulator with these derivatives as they are",
     )
+    sub.add_argument(
+        "--hull",
+        type=Path,
+        metavar="HULL.fmu",
+        help="judge another simulator: an FMU of its hull, whose equations stand in place of towline's; this RUNS its code",
+    )
     add_effects(sub)
     sub.add_argument(
         "--without", nargs="+", default=[], metavar="EFFECT", help="effects that you know are not there, by their names"
@@ -48,7 +54,14 @@ def call(options: argparse.Namespace) -> int:
 
     with show_progress() as show:
         found = diagnose_folders(
-            options.runs, options.hold_out, options.effects, options.reference, show, options.line, options.without
+            options.runs,
+            options.hold_out,
+            options.effects,
+            options.reference,
+            show,
+            options.line,
+            options.without,
+            options.hull,
         )
     file = found.diagnosis.file
     out = options.out or output_folder([run.folder for run in found.runs])

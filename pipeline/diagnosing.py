@@ -14,11 +14,12 @@ from ..diagnose.gap import Diagnosed, Diagnosis, concluded, diagnosed
 from ..diagnose.inference.apart import measured_apart
 from ..diagnose.inference.evidence import Fitted
 from ..diagnose.inference.ranking import Ranking
+from ..diagnose.own.hull import read_hull
 from ..diagnose.tow.data import Recorded, block_step, tow_runs, without_cell
 from ..diagnose.tow.numbers import COMPLIANCE
 from ..diagnose.tow.towed import TowSimulator
 from ..record.errors import EstimationError, InputError, TowlineError
-from ..record.files import write_text
+from ..record.files import sha256_of_file, write_text
 from ..record.names import shown
 from ..record.results import DerivativesFile, read_result
 from ..record.run import RUN_FILE, Run, all_inputs, read_run, refuse_two_cameras
@@ -49,6 +50,7 @@ def diagnose_folders(
     progress: Progress | None = None,
     line: Line | None = None,
     without: Sequence[str] = (),
+    hull: Path | None = None,
 ) -> Diagnosed:
     """Diagnose run folders.
 
@@ -61,11 +63,13 @@ def diagnose_folders(
     progress : is told what is done
     line : what the tow line keeps, instead of what the runs say
     without : names of effects that are known not to be there
+    hull : an FMU of the hull's equations (``diagnose.own.hull``), of the simulator that is judged; None: towline's own
 
     Raises
     ------
     TowlineError : no run can be used, a file is wrong, or an effect to be left out is none
     """
+    equations = None if hull is None else read_hull(hull)
     library = library_of(effects)
     known = {effect.name for effect in library} | FOUND
     for name in without:
@@ -102,17 +106,17 @@ def diagnose_folders(
         for run, m in zip(runs, motions, strict=True)
     ]
     tows = tow_runs(recorded, step)
-    inputs = all_inputs(runs)
+    inputs = all_inputs(runs) | ({} if hull is None else {str(hull): sha256_of_file(hull)})
     judged = None if reference is None else _reference(reference)
     apart = measured_apart(runs, library)
-    simulator = TowSimulator(tows, judged, apart, without)
+    simulator = TowSimulator(tows, judged, apart, without, equations)
     try:
         found = diagnosed_runs(simulator, library, inputs, held or None, progress)
     except EstimationError:
         if not simulator.celled:
             raise
         # a line that is far from what is stated pulls otherwise than any start can follow; the motion alone may say why
-        simulator = TowSimulator(without_cell(tows), judged, apart, without)
+        simulator = TowSimulator(without_cell(tows), judged, apart, without, equations)
         found = without_the_cell(diagnosed_runs(simulator, library, inputs, held or None, progress))
     return Diagnosed(found, runs, failed, tuple(library), tuple(held) or None)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,6 +169,18 @@ class Tow:
         return self.resistance_n / np.cos(alpha)
 
 
+class Answering(Protocol):
+    """A hull of another simulator, known by how it answers speeds and forces; many side by side where the arrays broadcast."""
+
+    def free(self, u: Any, v: Any, r: Any, rudder_rad: Any, more: tuple[Any, ...]) -> tuple[Any, Any, Any]:
+        """u', v', r' without the line, at these speeds; ``more``: what else pushes, (Y, N) or (Y, N, X)."""
+        ...
+
+    def pulled(self, ahead: Any, side: Any, moment: Any) -> tuple[Any, Any, Any]:
+        """By how much a force ahead, a side force and a moment change u', v', r'."""
+        ...
+
+
 Kind = TypeVar("Kind", "Hull", "Tow")
 
 
@@ -301,7 +313,7 @@ class Taut:
     u_m_s: Any
 
 
-def full_state(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = None) -> Taut:
+def full_state(t_s, state, hull: Hull | Answering, tow: Tow, extra: ExtraForce | None = None) -> Taut:
     """Rates of (alpha, beta, v, r), tension and forward speed: full sine and kinematics (2.9), a line that does not stretch.
 
     a' = (v + X_T r + U sin b - y_o' cos b)/(L cos(a+b)), b' = r; singular at a + b = 90 degrees. With ``tow.line`` = "surge"
@@ -311,7 +323,7 @@ def full_state(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = None
     ----------
     t_s : time
     state : (4, ...) alpha rad, beta rad, v m/s, r rad/s
-    hull : at the carriage's speed ("constant") or at the speed at which R is quoted ("surge")
+    hull : at the carriage's speed ("constant") or at the speed at which R is quoted ("surge"); or another simulator's
     tow : T, X_T, L, U of the tow
     extra : force and moment beside the model's own
     """
@@ -323,18 +335,15 @@ def full_state(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = None
     more = (0.0, 0.0) if extra is None else extra(t_s, full_y_cg(t_s, alpha, beta, tow), beta, v, r, alpha)
     if tow.line == "constant":
         tension, u = tow.tension(alpha), tow.speed_m_s
-        side, moment = line_force(tow, tension, sine, cosine)
-        y_0, n_0 = constant_force(hull, tow.rudder_rad)
-        v_rate, r_rate = sway_yaw_acceleration(hull, v, r, side + y_0 + more[0], moment + n_0 + more[1])
+        v_rate, r_rate = _held_at(u, hull, tow, v, r, line_force(tow, tension, sine, cosine), more)
         return Taut(_together(turn, r, v_rate, r_rate), tension, u)
     u = _forward_speed(tow, r, turn, sine, heading, post_rate)
-    v_free, r_free, push = _coasting(hull, tow, u, v, r, more)
-    v_pull, r_pull = accelerated(hull, *line_force(tow, 1.0, sine, cosine))
+    u_free, v_free, r_free = _coasting(hull, tow, u, v, r, more)
+    u_pull, v_pull, r_pull = _by_line(hull, tow, 1.0, sine, cosine)
     by_v = sine / cosine
     by_r = tow.tow_point_m * by_v + tow.tow_point_offset_m
-    mass = surge_mass(hull)
     needed = surge_rate_of_line(t_s, state, turn, by_v, cosine, tow, post_rate, heading) + by_v * v_free + by_r * r_free
-    tension = (mass * needed - push) / (cosine - mass * (by_v * v_pull + by_r * r_pull))
+    tension = (needed - u_free) / (u_pull - by_v * v_pull - by_r * r_pull)
     rates = _together(turn, r, v_free + tension * v_pull, r_free + tension * r_pull)
     return Taut(rates, tension, u)
 
@@ -352,20 +361,38 @@ def full_rates(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = None
     return full_state(t_s, state, hull, tow, extra).rates
 
 
-def _coasting(hull: Hull, tow: Tow, u, v, r, more):
-    """v', r' without the line, and X + m v r, at the forward speed u."""
+def _held_at(u, hull: Hull | Answering, tow: Tow, v, r, line, more):
+    """v', r' of a hull that a carriage takes along at its speed; ``line``: its side force and moment."""
+    if not isinstance(hull, Hull):
+        free, pull = hull.free(u, v, r, tow.rudder_rad, more), hull.pulled(0.0, *line)
+        return free[1] + pull[1], free[2] + pull[2]
+    y_0, n_0 = constant_force(hull, tow.rudder_rad)
+    return sway_yaw_acceleration(hull, v, r, line[0] + y_0 + more[0], line[1] + n_0 + more[1])
+
+
+def _coasting(hull: Hull | Answering, tow: Tow, u, v, r, more):
+    """u', v', r' without the line, at the forward speed u."""
+    if not isinstance(hull, Hull):
+        return hull.free(u, v, r, tow.rudder_rad, more)
     here = hull.at_speed(u)
     y_0, n_0 = constant_force(here, tow.rudder_rad)
     v_free, r_free = sway_yaw_acceleration(here, v, r, y_0 + more[0], n_0 + more[1])
     push = surge_force(hull, tow.resistance, u / hull.speed_m_s, v, r) + hull.mass_kg * v * r
-    return v_free, r_free, push + more[2] if len(more) > 2 else push
+    return (push + more[2] if len(more) > 2 else push) / surge_mass(hull), v_free, r_free
 
 
-def _under_pull(hull: Hull, tow: Tow, speeds: tuple[Any, Any, Any], tension, sine, cosine, more):
+def _by_line(hull: Hull | Answering, tow: Tow, tension, sine, cosine):
+    """By how much a line that pulls with ``tension`` at alpha + beta changes u', v', r'."""
+    ahead, side_and_moment = tension * cosine, line_force(tow, tension, sine, cosine)
+    if not isinstance(hull, Hull):
+        return hull.pulled(ahead, *side_and_moment)
+    return ahead / surge_mass(hull), *accelerated(hull, *side_and_moment)
+
+
+def _under_pull(hull: Hull | Answering, tow: Tow, speeds: tuple[Any, Any, Any], tension, sine, cosine, more):
     """u', v', r' of a model that a line pulls with ``tension`` at alpha + beta; ``speeds``: u, v, r."""
-    v_free, r_free, push = _coasting(hull, tow, *speeds, more)
-    v_pull, r_pull = accelerated(hull, *line_force(tow, tension, sine, cosine))
-    return (push + tension * cosine) / surge_mass(hull), v_free + v_pull, r_free + r_pull
+    free, pull = _coasting(hull, tow, *speeds, more), _by_line(hull, tow, tension, sine, cosine)
+    return free[0] + pull[0], free[1] + pull[1], free[2] + pull[2]
 
 
 def surge_rate_of_line(t_s, state, turn, by_v, cosine, tow: Tow, post_rate, heading):
@@ -403,7 +430,7 @@ def loose_rates(t_s, state, hull: Hull, tow: Tow, extra: ExtraForce | None = Non
     return np.array([ahead, aside, r, *rates])
 
 
-def paid_state(t_s, state, tension, hull: Hull, tow: Tow, extra: ExtraForce | None = None) -> Taut:
+def paid_state(t_s, state, tension, hull: Hull | Answering, tow: Tow, extra: ExtraForce | None = None) -> Taut:
     """``full_state`` of a line whose length is a state, because what it pulls with is given: a spring, a winch, a weight.
 
     The same equations as ``loose_rates`` (theory.md 10) in the line's own coordinates: L' is by how fast the tow point goes from

@@ -25,7 +25,7 @@ from ..inference.shooting import (
 )
 from .data import TowRun, corrected
 from .numbers import shared_numbers
-from .rates import OWN, STATES, Fields, Numbers, TowRates, tow_of
+from .rates import OWN, STATES, Fields, Numbers, OtherHull, TowRates, tow_of
 from .seen import TowSeen
 from .variations import PROBE_N, Variations, joined
 
@@ -47,9 +47,16 @@ class TowModel:
     runs : with one block length
     speed_m_s : at which derivatives are quoted
     names : of the shared numbers; None: those that the runs ask for
+    hull : its equations, where they are another simulator's
     """
 
-    def __init__(self, runs: Sequence[TowRun], speed_m_s: float, names: tuple[str, ...] | None = None) -> None:
+    def __init__(
+        self,
+        runs: Sequence[TowRun],
+        speed_m_s: float,
+        names: tuple[str, ...] | None = None,
+        hull: OtherHull | None = None,
+    ) -> None:
         self.runs, self.speed_m_s = list(runs), speed_m_s
         self.step_s = runs[0].step_s
         self._corrections: dict[tuple, Array] = {}
@@ -57,7 +64,7 @@ class TowModel:
         self.node_s = np.arange(2 * self.count + 1) * self.step_s / 2
         duration = np.array([[len(r.centre_s) * self.step_s] for r in runs])
         self.shared_names = shared_numbers(runs, speed_m_s).names if names is None else names
-        self._fields = Fields(runs, duration, speed_m_s, self.shared_names)
+        self._fields = Fields(runs, duration, speed_m_s, self.shared_names, hull)
         self._seen = TowSeen(runs, self._fields, self.node_s)
 
     # the measured side ------------------------------------------------------------------------------------------------

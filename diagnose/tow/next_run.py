@@ -75,7 +75,8 @@ def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | No
     except (FloatingPointError, np.linalg.LinAlgError):
         return None
     best: Design | None = None
-    noise, own_sd = tow_noise(runs, trial.pushed(begun[0])), own_sds(runs)
+    # along the motion itself: where a path of long steps is not closed, it may run off, and what it answers is no number
+    noise, own_sd = tow_noise(runs, trial.pushed(replace(begun[0], path=linear[0].path))), own_sds(runs)
     for index, (x_t, line, speed, y, beta) in enumerate(settings):
         residual, slope = linear[0].rows[index]
         other = linear[1].rows[index][0]

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ...simulate.model import (
+    Answering,
     Array,
     Hull,
     Taut,
@@ -45,6 +46,14 @@ SHORTEST = 0.05
 """A line with a law of its own is never shorter than this share of what is stated."""
 SOON_S = 0.05
 """An effect on the carriage's speed is differentiated over so long to either side."""
+
+
+class OtherHull(Protocol):
+    """The hull of another simulator, in place of towline's own equations of it."""
+
+    def __call__(self, hull: Hull, tow: Tow, runs: int, columns: int) -> Answering:
+        """With these derivatives and R of these tows, both at the hull's speed; fields that broadcast to (runs, columns)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -107,6 +116,7 @@ class Fields:
     duration_s : of the runs, (runs, 1)
     speed_m_s : of the quoted derivatives
     names : of the shared numbers
+    other : the hull's equations, where they are another simulator's
 
     Attributes
     ----------
@@ -116,9 +126,14 @@ class Fields:
     """
 
     def __init__(
-        self, runs: Sequence[TowRun], duration_s: Array, speed_m_s: float, names: tuple[str, ...] = SIX
+        self,
+        runs: Sequence[TowRun],
+        duration_s: Array,
+        speed_m_s: float,
+        names: tuple[str, ...] = SIX,
+        other: OtherHull | None = None,
     ) -> None:
-        self.speed_m_s, self.names = speed_m_s, names
+        self.speed_m_s, self.names, self.other = speed_m_s, names, other
         tows = [run.data.tow for run in runs]
         self.surge = np.array([[t.line == "surge"] for t in tows])
         self.lines = tuple(dict.fromkeys(t.line for t in tows))
@@ -264,6 +279,9 @@ class TowRates:
         self._fields, self._lags, self._tow = fields, list(numbers.lags_s), tow
         self._width, self._reference = numbers.width, _hull_of(fields, numbers)
         self._hull = self._reference.at_speed(tow.speed_m_s)
+        self._other: Answering | None = None
+        if fields.other is not None:
+            self._other = fields.other(self._hull, tow, len(fields.surge), numbers.width)
         self._lawful = [a for a in numbers.active if a.effect.law is not None]
         self._first = PAID_STATES if self._lawful else STATES
         pushing = [a for a in numbers.active if a.effect.force is not None]
@@ -395,11 +413,12 @@ class TowRates:
 
         pushed = extra if self._pushing or by_pull or self._surging else None
         if self._lawful:
-            return paid_state(t, (*now.core, now.paid[1]), self._law(t, state, now), self._hull, now.tow, pushed)
+            hull = self._other or self._hull
+            return paid_state(t, (*now.core, now.paid[1]), self._law(t, state, now), hull, now.tow, pushed)
         lines = ("surge", "constant") if self._keeping else self._fields.lines
         found = {}
         for line in lines:
-            hull = self._hull if line == "surge" else now.hull
+            hull = self._other or (self._hull if line == "surge" else now.hull)
             tow = now.tow if now.tow.line == line else replace(now.tow, line=line)
             found[line] = full_state(t, now.core, hull, tow, pushed)
         if len(found) == 1:
@@ -431,7 +450,8 @@ class TowRates:
         """The rates where effects change T: beyond what keeps the line's length, which they do not ask."""
         change = self._change(t, state, now, taut)
         angle = now.core[0] + now.core[1]
-        v_pull, r_pull = accelerated(now.hull, *line_force(now.tow, change, np.sin(angle), np.cos(angle)))
+        force = line_force(now.tow, change, np.sin(angle), np.cos(angle))
+        v_pull, r_pull = accelerated(now.hull, *force) if self._other is None else self._other.pulled(0.0, *force)[1:]
         rates = taut.rates.copy()
         rates[2] += v_pull
         rates[3] += r_pull
@@ -560,6 +580,7 @@ __all__ = [
     "Active",
     "Fields",
     "Numbers",
+    "OtherHull",
     "TowRates",
     "columns_of",
     "line_rates",

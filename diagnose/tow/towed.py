@@ -23,7 +23,7 @@ from .model import TowModel
 from .noise import measured_noise, tow_noise
 from .numbers import SIX, shared_numbers
 from .pushes import pushes
-from .rates import OWN, own_numbers
+from .rates import OWN, OtherHull, own_numbers
 from .shifts import shift_effects
 from .slackness import jerk_effects, slack_effects
 from .springs import springing_effects
@@ -71,6 +71,7 @@ class TowSimulator(TowModel):
         are; None: fitted to these runs
     apart : effect.number -> what was measured of it apart from the runs
     without : names of effects that are known not to be there
+    hull : its equations, where they are another simulator's (``own.hull``)
     """
 
     def __init__(
@@ -79,8 +80,9 @@ class TowSimulator(TowModel):
         reference: tuple[Array, Array, float] | None = None,
         apart: Mapping[str, Apart] | None = None,
         without: Collection[str] = (),
+        hull: OtherHull | None = None,
     ) -> None:
-        super().__init__(runs, float(np.mean([r.data.tow.speed_m_s for r in runs])))
+        super().__init__(runs, float(np.mean([r.data.tow.speed_m_s for r in runs])), hull=hull)
         self.apart: Mapping[str, Apart] = apart or {}
         self._without = frozenset(without)
         known = None

@@ -6,9 +6,9 @@ The truth is made by ``truth`` below with scipy's solve_ivp; it shares no code w
 same records: scipy's least squares of the model and of the model with each effect, the one of the smallest BIC named (eight steps
 at most, begun at the truth); and sparse regression (pysindy, by an interpreter of its own). D is twice the log likelihood that
 the true model has over the best of what is left without its effect: of the model as it is, and, where the effect is left out of
-the library, of the model with any other effect of the case, too, of which the two best are fitted to their end. Cases of D below
-20 are not scored: no method could tell. One counts as named where it is the headline or is told as not to be distinguished from
-it. What is done stands in the file of --kept, and is not done again.
+the library, of the model with any other effect of the case, too, of which the two best are fitted to their end, and with what the
+engine answers. Cases of D below 20 are not scored: no method could tell. One counts as named where it is the headline or is told
+as not to be distinguished from it. What is done stands in the file of --kept, and is not done again.
 """
 
 from __future__ import annotations
@@ -80,26 +80,39 @@ class Case:
     """How far bristles give before they slide."""
 
 
-def truth(case: Case, p: Array, start: Array, drive: Array, kind: str, size: float) -> Array:
-    """Outputs (n, c), by solve_ivp."""
+FORCES: dict[str, Callable[[float, float, float], float]] = {
+    "constant": lambda v, y, v0: -1.0,
+    "dry": lambda v, y, v0: float(np.tanh(v / v0)),
+    "quadratic": lambda v, y, v0: v * abs(v),
+    "cubic": lambda v, y, v0: v**3,
+    "cubic_stiffness": lambda v, y, v0: y**3,
+    "above": lambda v, y, v0: max(y, 0.0),
+    "below": lambda v, y, v0: min(y, 0.0),
+    "bristles": lambda v, y, v0: 0.0,
+}
+"""Kind -> what a rate loses by a unit of it, of the rate's own state, its integral and the speed at which dry friction turns."""
+
+
+def truth(case: Case, p: Array, start: Array, drive: Array, largest: float, sizes: dict[str, float]) -> Array:
+    """Outputs (n, c), by solve_ivp, with effects kind -> size; ``largest``: of the drives of all records."""
     t = np.arange(case.count) * case.step_s
     index, place, v0 = case.equation, case.place, TURN * case.speed
     fine = np.linspace(0, t[-1], 8 * (case.count - 1) + 1)
     u_fine = np.interp(fine, t, drive)
-    if kind == "saturation":
-        u_fine = np.clip(u_fine, -(np.abs(drive).max() - size), np.abs(drive).max() - size)
-    elif kind == "backlash":
-        now, out = u_fine[0], []
+    if "saturation" in sizes:
+        most = largest - sizes["saturation"]
+        u_fine = np.clip(u_fine, -most, most)
+    if "backlash" in sizes:
+        now, out, half = u_fine[0], [], sizes["backlash"] / 2
         for value in u_fine:
-            now = min(max(now, value - size / 2), value + size / 2)
+            now = min(max(now, value - half), value + half)
             out.append(now)
         u_fine = np.array(out)
-    elif kind == "input_scale":
-        u_fine = u_fine * (1 + size)
-    elif kind == "input_offset":
-        u_fine = u_fine + size
-    late = size if kind == "delay" else 0.0
-    lag = size if kind == "lag" and size > 1e-6 else 0.0
+    u_fine = u_fine * (1 + sizes.get("input_scale", 0.0)) + sizes.get("input_offset", 0.0)
+    late = sizes.get("delay", 0.0)
+    lag = max(sizes.get("lag", 0.0), 0.0)
+    lag = lag if lag > 1e-6 else 0.0
+    forces = [(kind, size) for kind, size in sizes.items() if kind in FORCES]
 
     levels, last = u_fine.tolist(), float(len(u_fine) - 1)
 
@@ -110,43 +123,29 @@ def truth(case: Case, p: Array, start: Array, drive: Array, kind: str, size: flo
             at = min(max((time - late) / fine[1], 0.0), last)
             before = min(int(at), len(levels) - 2)
             u = levels[before] + (at - before) * (levels[before + 1] - levels[before])
-        more = [(u - state[-1]) / lag] if lag else []
-        v = x[index]
-        found = list(case.plain(x, state[-1] if lag else u, p))
-        if kind == "bristles":
-            # LuGre's z in its own units: half as much again at rest, no sigma_1
-            z, sigma = state[-1], 1.5 * abs(size) / case.give
-            grip = abs(size) * (1 + 0.5 * np.exp(-((v / (0.1 * case.speed)) ** 2)))
-            more = [v - sigma * abs(v) * z / max(grip, 1e-12)]
-            found[index] -= np.sign(size) * sigma * z
-        elif kind == "constant":
-            found[index] += size
-        elif kind == "dry":
-            found[index] -= size * np.tanh(v / v0)
-        elif kind == "quadratic":
-            found[index] -= size * v * abs(v)
-        elif kind == "cubic":
-            found[index] -= size * v**3
-        elif kind == "cubic_stiffness" and place is not None:
-            found[index] -= size * x[place] ** 3
-        elif kind == "above" and place is not None:
-            found[index] -= size * max(x[place], 0.0)
+        found = list(case.plain(x, state[len(start)] if lag else u, p))
+        more = [(u - state[len(start)]) / lag] if lag else []
+        v, y = x[index], x[place] if place is not None else 0.0
+        for kind, size in forces:
+            if kind == "bristles":
+                # LuGre's z in its own units: half as much again at rest, no sigma_1
+                z, sigma = state[-1], 1.5 * abs(size) / case.give
+                grip = abs(size) * (1 + 0.5 * np.exp(-((v / (0.1 * case.speed)) ** 2)))
+                more.append(v - sigma * abs(v) * z / max(grip, 1e-12))
+                found[index] -= np.sign(size) * sigma * z
+            else:
+                found[index] -= size * FORCES[kind](v, y, v0)
         return [*found, *more]
 
-    at = t * (1 + size) if kind == "clock" else t
-    first = [*start, drive[0]] if lag else [*start, 0.0] if kind == "bristles" else list(start)
+    at = t * (1 + sizes.get("clock", 0.0))
+    first = [*start, *([drive[0]] if lag else []), *([0.0] if "bristles" in sizes else [])]
     solved = solve_ivp(
         rates, (0, at[-1]), first, t_eval=at, method="LSODA", rtol=1e-6, atol=1e-9, max_step=4 * case.step_s
     )
     y = solved.y[list(case.outputs)].T
     if len(y) < case.count:
         return np.full((case.count, len(case.outputs)), 1e3)
-    if kind == "offset":
-        y[:, -1] += size
-    elif kind == "drift":
-        y[:, -1] += size * t / t[-1]
-    elif kind == "scale":
-        y[:, -1] *= 1 + size
+    y[:, -1] = y[:, -1] * (1 + sizes.get("scale", 0.0)) + sizes.get("offset", 0.0) + sizes.get("drift", 0.0) * t / t[-1]
     return y
 
 
@@ -238,14 +237,15 @@ def cases() -> list[Case]:
     ]  # fmt: skip
 
 
-TWINS = {"rudder_offset": "turn_constant", "h2_scale": "h1_scale"}
-"""What two effects do alike to the model, whatever the records: k (u + b) = k u + k b; sqrt(h), twice, takes up either scale."""
+TWINS = {"rudder_offset": ("turn_constant", "heading_drift"), "h2_scale": ("h1_scale",)}
+"""What effects do alike to the model, whatever the records: k (u + b) = k u + k b, which turns a linear ship at k b/a all the time,
+as a drift of its compass does; sqrt(h), twice, takes up either scale."""
 
 
 def left_out(case: Case, effect: str) -> list[str]:
     """Names that are not offered: the effect's, and those that do the same to these records in all but name."""
     if effect in TWINS:
-        return [effect, TWINS[effect]]
+        return [effect, *TWINS[effect]]
     if effect.endswith("_friction"):
         return [
             effect.replace("_dry_", f"_{kind}_").replace("_lugre_", f"_{kind}_") for kind in ("dry", "static", "lugre")
@@ -272,8 +272,18 @@ class Made:
     size: float
 
     @property
-    def kind(self) -> str:
-        return self.case.effects[self.effect][0] if self.effect else ""
+    def sizes(self) -> dict[str, float]:
+        """Kind -> size of what is missing."""
+        return {self.case.effects[self.effect][0]: self.size} if self.effect else {}
+
+    @property
+    def largest(self) -> float:
+        """Of the drives."""
+        return _largest(self.drives)
+
+
+def _largest(drives: list[Array]) -> float:
+    return max(float(np.abs(drive).max()) for drive in drives)
 
 
 def drawn(case: Case, effect: str, rng: np.random.Generator) -> Made:
@@ -287,33 +297,53 @@ def drawn(case: Case, effect: str, rng: np.random.Generator) -> Made:
     for start, drive in zip(case.starts, drives, strict=True):
         begin = np.array(start) * rng.uniform(0.8, 1.2)
         starts.append(begin)
-        clean = truth(case, p, begin, drive, kind, size)
+        clean = truth(case, p, begin, drive, _largest(drives), {kind: size} if kind else {})
         values.append(clean + np.array(case.noise) * rng.normal(size=clean.shape))
     return Made(case, p, starts, drives, values, effect, size)
 
 
-def fitted(made: Made, kind: str, usual: float, steps: int = BIC_STEPS) -> tuple[float, int]:
-    """Chi-square and numbers of scipy's least squares with an effect (or none), begun at the truth's numbers (and size)."""
+def fitted(made: Made, usual: dict[str, float], steps: int = BIC_STEPS, begun: float = 0.3) -> tuple[float, int]:
+    """Chi-square and numbers of scipy's least squares with effects (kind -> usual size), begun at the truth's numbers and sizes; at
+    a share of the usual ones of what is not there."""
     case = made.case
-    q = len(made.p)
-    states = len(case.starts[0])
+    q, states, kinds = len(made.p), len(case.starts[0]), list(usual)
+    scale = np.array([usual[kind] for kind in kinds])
 
     def residuals(z: Array) -> Array:
-        found = []
+        found, sizes = [], dict(zip(kinds, (z[len(z) - len(kinds) :] * scale).tolist(), strict=True))
         for k, (drive, values) in enumerate(zip(made.drives, made.values, strict=True)):
             begin = z[q + states * k : q + states * (k + 1)] * (np.abs(case.starts[k]) + 0.1 * case.speed)
-            clean = truth(
-                case, z[:q] * np.array(case.numbers), begin, drive, kind, float(z[-1]) * usual if kind else 0.0
-            )
+            clean = truth(case, z[:q] * np.array(case.numbers), begin, drive, made.largest, sizes)
             found.append(((values - clean) / np.array(case.noise)).ravel())
         return np.nan_to_num(np.concatenate(found), nan=1e3)
 
     begin = [s / (np.abs(given) + 0.1 * case.speed) for s, given in zip(made.starts, case.starts, strict=True)]
-    z = np.concatenate(
-        [made.p / np.array(case.numbers), *begin, [made.size / usual if kind == made.kind else 0.3] if kind else []]
-    )
+    first = [made.sizes[kind] / usual[kind] if kind in made.sizes else begun for kind in kinds]
+    z = np.concatenate([made.p / np.array(case.numbers), *begin, first])
     found = least_squares(residuals, z, diff_step=STEP, max_nfev=steps, x_scale="jac")
     return 2 * float(found.cost), len(z)
+
+
+def usual_of(case: Case, effect: str) -> dict[str, float]:
+    """Kind -> usual size of an effect; "": the model as it is."""
+    return dict([case.effects[effect]]) if effect else {}
+
+
+def told_by(case: Case, file: Any) -> dict[str, float] | None:
+    """Kind -> size of what the engine answers; None where ``truth`` cannot make it."""
+    name, found = case.model.states[case.equation].name, {}
+    endings = {"dry_friction": "dry", "static_friction": "dry", "lugre_friction": "bristles", "constant": "constant"}
+    endings |= {"quadratic_damping": "quadratic", "cubic_damping": "cubic", "cubic_stiffness": "cubic_stiffness"}
+    endings |= {"stiffness_above": "above", "stiffness_below": "below"}
+    known = {f"{name}_{ending}": kind for ending, kind in endings.items()}
+    known |= {effect: kind for effect, (kind, _) in case.effects.items()}
+    row = file.ranking[0]
+    for effect in row.effects:
+        if effect not in known or (known[effect] == "bristles" and not case.give):
+            return None
+        size = next(v.value for key, v in row.parameters.items() if key.startswith(f"{effect}."))
+        found[known[effect]] = float(size) or 1e-6
+    return found
 
 
 def by_bic(made: Made, offered: list[str]) -> tuple[str, dict[str, float]]:
@@ -321,8 +351,7 @@ def by_bic(made: Made, offered: list[str]) -> tuple[str, dict[str, float]]:
     count = sum(v.size for v in made.values)
     best, name, chi = np.inf, "", {}
     for effect in ["", *offered]:
-        kind, usual = made.case.effects[effect] if effect else ("", 0.0)
-        chi[effect], numbers = fitted(made, kind, usual)
+        chi[effect], numbers = fitted(made, usual_of(made.case, effect))
         bic = chi[effect] + numbers * np.log(count)
         if bic < best:
             best, name = bic, effect
@@ -392,12 +421,15 @@ def judged(case: Case, kind: str, effect: str, seed: list[int], bic: bool, pytho
     }
     if bic:
         chosen, chi = by_bic(made, [n for n in names if n not in gone])
-        own = chi[effect] if effect in chi else fitted(made, *case.effects[effect])[0]
+        own = chi[effect] if effect in chi else fitted(made, usual_of(case, effect))[0]
         others = [chi[""]]
         if kind == "left out":
             near = sorted(chi, key=lambda name: chi[name])[:NEAREST]
-            ends = [fitted(made, *(case.effects[n] if n else ("", 0.0)), steps=LAST_STEPS)[0] for n in near]
-            others = [*ends, *(c for name, c in chi.items() if name not in near)]
+            usual = [usual_of(case, name) for name in near]
+            told = told_by(case, file) if file.verdict in ("effect", "form_not_exact") else None
+            others = [fitted(made, one, LAST_STEPS)[0] for one in usual]
+            others += [] if told is None else [fitted(made, told, LAST_STEPS, 1.0)[0]]
+            others += [c for name, c in chi.items() if name not in near]
         right = {"effect": chosen == effect, "left out": False, "complete": chosen == ""}[kind]
         row |= {"d": min(others) - own, "bic": chosen, "bic_right": right}
     if python:

@@ -49,7 +49,7 @@ def recorded(made: Made, design: Design, rng: np.random.Generator, name: str) ->
     for state, value in design.start.items():
         start[names.index(state)] = value
     drive = design.record.inputs[:, 0] if case.drive is not None else np.zeros(case.count)
-    clean = truth(case, made.p, start, drive, made.kind, made.size)
+    clean = truth(case, made.p, start, drive, made.largest, made.sizes)
     return record_of(case, name, drive, clean + np.array(case.noise) * rng.normal(size=clean.shape))
 
 

@@ -59,13 +59,11 @@ def main() -> None:
     runs = {case.name: sorted(case.glob("run-*")) for case in cases}
     (given.out / "answers").mkdir(exist_ok=True)
     jobs = [(name, folders, answers / f"{name}.json", hull) for name, folders in runs.items()]
-    for k in range(0, len(jobs), given.workers):
-        some = jobs[k : k + given.workers]
-        answered([(name, folders, given.out / "answers" / f"{name}.json") for name, folders, *_ in some], given.workers)
-        for _ in in_parallel(by_fmu, [job for job in some if not job[2].is_file()], given.workers):
-            pass
-        for name, *_ in some:
-            _print(given.out, name)
+    answered([(name, folders, given.out / "answers" / f"{name}.json") for name, folders in runs.items()], given.workers)
+    for _ in in_parallel(by_fmu, [job for job in jobs if not job[2].is_file()], given.workers):
+        pass
+    for name in runs:
+        _print(given.out, name)
     both = [
         [said(json.loads((given.out / of / f"{n}.json").read_text())) for of in ("answers", "answers-fmu")]
         for n in runs

@@ -269,6 +269,7 @@ def diagnose(
     effects: Sequence[Folder] = (),
     reference: Folder | None = None,
     line: Line | None = None,
+    hull: Folder | None = None,
 ) -> GapFile:
     """Where simulator and tank differ, which unmodelled effect causes it, and how far the gap shrinks with it.
 
@@ -279,6 +280,7 @@ def diagnose(
     effects : Python files with effects of one's own (their code is run)
     reference : a derivatives.json to start from
     line : what every tow line keeps, instead of ``tow.line``
+    hull : an FMU of another towing simulator's hull, in place of towline's own equations of it (its code is run)
 
     Returns
     -------
@@ -300,8 +302,8 @@ def diagnose(
     from .diagnosing import diagnose_folders
 
     given, aside, own = ([Path(one) for one in some] for some in (runs, held_out, effects))
-    found = diagnose_folders(given, aside, own, None if reference is None else Path(reference), line=line)
-    return found.diagnosis.file
+    judged, equations = (None if one is None else Path(one) for one in (reference, hull))
+    return diagnose_folders(given, aside, own, judged, line=line, hull=equations).diagnosis.file
 
 
 def gap(

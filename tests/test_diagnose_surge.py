@@ -98,6 +98,8 @@ def test_tows_that_hold_nothing_but_surge_have_no_gap() -> None:
     simulator = found.inference.simulator
     assert isinstance(simulator, TowSimulator)
     within(found, HULL.at_speed(simulator.speed_m_s))
+    # runs that came as motion, of which no line is seen, are followed by a run, too
+    assert found.file.next_run is not None
     # m is weighed by such swings: no tension need be known for the derivatives' scale
     assert ["tension scale", "all derivatives together"] not in found.file.indistinguishable
 

@@ -82,7 +82,9 @@ def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | No
         other = linear[1].rows[index][0]
         if not _is_tow(residual, runs[index]):
             continue
-        if not np.isfinite(other).all() or not (np.abs(slope) < STEEP).all():
+        # of a run that came as motion nothing else is measured
+        told = np.isfinite(runs[index].values)
+        if not np.isfinite(other[told]).all() or not (np.abs(slope[told]) < STEEP).all():
             continue
         apart = other - residual
         white, j = noise.whitened(index, first.forces, (apart, slope))
@@ -134,7 +136,8 @@ def _is_tow(residual: Array, run: TowRun) -> bool:
     """Whether a design's motion (measured as nothing: the residual is minus it) stays that of a towed model."""
     y, beta = -residual[:, 0], -residual[:, 1]
     alpha = alpha_from_y(y, beta, run.data.tow)
-    return bool(np.isfinite(residual).all() and (np.abs([alpha, beta]) < STEEPEST_RAD).all())
+    told = np.isfinite(run.values)
+    return bool(np.isfinite(residual[told]).all() and (np.abs([alpha, beta]) < STEEPEST_RAD).all())
 
 
 def _taken_over(h: Hypothesis, settings: Sequence[tuple[float, ...]]) -> Hypothesis:

@@ -160,15 +160,16 @@ def description(name: str, variables: Sequence[Variable], states: int, version: 
     """
     rows = []
     for reference, one in enumerate(variables):
+        start = repr(one.start).removesuffix(".0")
         initially = "" if one.causality == "input" else 'initial="exact" '
         bounds = "" if one.least is None else f'min="{one.least:g}"'
         head = f'name="{one.name}" valueReference="{reference}" causality="{one.causality}" '
         head += f'variability="{one.variability}" {initially}'
         if version == 2:
-            inner = f'<Real unit="{one.unit}" start="{one.start!r}" {bounds}/>'
+            inner = f'<Real unit="{one.unit}" start="{start}" {bounds}/>'
             rows.append(f"<ScalarVariable {head}>{inner}</ScalarVariable>")
         else:
-            rows.append(f'<Float64 {head} unit="{one.unit}" start="{one.start!r}" {bounds}/>')
+            rows.append(f'<Float64 {head} unit="{one.unit}" start="{start}" {bounds}/>')
     count = len(variables)
     for state in range(states):
         head = f'name="der({variables[state].name})" valueReference="{count + state}" causality="local" '

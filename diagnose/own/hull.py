@@ -37,6 +37,10 @@ class FmuHull:
     ----------
     model : for model exchange
 
+    Attributes
+    ----------
+    rudder : place of its rudder angle among its inputs; None: it has none
+
     Raises
     ------
     InputError : it lacks a state, an input or a parameter that is needed, or its answer to a force changes with its motion
@@ -49,18 +53,13 @@ class FmuHull:
         self._states = [_of(model.name, "state", name, model.states) for name in STATES]
         self._forces = [_of(model.name, "input", name, model.inputs) for name in FORCES]
         rudders = [k for k, one in enumerate(model.inputs) if _last(one.name, RUDDER)]
-        self._rudder = rudders[0] if rudders else None
+        self.rudder = rudders[0] if rudders else None
         for name in DERIVATIVE_UNITS:
             _of(model.name, "parameter", name, model.numbers)
         if len(model.states) > len(STATES):
             more = next(one.name for k, one in enumerate(model.states) if k not in self._states)
             raise InputError(model.name, f"state {more}", f"a hull's states are {', '.join(STATES)}; it has one more")
         self._check(np.array([[n.start] for n in model.numbers]))
-
-    @property
-    def steers(self) -> bool:
-        """Whether it has a rudder."""
-        return self._rudder is not None
 
     def __call__(self, hull: Hull, tow: Tow, runs: int, columns: int) -> _Answers:
         """Of hulls side by side.
@@ -89,32 +88,23 @@ class FmuHull:
         x[self._states] = speeds
         return self._model.calls.autonomous(x, table)[self._states]
 
-    def pushed(self, motion: Sequence[float], inputs: Mapping[int, float], table: Array) -> Array:
-        """u', v', r' (3, k) at one motion, with inputs that are not 0."""
-        x, u = np.zeros((len(self._states), table.shape[1])), np.zeros((len(self._model.inputs), table.shape[1]))
-        for k, value in zip(self._states, motion, strict=True):
-            x[k] = value
-        for k, value in inputs.items():
-            u[k] = value
-        return self._model.derivatives(0.0, x, u, table)[self._states]
+    def driven(self, speeds: Array, inputs: Mapping[int, Any], table: Array) -> Array:
+        """The same with inputs, by their places in the FMU, (n, k) each."""
+        found = np.empty_like(speeds)
+        for n in range(speeds.shape[1]):
+            x, u = np.empty_like(speeds[:, n]), np.zeros((len(self._model.inputs), table.shape[1]))
+            x[self._states] = speeds[:, n]
+            for k, values in inputs.items():
+                u[k] = values[n]
+            found[:, n] = self._model.derivatives(0.0, x, u, table)[self._states]
+        return found
 
     def answers(self, table: Array, motion: Sequence[float]) -> Array:
         """(k, 3, 3): what a unit force ahead, a side force and a moment change of u', v', r', at a motion."""
-        base = self.pushed(motion, {}, table)
-        found = [(self.pushed(motion, {k: PUSHED_N}, table) - base) / PUSHED_N for k in self._forces]
+        speeds = np.tile(np.array(motion)[:, None, None], (1, 1, table.shape[1]))
+        base = self.driven(speeds, {}, table)
+        found = [(self.driven(speeds, {k: [PUSHED_N]}, table) - base)[:, 0] / PUSHED_N for k in self._forces]
         return np.array(found).transpose(2, 1, 0)
-
-    def steered(self, speeds: Array, rudder_rad: Array, table: Array) -> Array:
-        """u', v', r' (3, n, k) with rudders (n, k) over."""
-        assert self._rudder is not None
-        found = np.empty_like(speeds)
-        for n in range(speeds.shape[1]):
-            u = np.zeros((len(self._model.inputs), table.shape[1]))
-            u[self._rudder] = rudder_rad[n]
-            x = np.empty_like(speeds[:, n])
-            x[self._states] = speeds[:, n]
-            found[:, n] = self._model.derivatives(0.0, x, u, table)[self._states]
-        return found
 
     def _check(self, table: Array) -> None:
         one, other = (self.answers(table, motion)[0] for motion in MOTIONS)
@@ -149,9 +139,9 @@ class _Answers:
         """Of ``Answering``."""
         shape = np.broadcast_shapes(self._shape, np.shape(u), np.shape(v), np.shape(r), np.shape(rudder_rad))
         speeds = np.stack([np.broadcast_to(one, shape).reshape(-1, self._table.shape[1]) for one in (u, v, r)])
-        if self._hull.steers and np.any(rudder_rad):
-            over = np.broadcast_to(rudder_rad, shape).reshape(speeds.shape[1:])
-            rates = self._hull.steered(speeds, over, self._table).reshape(3, *shape)
+        if self._hull.rudder is not None and np.any(rudder_rad):
+            over = {self._hull.rudder: np.broadcast_to(rudder_rad, shape).reshape(speeds.shape[1:])}
+            rates = self._hull.driven(speeds, over, self._table).reshape(3, *shape)
         else:
             rates = self._hull.rates(speeds, self._table).reshape(3, *shape)
         if self._changed is not None:

@@ -13,7 +13,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 
-from towline.diagnose.effects import LIBRARY, Effect, Seen, Situation, camera
+from towline.diagnose.effects import LIBRARY, Effect, Late, Seen, Situation, camera
 from towline.diagnose.simulated import effects_of, with_effects
 from towline.diagnose.tow.pushes import Push
 from towline.diagnose.tow.unknown import (
@@ -194,6 +194,23 @@ def test_forces_on_the_hull_by_hand() -> None:
     assert side == 0.0
     assert moment == pytest.approx(-0.05, rel=1e-12)  # the line turns over the hull at 0.2 rad/s
     assert pushed("swivel_friction", 0.05, alpha_rate=-0.2)[1] == pytest.approx(0.05, rel=1e-12)
+
+
+@pytest.mark.parametrize("share", [0.4, 1.0, 1.7])
+def test_a_memory_that_swings_answers_as_a_swing_does(share: float) -> None:
+    """A sway that goes to and fro, at a share of the memory's own frequency: amplitude and phase of an oscillator of second order."""
+    late = Late(3.6, 0.3)
+    own = 2 * np.pi / late.time_s
+    shaken = share * own
+
+    def rates(t: float, held: np.ndarray) -> np.ndarray:
+        return np.array(late.rates(held, np.sin(shaken * t), 0.0))
+
+    t = np.linspace(60.0, 60.0 + 2 * np.pi / shaken, 400)  # what it began with has died away by e^-31
+    held = solve_ivp(rates, (0, t[-1]), np.zeros(late.size), t_eval=t, rtol=1e-10, atol=1e-12).y
+    answer = 1 / (1 - share**2 + 2j * 0.3 * share)
+    np.testing.assert_allclose(held[0], np.imag(answer * np.exp(1j * shaken * t)), atol=1e-8)
+    assert np.abs(held[[1, 3]]).max() == 0.0
 
 
 def test_the_walls_pull_to_the_near_one_and_not_amidships() -> None:

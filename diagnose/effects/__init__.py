@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .base import STAGES, Effect, Parameter, Seen, Situation, installed_effects, load_effects
+from .base import STAGES, Effect, Late, Parameter, Seen, Situation, installed_effects, load_effects
 from .camera import (
     DECK,
     DECK_FORMS,
@@ -109,6 +109,7 @@ __all__ = [
     "LIBRARY",
     "STAGES",
     "Effect",
+    "Late",
     "Parameter",
     "Seen",
     "Situation",

@@ -178,6 +178,35 @@ def swinging(s: Situation, period_s: float, sine: Any, cosine: Any, faster: Any)
     return sine * np.sin(phase) + cosine * np.cos(phase)
 
 
+@dataclass(frozen=True, order=True)
+class Late:
+    """How ``v_lag`` and ``r_lag`` follow v and r: behind a lag of first order, or swinging about them.
+
+    Attributes
+    ----------
+    time_s : time constant; of a swing its period without damping
+    damping : of the swing, of the critical one; 0: a lag of first order
+    """
+
+    time_s: float
+    damping: float = 0.0
+
+    @property
+    def size(self) -> int:
+        """States: what is held back, and of a swing its rates."""
+        return 4 if self.damping else 2
+
+    def rates(self, held: Array, v: Array, r: Array) -> list[Array]:
+        """Of the states (size, ...)."""
+        if not self.damping:
+            return [(v - held[0]) / self.time_s, (r - held[1]) / self.time_s]
+        w = 2 * np.pi / self.time_s
+        swung = [
+            w * (now - x) - 2 * self.damping * w * rate for now, x, rate in zip((v, r), held[:2], held[2:], strict=True)
+        ]
+        return [w * held[2], w * held[3], *swung]
+
+
 @dataclass(frozen=True)
 class Effect:
     """Something reality has and the simulator does not know.
@@ -210,7 +239,8 @@ class Effect:
         as motion, without pixels; None: such a run cannot show it
     remembers : what ``observe`` gives at one time depends on the motion before it
     when : (run's name, (n,) s) -> (n,) share of that fault at work; None: always and in all runs
-    lag_s : time constant of ``v_lag``, ``r_lag``
+    lag_s : time constant of ``v_lag``, ``r_lag``; where they swing, their period
+    swings : damping of that swing, of the critical one; 0: they follow without swinging
     variant : tells effects of one name apart
     bound : it belongs to the runs made (windows, bounces), and says nothing of another
     form : share of what it explains that its own form may leave over; small for geometry, whose form is exact
@@ -246,6 +276,7 @@ class Effect:
     remembers: bool = False
     when: Callable[[str, Array], Array] | None = None
     lag_s: float = 0.0
+    swings: float = 0.0
     variant: str = ""
     bound: bool = False
     form: float = 0.03
@@ -255,6 +286,11 @@ class Effect:
     needs: Callable[[Any], str] = field(default=lambda _: "")
     title: str = ""
     reach: tuple[tuple[str, float, float], ...] = ()
+
+    @property
+    def late(self) -> Late | None:
+        """How its velocities are held back; None: they are not."""
+        return Late(self.lag_s, self.swings) if self.lag_s else None
 
     def __post_init__(self) -> None:
         names = {p.name for p in self.parameters}

@@ -15,6 +15,8 @@ STRIPS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 """Stations along the hull from -1 (stern) to 1 (bow), and their shares."""
 
 
+SWINGS = 0.3
+"""Damping of a memory that swings: a kernel that is lost after two swings or so. A choice."""
 NEAREST_WALL = 0.9
 """Of the way to the wall: no hull's middle comes nearer, and no force grows beyond that of this place."""
 
@@ -340,13 +342,15 @@ MEMORY = tuple(
             Parameter("share_n_v", "", 0.3),
         ),
         "Part of the damping comes from vortices and waves shed a little earlier: it lags behind the motion.",
-        "Use damping with memory (a first-order lag) in the simulator.",
+        "Use damping with memory (a lag of first order, or one that swings) in the simulator.",
         "Cummins (1962)",
         force=_memory,
         members=any_of("share_sway", "share_yaw", "share_n_v"),
         lag_s=lag_s,
-        variant=f"{lag_s:g} s",
+        swings=damping,
+        variant=f"swinging, about {lag_s:g} s" if damping else f"{lag_s:g} s",
         title="damping with memory",
     )
-    for lag_s in (0.5, 1.0, 2.0, 4.0)
+    for lag_s, damping in (*((t, 0.0) for t in (0.5, 1.0, 2.0, 4.0)), *((t, SWINGS) for t in (1.7, 2.5, 3.6, 5.2)))
 )
+"""Time constants of a kernel that dies away, and periods of one that swings as waves at the free surface do."""

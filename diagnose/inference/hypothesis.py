@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...simulate.model import Array
-from ..effects import Effect
+from ..effects import Effect, Late
 
 FREE = 1e6
 """Prior standard deviation of a number that the data alone decide."""
@@ -22,11 +22,11 @@ class Path:
 
     Attributes
     ----------
-    lags_s : time constants of the lagged velocities behind the four states
-    states : (4 + 2 lags, nodes, runs), or 6 + 2 lags of a line with a law of its own
+    lates : how the velocities are held back that stand behind the four states
+    states : (4 and what is held back, nodes, runs), or 6 and that of a line with a law of its own
     """
 
-    lags_s: tuple[float, ...]
+    lates: tuple[Late, ...]
     states: Array
 
 
@@ -81,7 +81,7 @@ class Slopes:
             return None
         runs = len(own)
         step = np.concatenate([np.tile(shared, (runs, 1)), own, np.tile(effects, (runs, 1))], axis=1)
-        return Path(self.path.lags_s, self.path.states + np.einsum("nrsp,rp->snr", self.carried, step))
+        return Path(self.path.lates, self.path.states + np.einsum("nrsp,rp->snr", self.carried, step))
 
 
 def with_effects(h: Hypothesis, effects: Sequence[Effect]) -> Hypothesis:
@@ -114,7 +114,7 @@ def form_of(effect: Effect) -> tuple[object, ...]:
         e.observe,
         e.correct,
         e.when,
-        e.lag_s,
+        e.late,
         e.remembers,
         *((q.name, q.none) for q in e.parameters),
     )

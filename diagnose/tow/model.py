@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from ...simulate.model import Array
-from ..effects import Effect
+from ..effects import Effect, Late
 from ..inference.hypothesis import EFFECT_STEP, Hypothesis, Path, Slopes
 from ..inference.shooting import (
     BLOW_UP,
@@ -25,7 +25,7 @@ from ..inference.shooting import (
 )
 from .data import TowRun, corrected
 from .numbers import shared_numbers
-from .rates import OWN, STATES, Fields, Numbers, OtherHull, TowRates, tow_of
+from .rates import OWN, STATES, Fields, Numbers, OtherHull, TowRates, held_from, tow_of
 from .seen import TowSeen
 from .variations import PROBE_N, Variations, joined
 
@@ -113,10 +113,10 @@ class TowModel:
 
     def _linear(self, hypotheses: Sequence[Hypothesis], closings: int) -> list[Slopes]:
         """``linear`` of hypotheses with the same states."""
-        lags = _lags(hypotheses)
+        lates = _lates(hypotheses)
         groups = [self._variations(h) for h in hypotheses]
-        courses = self._courses(hypotheses, groups, lags, closings)
-        transition, push, start = self._steps(groups, courses, lags)
+        courses = self._courses(hypotheses, groups, lates, closings)
+        transition, push, start = self._steps(groups, courses, lates)
         moved = carried(transition, push, start)  # (nodes, hypotheses, runs, states, 1 + numbers)
         result = []
         for k, (h, group) in enumerate(zip(hypotheses, groups, strict=True)):
@@ -124,11 +124,11 @@ class TowModel:
             changes = moved[:, k, ..., 1 : 1 + group.size]
             rows = []
             with np.errstate(all="ignore"):  # a motion that has run off is told by what is not finite
-                seen = self._seen.slopes(group, path, changes, lags)
+                seen = self._seen.slopes(group, path, changes, lates)
             for (value, slope), run, measured in zip(seen, self.runs, self.measured(h), strict=True):
                 self._camera_slopes(h, run, slope)
                 rows.append((measured - value, slope))
-            result.append(Slopes(rows, Path(lags, path), changes))
+            result.append(Slopes(rows, Path(lates, path), changes))
         return result
 
     def values(self, hypotheses: Sequence[Hypothesis]) -> list[list[Array]]:
@@ -137,17 +137,17 @@ class TowModel:
 
     def _values(self, hypotheses: Sequence[Hypothesis]) -> list[list[Array]]:
         """``values`` of hypotheses with the same states."""
-        lags = _lags(hypotheses)
+        lates = _lates(hypotheses)
         groups = [self._variations(h) for h in hypotheses]
-        numbers, _ = joined([g.columns((), 0) for g in groups], lags)
-        courses = self._courses(hypotheses, groups, lags, MOST_CLOSINGS)
+        numbers, _ = joined([g.columns((), 0) for g in groups], lates)
+        courses = self._courses(hypotheses, groups, lates, MOST_CLOSINGS)
         paths = np.stack([c.path for c in courses], axis=-1) + _closing(courses, numbers.start())
         return self._seen.values(numbers, paths)
 
     def begun(self, h: Hypothesis) -> Hypothesis:
         """The hypothesis with a path near its own, integrated by steps four times as long, for ``linear`` to close."""
-        lags, step = _lags([h]), BEGUN_STEPS * self._half
-        numbers, _ = joined([self._variations(h).columns((), 0)], lags)
+        lates, step = _lates([h]), BEGUN_STEPS * self._half
+        numbers, _ = joined([self._variations(h).columns((), 0)], lates)
         rates, count = self._rates(numbers), -(-(len(self.node_s) - 1) // BEGUN_STEPS) + 1
         path = integrated(rates, numbers.start(), count, step)
         t_s = step * np.arange(count)
@@ -155,7 +155,7 @@ class TowModel:
             slope = rates(t_s[:, None, None], path)
         if not (np.isfinite(path).all() and np.isfinite(slope).all()):
             return replace(h, path=None)
-        return replace(h, path=Path(lags, CubicHermiteSpline(t_s, path, slope, axis=1)(self.node_s)[..., 0]))
+        return replace(h, path=Path(lates, CubicHermiteSpline(t_s, path, slope, axis=1)(self.node_s)[..., 0]))
 
     def momentum(self, h: Hypothesis, width: int) -> tuple[Array, Array]:
         """By how much the hypothesis's path changes more over ``width`` nodes than its rates give, and that with every number.
@@ -166,10 +166,10 @@ class TowModel:
         """
         assert h.path is not None
         group = self._variations(h)
-        numbers, _ = joined([group.columns((), 0)], h.path.lags_s)
+        numbers, _ = joined([group.columns((), 0)], h.path.lates)
         path = h.path.states
         rates = self._slopes_of_rates(numbers, path[..., None])[..., 0].transpose(1, 2, 0)
-        change = self._by_numbers(group, path, h.path.lags_s)
+        change = self._by_numbers(group, path, h.path.lates)
 
         def over(values: Array) -> Array:
             """Trapezoids over each window."""
@@ -191,9 +191,9 @@ class TowModel:
         -------
         of each run (n, 2, 2, n): y, m, and heading, rad; by a side force, N, and a moment, N m; in every block
         """
-        lags, group = _lags([h]), self._variations(h)
-        course = self._courses([h], [group], lags, 0)[0]
-        numbers, _ = joined([group.columns((), 0, probed=True)], lags)
+        lates, group = _lates([h]), self._variations(h)
+        course = self._courses([h], [group], lates, 0)[0]
+        numbers, _ = joined([group.columns((), 0, probed=True)], lates)
         rates = self._slopes_of_rates(numbers, course.path[..., None])
         by_force = (rates[..., 1:3] - rates[..., :1]).transpose(1, 2, 0, 3) / PROBE_N
         once = course.early @ by_force[:-1] + course.late @ by_force[1:]
@@ -202,7 +202,7 @@ class TowModel:
         push[nodes, ..., nodes // 2] = once[nodes]
         push = push.reshape(*once.shape[:3], 2 * blocks)
         changes = np.clip(carried(course.transition, push, np.zeros_like(push[0])), -BLOW_UP, BLOW_UP)
-        found = self._seen.by_motion(group, course.path, changes, lags)
+        found = self._seen.by_motion(group, course.path, changes, lates)
         return [answer[:, :2].reshape(len(answer), 2, 2, blocks)[..., : len(answer)] for answer in found]
 
     @property
@@ -242,16 +242,16 @@ class TowModel:
         return answer
 
     def _courses(
-        self, hypotheses: Sequence[Hypothesis], groups: Sequence[Variations], lags: tuple[float, ...], closings: int
+        self, hypotheses: Sequence[Hypothesis], groups: Sequence[Variations], lates: tuple[Late, ...], closings: int
     ) -> list[_Course]:
         """A motion of every hypothesis, closed to CLOSE as far as ``closings`` allow, and how changes are carried along it."""
-        numbers, _ = joined([g.columns((), 0) for g in groups], lags)
+        numbers, _ = joined([g.columns((), 0) for g in groups], lates)
         if any(h.path is None for h in hypotheses):
             whole = integrated(self._rates(numbers), numbers.start(), len(self.node_s), self._half)
-            return self._along(groups, whole, lags)
-        paths = np.stack([_with_lags(h.path, lags) for h in hypotheses if h.path is not None], axis=-1)
+            return self._along(groups, whole, lates)
+        paths = np.stack([_with_lates(h.path, lates) for h in hypotheses if h.path is not None], axis=-1)
         start, going, lost = numbers.start(), list(range(len(hypotheses))), list[int]()
-        courses = dict[int, _Course](zip(going, self._along(groups, paths, lags), strict=True))
+        courses = dict[int, _Course](zip(going, self._along(groups, paths, lates), strict=True))
         for turn in range(closings):
             step = _closing([courses[k] for k in going], start[..., going])
             size = np.abs(step).max(axis=(0, 1, 2))
@@ -261,22 +261,22 @@ class TowModel:
             if not going or turn == closings - 1:
                 break
             paths[..., going] = np.clip(paths[..., going] + step[..., kept], -BLOW_UP, BLOW_UP)
-            courses.update(zip(going, self._along([groups[k] for k in going], paths[..., going], lags), strict=True))
+            courses.update(zip(going, self._along([groups[k] for k in going], paths[..., going], lates), strict=True))
         lost += going if closings else []
         if lost:
             some = [replace(hypotheses[k], path=None) for k in lost]
-            courses.update(zip(lost, self._courses(some, [groups[k] for k in lost], lags, 0), strict=True))
+            courses.update(zip(lost, self._courses(some, [groups[k] for k in lost], lates, 0), strict=True))
         return [courses[k] for k in range(len(hypotheses))]
 
-    def _along(self, groups: Sequence[Variations], paths: Array, lags: tuple[float, ...]) -> list[_Course]:
+    def _along(self, groups: Sequence[Variations], paths: Array, lates: tuple[Late, ...]) -> list[_Course]:
         """How changes are carried along paths (states, nodes, runs, hypotheses).
 
         From the rates' slopes at the nodes; between them these are taken as straight lines.
         """
         size = len(paths)
-        alone, _ = joined([g.columns((), 0) for g in groups], lags)
+        alone, _ = joined([g.columns((), 0) for g in groups], lates)
         missed = (self._step(alone, paths) - paths[:, 1:]).transpose(3, 1, 2, 0)
-        base, begins = joined([g.columns((), size) for g in groups], lags)
+        base, begins = joined([g.columns((), size) for g in groups], lates)
         rates = self._slopes_of_rates(base, _with_each_state_stepped(paths, begins, [1 + size] * len(groups)))
         courses = []
         for k, begin in enumerate(begins):
@@ -286,40 +286,40 @@ class TowModel:
         return courses
 
     def _steps(
-        self, groups: Sequence[Variations], courses: Sequence[_Course], lags: tuple[float, ...]
+        self, groups: Sequence[Variations], courses: Sequence[_Course], lates: tuple[Late, ...]
     ) -> tuple[Array, Array, Array]:
         """How changes are carried from node to node, what every number adds there, and where it begins (``carried``'s)."""
         size, most = len(courses[0].path), max(g.size for g in groups)
         push = np.zeros((len(self.node_s) - 1, len(groups), len(self.runs), size, most + 1))
         start = np.zeros((len(groups), len(self.runs), size, most + 1))
         for k, (group, course) in enumerate(zip(groups, courses, strict=True)):
-            change = self._by_numbers(group, course.path, lags)
+            change = self._by_numbers(group, course.path, lates)
             push[:, k, :, :, 0] = course.missed
             push[:, k, :, :, 1 : 1 + group.size] = course.early @ change[:-1] + course.late @ change[1:]
-            start[k, :, :, 0] = (group.start(lags)[0] - course.path[:, 0]).T
-            start[k, :, :, 1 : 1 + group.size] = group.start(lags)[1].transpose(1, 0, 2)
+            start[k, :, :, 0] = (group.start(lates)[0] - course.path[:, 0]).T
+            start[k, :, :, 1 : 1 + group.size] = group.start(lates)[1].transpose(1, 0, 2)
         return np.stack([c.transition for c in courses], axis=1), push, start
 
-    def _by_numbers(self, group: Variations, path: Array, lags: tuple[float, ...]) -> Array:
+    def _by_numbers(self, group: Variations, path: Array, lates: tuple[Late, ...]) -> Array:
         """How every number of a hypothesis changes the rates along its path: (nodes, runs, states, numbers).
 
         The state is the same in all columns: what depends on it alone is worked out once.
         """
         few = group.pushing()
-        numbers, _ = joined([group.columns(few, 0, probed=True)], lags)
+        numbers, _ = joined([group.columns(few, 0, probed=True)], lates)
         rates = self._slopes_of_rates(numbers, path[..., None])
         change = np.zeros((*rates.shape[1:3], len(rates), group.size))
         moved = (rates[..., 1:] - rates[..., :1]).transpose(1, 2, 0, 3)
         change[..., few] = moved[..., : len(few)] / group.steps[None, :, None][..., few]
-        self._pushes(group, path, lags, moved[..., len(few) :] / PROBE_N, change)
+        self._pushes(group, path, lates, moved[..., len(few) :] / PROBE_N, change)
         return change
 
-    def _pushes(self, group: Variations, path: Array, lags: tuple[float, ...], by_force: Array, change: Array) -> None:
+    def _pushes(self, group: Variations, path: Array, lates: tuple[Late, ...], by_force: Array, change: Array) -> None:
         """Put in how the numbers of effects that push or pull change the rates."""
         pushing = [(e, n, at) for e, n, at in group.each() if e.force or e.tension or e.ahead]
         if not pushing:
             return
-        numbers, _ = joined([group.columns((), 0)], lags)
+        numbers, _ = joined([group.columns((), 0)], lates)
         rates = self._rates(numbers)
         for effect, here, at in pushing:
             step = EFFECT_STEP * np.array([p.sd for p in effect.parameters])
@@ -388,20 +388,23 @@ def _by_law(hypotheses: Sequence[Hypothesis], work: Callable[[list[Hypothesis]],
     return [answers[k] for k in range(len(hypotheses))]
 
 
-def _lags(hypotheses: Sequence[Hypothesis]) -> tuple[float, ...]:
+def _lates(hypotheses: Sequence[Hypothesis]) -> tuple[float, ...]:
     """Time constants of all their effects."""
-    return tuple(sorted({e.lag_s for h in hypotheses for e in h.effects if e.lag_s}))
+    return tuple(sorted({e.late for h in hypotheses for e in h.effects if e.late is not None}))
 
 
-def _with_lags(path: Path, lags: tuple[float, ...]) -> Array:
+def _with_lates(path: Path, lates: tuple[Late, ...]) -> Array:
     """A path with these lagged velocities; those it does not have begin as the velocities."""
-    if path.lags_s == lags:
+    if path.lates == lates:
         return path.states
-    first = len(path.states) - 2 * len(path.lags_s)
+    first = len(path.states) - sum(late.size for late in path.lates)
     rows = [*path.states[:first]]
-    for lag in lags:
-        at = first + 2 * path.lags_s.index(lag) if lag in path.lags_s else 2
-        rows += [path.states[at], path.states[at + 1]]
+    for late in lates:
+        if late in path.lates:
+            at = first + sum(one.size for one in path.lates[: path.lates.index(late)])
+            rows += [*path.states[at : at + late.size]]
+        else:
+            rows += [path.states[k] if k else np.zeros_like(path.states[0]) for k in held_from([late])]
     return np.stack(rows)
 
 

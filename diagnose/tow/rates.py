@@ -27,7 +27,7 @@ from ...simulate.model import (
     paid_state,
     side_by_side,
 )
-from ..effects import Effect, Seen, Situation
+from ..effects import Effect, Late, Seen, Situation
 from .data import TowRun
 from .numbers import COMPLIANCE, SIX, rudder_history, rudder_is_over
 
@@ -81,13 +81,13 @@ class Numbers:
     shared : (s, columns), of all runs
     own : (runs, len(OWN), columns)
     active : effects
-    lags_s : time constants of lagged velocities, sorted
+    lates : how velocities are held back, sorted
     """
 
     shared: Array
     own: Array
     active: tuple[Active, ...]
-    lags_s: tuple[float, ...] = ()
+    lates: tuple[Late, ...] = ()
 
     @property
     def width(self) -> int:
@@ -104,7 +104,8 @@ class Numbers:
         first = [self.own[:, k] for k in range(STATES)]
         if self.lawful:
             first += [self.own[:, LONGER], self.own[:, SPEED] + self.own[:, AHEAD]]
-        return np.stack(first + [self.own[:, k] for _ in self.lags_s for k in (2, 3)])
+        held = [self.own[:, k] if k else np.zeros_like(self.own[:, 0]) for k in held_from(self.lates)]
+        return np.stack(first + held)
 
 
 class Fields:
@@ -276,7 +277,7 @@ class TowRates:
     """
 
     def __init__(self, fields: Fields, numbers: Numbers, tow: Tow) -> None:
-        self._fields, self._lags, self._tow = fields, list(numbers.lags_s), tow
+        self._fields, self._lates, self._tow = fields, numbers.lates, tow
         self._width, self._reference = numbers.width, _hull_of(fields, numbers)
         self._hull = self._reference.at_speed(tow.speed_m_s)
         self._other: Answering | None = None
@@ -299,14 +300,16 @@ class TowRates:
         core = taut.rates
         if self._pulling and not self._lawful:
             core = self._pulled(t, state, now, taut)
-        if not self._lags:
+        if not self._lates:
             return core
         rates = np.empty((len(state), *core.shape[1:]))
-        first = self._first
-        rates[:first] = core
-        for i, lag in enumerate(self._lags):
-            for j, source in ((0, 2), (1, 3)):
-                rates[first + 2 * i + j] = (state[source] - state[first + 2 * i + j]) / lag
+        at = self._first
+        rates[:at] = core
+        for late in self._lates:
+            held = slice(at, at + late.size)
+            for k, rate in enumerate(late.rates(state[held], state[2], state[3]), at):
+                rates[k] = rate
+            at = held.stop
         return rates
 
     def _zeros(self, state: Array) -> Array:
@@ -468,9 +471,9 @@ class TowRates:
 
     def _parts(self, active: Sequence[Active], base: Situation, state: Array):
         """Effects with the situation in their columns."""
-        parts: dict[tuple[int, int, float], Situation] = {}
+        parts: dict[tuple[int, int, Late | None], Situation] = {}
         for a in active:
-            key = (a.columns.start, a.columns.stop, a.effect.lag_s)
+            key = (a.columns.start, a.columns.stop, a.effect.late)
             if key not in parts:
                 part = self._lagging(base, a.effect, state)
                 whole = a.columns == slice(0, self._width)
@@ -496,9 +499,10 @@ class TowRates:
         return replace(base, tension_n=taut.tension_n, beyond_n=taut.tension_n - now.tow.tension_n)
 
     def _lagging(self, base: Situation, effect: Effect, state: Array) -> Situation:
-        if not effect.lag_s:
+        if effect.late is None:
             return base
-        k = self._first + 2 * self._lags.index(effect.lag_s)
+        before = self._lates[: self._lates.index(effect.late)]
+        k = self._first + sum(late.size for late in before)
         return replace(base, v_lag=state[k], r_lag=state[k + 1])
 
 
@@ -517,6 +521,11 @@ def line_rates(t_s: Any, state: Sequence[Array], tow: Tow) -> tuple[Array, Any]:
     alpha, beta, v, r = state
     cosine = np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None)
     return line_angle_rate(tow, beta, v, r, cosine, tow.post_motion(t_s)[1]), 0.0
+
+
+def held_from(lates: Sequence[Late]) -> list[int]:
+    """Of each state that is held back the number of OWN that it begins as; 0: it begins at nothing."""
+    return [k for late in lates for k in (2, 3, 0, 0)[: late.size]]
 
 
 def own_numbers(**named: float) -> Array:
@@ -583,6 +592,7 @@ __all__ = [
     "OtherHull",
     "TowRates",
     "columns_of",
+    "held_from",
     "line_rates",
     "own_numbers",
     "tow_of",

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...simulate.model import Array, Tow, full_x_cg, full_x_cg_rate, full_y_cg, full_y_cg_rate
-from ..effects import Seen
+from ..effects import Late, Seen
 from ..inference.shooting import STATE_STEP
 from .data import PULL, TowRun
 from .numbers import COMPLIANCE
@@ -57,7 +57,7 @@ class TowSeen:
             self._shutter[:, :, i] = np.nan_to_num(run.shutter[:, nodes])
 
     def slopes(
-        self, group: Variations, path: Array, changes: Array, lags_s: tuple[float, ...]
+        self, group: Variations, path: Array, changes: Array, lates: tuple[Late, ...]
     ) -> list[tuple[Array, Array]]:
         """Values (n, c) and slopes (n, c, numbers) of every run.
 
@@ -66,15 +66,15 @@ class TowSeen:
         path : (states, nodes, runs); changes : (nodes, runs, states, numbers) of it
         """
         direct = group.seen()
-        beside, _ = joined([group.columns(direct, 0)], lags_s)
+        beside, _ = joined([group.columns(direct, 0)], lates)
         with np.errstate(all="ignore"):
             # each state is moved, or, where what is seen depends on the past, the whole path along with each number
             if group.remembers:
                 small = ALONG_SHARE * group.steps[None, :, None, :]
-                series, moved = self._moved(group, path, (small * changes).transpose(2, 0, 1, 3), lags_s)
+                series, moved = self._moved(group, path, (small * changes).transpose(2, 0, 1, 3), lates)
                 slope = moved / small
             else:
-                series, slope = self._by_motion(group, path, changes, lags_s)
+                series, slope = self._by_motion(group, path, changes, lates)
             # the motion is the same in these columns
             shown = self._series(beside, path[..., None])
             own = (shown[..., 1:] - shown[..., :1]) / group.steps[None, None][..., direct]
@@ -89,7 +89,7 @@ class TowSeen:
             answers.append((mean(series[:, :, i, 0]), change))
         return answers
 
-    def by_motion(self, group: Variations, path: Array, changes: Array, lags_s: tuple[float, ...]) -> list[Array]:
+    def by_motion(self, group: Variations, path: Array, changes: Array, lates: tuple[Late, ...]) -> list[Array]:
         """Change (n, c, k) of every run's values with k changes of the motion itself.
 
         Parameters
@@ -98,20 +98,20 @@ class TowSeen:
         changes : (nodes, runs, states, k) of it
         """
         with np.errstate(all="ignore"):
-            series, slope = self._by_motion(group, path, changes, lags_s)
+            series, slope = self._by_motion(group, path, changes, lates)
         return [self._means(run, 0.0, len(series))(slope[:, i]) for i, run in enumerate(self._runs)]
 
     def _by_motion(
-        self, group: Variations, path: Array, changes: Array, lags_s: tuple[float, ...]
+        self, group: Variations, path: Array, changes: Array, lates: tuple[Late, ...]
     ) -> tuple[Array, Array]:
         """Series at every node, and its slopes (nodes, runs, c, k) by changes of the motion."""
         stepped = STATE_STEP * np.eye(len(path))[:, None, None, :]
-        series, moved = self._moved(group, path, stepped, lags_s)
+        series, moved = self._moved(group, path, stepped, lates)
         return series, moved / STATE_STEP @ changes
 
-    def _moved(self, group: Variations, path: Array, moves: Array, lags_s: tuple[float, ...]) -> tuple[Array, Array]:
+    def _moved(self, group: Variations, path: Array, moves: Array, lates: tuple[Late, ...]) -> tuple[Array, Array]:
         """Series of a path, and by how much moves (states, nodes, runs, k) of it change it: (nodes, runs, c, k)."""
-        numbers, _ = joined([group.columns((), moves.shape[3])], lags_s)
+        numbers, _ = joined([group.columns((), moves.shape[3])], lates)
         whole = np.repeat(path[..., None], numbers.width, axis=3)
         whole[..., 1:] += moves
         series = self._series(numbers, whole)

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...simulate.model import Array
-from ..effects import Effect
+from ..effects import Effect, Late
 from ..inference.hypothesis import EFFECT_STEP, Hypothesis
 from .numbers import COMPLIANCE
-from .rates import AHEAD, LONGER, OWN, SPEED, Active, Numbers
+from .rates import AHEAD, LONGER, OWN, SPEED, Active, Numbers, held_from
 
 STEPS = {"alpha": 1e-5, "beta": 1e-5, "v": 1e-5, "r": 1e-5, "y_b": 1e-4, "beta_b": 1e-4, "longer": 1e-5, "ahead": 1e-5}
 """Of the one-sided differences by a run's own numbers: start in m, rad, m/s, rad/s; biases in m and rad."""
@@ -157,7 +157,7 @@ class Variations:
             active.append(Active(_AHEAD, slice(width - 1, width), np.full((1, 1), PROBE_N)))
         return Block(shared, own, tuple(active))
 
-    def start(self, lags_s: tuple[float, ...]) -> tuple[Array, Array]:
+    def start(self, lates: tuple[Late, ...]) -> tuple[Array, Array]:
         """State at the runs' beginning (states, runs), and its change with every number (states, runs, size)."""
         own = self._h.own
         base = [own[:, k] for k in range(4)]
@@ -165,24 +165,28 @@ class Variations:
         if self._h.lawful:
             base += [own[:, LONGER], own[:, SPEED] + own[:, AHEAD]]
             from_own += [(LONGER,), (SPEED, AHEAD)]
-        rows = [*range(len(base)), *[2, 3] * len(lags_s)]
+        held = held_from(lates)
+        rows = [*range(len(base)), *held]
         change = np.zeros((len(base), len(self.steps), self.size))
         for state, numbers in enumerate(from_own):
             change[state][:, [self.shared + k for k in numbers]] = 1.0
-        return np.array(base)[rows], change[rows]
+        first, slope = np.array(base)[rows], change[rows]
+        nothing = [len(base) + k for k, one in enumerate(held) if not one]
+        first[nothing], slope[nothing] = 0.0, 0.0
+        return first, slope
 
 
 def _absent(effect: Effect, numbers: Array) -> bool:
     return effect.law is None and bool((numbers == [p.none for p in effect.parameters]).all())
 
 
-def joined(blocks: Sequence[Block], lags_s: tuple[float, ...]) -> tuple[Numbers, list[int]]:
+def joined(blocks: Sequence[Block], lates: tuple[Late, ...]) -> tuple[Numbers, list[int]]:
     """Blocks side by side; where each begins.
 
     Parameters
     ----------
     blocks : columns of the hypotheses
-    lags_s : of fluid memory, s
+    lates : how velocities are held back
     """
     begins = [0, *np.cumsum([b.width for b in blocks])[:-1].tolist()]
     active = [
@@ -191,7 +195,7 @@ def joined(blocks: Sequence[Block], lags_s: tuple[float, ...]) -> tuple[Numbers,
         for a in b.active
     ]
     shared, own = np.concatenate([b.shared for b in blocks], axis=1), np.concatenate([b.own for b in blocks], axis=2)
-    return Numbers(shared, own, tuple(active), lags_s), begins
+    return Numbers(shared, own, tuple(active), lates), begins
 
 
 __all__ = ["PROBES", "PROBE_N", "Block", "Variations", "joined"]

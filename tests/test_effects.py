@@ -198,7 +198,7 @@ def test_forces_on_the_hull_by_hand() -> None:
 
 @pytest.mark.parametrize("share", [0.4, 1.0, 1.7])
 def test_a_memory_that_swings_answers_as_a_swing_does(share: float) -> None:
-    """A sway that goes to and fro, at a share of the memory's own frequency: amplitude and phase of an oscillator of second order."""
+    """A sway to and fro at a share of the memory's own frequency: amplitude and phase of an oscillator of second order."""
     late = Late(3.6, 0.3)
     own = 2 * np.pi / late.time_s
     shaken = share * own

@@ -306,11 +306,13 @@ class Taut:
     rates : (4, ...), of alpha, beta, v, r
     tension_n : T, N; of a "surge" line it may be below 0: there the line is slack and these equations do not hold
     u_m_s : forward speed through the water
+    gain : of a "surge" line, by how much faster the model would go for each newton more than keeps the line's length, m/s2 per N
     """
 
     rates: Array
     tension_n: Any
     u_m_s: Any
+    gain: Any = np.inf
 
 
 def full_state(t_s, state, hull: Hull | Answering, tow: Tow, extra: ExtraForce | None = None) -> Taut:
@@ -343,9 +345,10 @@ def full_state(t_s, state, hull: Hull | Answering, tow: Tow, extra: ExtraForce |
     by_v = sine / cosine
     by_r = tow.tow_point_m * by_v + tow.tow_point_offset_m
     needed = surge_rate_of_line(t_s, state, turn, by_v, cosine, tow, post_rate, heading) + by_v * v_free + by_r * r_free
-    tension = (needed - u_free) / (u_pull - by_v * v_pull - by_r * r_pull)
+    gain = u_pull - by_v * v_pull - by_r * r_pull
+    tension = (needed - u_free) / gain
     rates = _together(turn, r, v_free + tension * v_pull, r_free + tension * r_pull)
-    return Taut(rates, tension, u)
+    return Taut(rates, tension, u, gain)
 
 
 def _together(turn, r, v_rate, r_rate) -> Array:

@@ -213,6 +213,38 @@ def test_a_memory_that_swings_answers_as_a_swing_does(share: float) -> None:
     assert np.abs(held[[1, 3]]).max() == 0.0
 
 
+@pytest.mark.parametrize("variant", ["on a rail", "slips at about 18 s"])
+def test_a_point_that_moves_aside_is_followed(variant: str) -> None:
+    """The line to the centre line is longer by -Y sin(a+b): T times what a newton does is -L''/cos, by central differences.
+
+    Of a hull without resistance, which grows with the speed by which the model follows.
+    """
+    each = next(e for e in LIBRARY if e.variant == variant)
+    numbers = (0.01,) if variant == "on a rail" else (0.004, 0.01, 20.2)
+    assert each.tension is not None
+
+    def angle(t: float) -> float:
+        return 0.3 * np.sin(1.3 * t) + 0.05
+
+    def longer(t: float) -> float:
+        side = np.sin(angle(t))
+        place = (
+            numbers[0] * np.tanh(side / 0.1)
+            if variant == "on a rail"
+            else numbers[0] + numbers[1] * 0.5 * (1 + np.tanh((t - numbers[2]) / 1.0))
+        )
+        return -place * side
+
+    step = 1e-3
+    for t in (1.0, 19.9, 20.3, 21.7):
+        now = replace(
+            situation(), t_s=t, alpha_rad=angle(t) - 0.1, beta_rad=0.1, gain=0.02, tension_n=4.0, beyond_n=4.0,
+            bend_rate=0.39 * np.cos(1.3 * t), bend_rate2=-0.507 * np.sin(1.3 * t),
+        )  # fmt: skip
+        twice = (longer(t + step) - 2 * longer(t) + longer(t - step)) / step**2
+        assert each.tension(now, *numbers) * 0.02 == pytest.approx(-twice / np.cos(angle(t)), rel=1e-4, abs=1e-6)
+
+
 def test_the_walls_pull_to_the_near_one_and_not_amidships() -> None:
     assert pushed("bank_suction", 0.01, 0.005, y_m=0.0) == (0.0, 0.0)
     near, far = 1 - 0.3 / 2, 1 + 0.3 / 2

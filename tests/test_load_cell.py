@@ -14,7 +14,7 @@ import pytest
 
 from towline.blind.draw import case_of
 from towline.blind.truth.folders import write_case
-from towline.diagnose.effects import DELAY_FORMS, ELASTIC, Effect
+from towline.diagnose.effects import DELAY_FORMS, ELASTIC, LIBRARY, Effect
 from towline.diagnose.gap import Diagnosis
 from towline.diagnose.inference.hypothesis import Hypothesis
 from towline.diagnose.tow.cell import SETTLES_S, cell_means
@@ -32,6 +32,7 @@ HULL = Hull(
     149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28, mass_kg=78.0, x_udot_kg=-4.0, x_vr_kg=40.0
 )  # fmt: skip
 R_N, LINE_M, POINT_M, SPEED, CELL_N, LATE_S = 3.96, 0.91, 1.548, 1.28, 0.02, 0.3
+OFFSET_M = 2e-3
 TOW = Tow(SPEED, LINE_M, POINT_M, R_N, line="surge")
 
 
@@ -110,6 +111,31 @@ def test_what_is_said_beside_the_model_is_what_the_simulator_pulls_with(tmp_path
         assert np.abs(slope[:, PULL, column] - change).max() < 0.03 * np.abs(change).max() + 1e-9, column
         if column >= at:
             assert np.abs(slope[:, :PULL, column]).max() == 0.0  # a camera has a clock of its own
+
+
+def test_a_point_beside_the_centre_line_is_felt_by_the_cell_too(tmp_path: Path) -> None:
+    """One that could slip, and does not, against one that is fixed, whose equations are exact.
+
+    What is left is smaller by the square of the swing's angles, 0.38 rad at most.
+    """
+    run = with_cell(tmp_path, 0.0)
+    model = TowSimulator([run])
+    shared = np.array([getattr(HULL, n) if n != "compliance_m_n" else 0.0 for n in model.shared_names])
+    fixed = next(e for e in LIBRARY if e.name == "tow_point_offset" and not e.variant)
+    slips = next(e for e in LIBRARY if e.variant == "slips at about 18 s")
+
+    def values(aside_m: float, effects: tuple[Effect, ...], numbers: tuple[np.ndarray, ...]) -> np.ndarray:
+        own = np.array([[np.arcsin((0.2 + aside_m) / LINE_M), 0, 0, 0, 0, 0, R_N, POINT_M, LINE_M, SPEED, 0, 0]])
+        return model.values([Hypothesis(shared, own, effects, numbers)])[0][0]
+
+    # where alpha is the line's own angle, the point that holds begins further aside
+    there = values(OFFSET_M, (fixed,), (np.array([OFFSET_M]),))
+    slid = values(0.0, (slips,), (np.array([OFFSET_M, 0.0, 20.0]),))
+    nothing = values(0.0, (), ())
+    for channel in (0, 1, PULL):
+        good = np.isfinite(run.values[:, channel])
+        moved = np.abs(there - nothing)[good, channel].max()
+        assert np.abs(there - slid)[good, channel].max() < 0.38**2 * moved, channel
 
 
 @pytest.mark.parametrize("since", [None, 20.0])

@@ -71,6 +71,9 @@ class Situation:
     history : time -> tension over its mean, (runs, columns); 1 where it is constant
     beyond_n : of tension_n, what a line that keeps its length has beyond R; 0 elsewhere
     longer_m, longer_rate_m_s : of a line with a law of its own (``Effect.law``): than stated, and the rate of that; 0 elsewhere
+    bend_rate, bend_rate2 : of alpha + beta, rad/s and rad/s2, where a change of T is asked
+    gain : by how much faster the model goes for each newton more, m/s2 per N, where a change of T is asked on a line that keeps
+        its length; inf elsewhere
     """
 
     t_s: Any
@@ -97,6 +100,9 @@ class Situation:
     beyond_n: Any = 0.0
     longer_m: Any = 0.0
     longer_rate_m_s: Any = 0.0
+    bend_rate: Any = 0.0
+    bend_rate2: Any = 0.0
+    gain: Any = np.inf
 
     @property
     def columns(self) -> tuple[str, ...]:

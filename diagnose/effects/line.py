@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...geometry.checks.bundle import half_sine
+from ...simulate.model import RESISTANCE_EXPONENT
 from .base import Effect, Parameter, Seen, Situation
 from .members import any_of, with_some
 
@@ -59,6 +60,37 @@ def _moved_aside(seen: Seen, offset: Any) -> Any:
 def _along_the_rail(side: Any, slides: Any) -> Any:
     """The line draws its point along a rail, to the side it pulls to."""
     return slides * np.tanh(side / RAIL)
+
+
+def _drawn_in(s: Situation, slides: Any) -> Any:
+    """What a point that is drawn along a rail makes the line pull more, N."""
+    sine, cosine = np.sin(s.alpha_rad + s.beta_rad), np.cos(s.alpha_rad + s.beta_rad)
+    place = np.tanh(sine / RAIL)
+    steep = (1 - place**2) / RAIL
+    slope, bend = steep * cosine, -steep * (2 * place * cosine**2 / RAIL + sine)
+    return _followed(
+        s, slides * place, slides * slope * s.bend_rate, slides * (bend * s.bend_rate**2 + slope * s.bend_rate2)
+    )
+
+
+def _let_go(s: Situation, before: Any, slipped: Any, when: Any) -> Any:
+    """What a point that slips makes the line pull more, N."""
+    gone = np.tanh((s.t_s - when) / SLIPS_S)
+    rate = 0.5 * slipped * (1 - gone**2) / SLIPS_S
+    return _followed(s, _slipped(s.t_s, before, slipped, when), rate, -2 * gone * rate / SLIPS_S)
+
+
+def _followed(s: Situation, offset: Any, rate: Any, rate2: Any) -> Any:
+    """A point beside the centre line makes the line to that longer by -offset sin(a+b), and the model has to follow, N.
+
+    u changes by -L'/cos(a+b), and the resistance with it; u' by -L''/cos(a+b), and T by that over what a newton does.
+    """
+    sine, cosine = np.sin(s.alpha_rad + s.beta_rad), np.cos(s.alpha_rad + s.beta_rad)
+    faster = (rate * sine + offset * s.bend_rate * cosine) / cosine
+    turned = offset * (s.bend_rate2 * cosine - s.bend_rate**2 * sine)
+    weighed = (rate2 * sine + 2 * rate * s.bend_rate * cosine + turned) / cosine / s.gain
+    resistance = np.where(np.isfinite(s.gain), s.tension_n - s.beyond_n, 0.0)
+    return weighed + RESISTANCE_EXPONENT * resistance / s.speed_m_s * faster / cosine
 
 
 def _slipped(t_s: Any, before: Any, slipped: Any, when: Any) -> Any:
@@ -160,6 +192,7 @@ OFFSET_FORMS = (
         offset=None,
         force=lambda s, slides: _turned_by(s, _along_the_rail(np.sin(s.alpha_rad + s.beta_rad), slides)),
         by_pull=True,
+        tension=_drawn_in,
         stretch=lambda seen, slides: _moved_aside(seen, _along_the_rail(seen.side, slides)),
         variant="on a rail",
     ),
@@ -171,6 +204,7 @@ OFFSET_FORMS = (
             offset=None,
             force=lambda s, *numbers: _turned_by(s, _slipped(s.t_s, *numbers)),
             by_pull=True,
+            tension=_let_go,
             members=with_some(["slipped_m", "when_s"], ["offset_m"]),
             stretch=lambda seen, *numbers: _moved_aside(seen, _slipped(seen.t_s, *numbers)),
             variant=f"slips at about {at:g} s",

@@ -433,7 +433,7 @@ class TowRates:
             share[..., a.columns] += np.where(self._fields.surge, a.effect.keeps(*a.numbers), 0.0)
         one, two = (found[line] for line in ("surge", "constant"))
         pairs = ((one.rates, two.rates), (one.tension_n, two.tension_n), (one.u_m_s, two.u_m_s))
-        return Taut(*(length + share * (pull - length) for length, pull in pairs))
+        return Taut(*(length + share * (pull - length) for length, pull in pairs), one.gain)
 
     def _law(self, t: Any, state: Array, now: _Moment) -> Array:
         """What the lines pull with, by their laws and the effects on it; no line pushes."""
@@ -496,7 +496,15 @@ class TowRates:
         """The same with the tension that the line has."""
         if not self._fields.surge.any():
             return base
-        return replace(base, tension_n=taut.tension_n, beyond_n=taut.tension_n - now.tow.tension_n)
+        (alpha, beta, _, r), tow, (turn, _, v_rate, r_rate) = now.core, now.tow, taut.rates
+        sine, cosine = np.sin(alpha + beta), np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None)
+        bend = turn + r
+        across = v_rate + tow.tow_point_m * r_rate + tow.speed_m_s * r * np.cos(beta)
+        twice = (across / tow.line_length_m + turn * bend * sine) / cosine + r_rate
+        return replace(
+            base, tension_n=taut.tension_n, beyond_n=taut.tension_n - now.tow.tension_n, bend_rate=bend,
+            bend_rate2=twice, gain=taut.gain,
+        )  # fmt: skip
 
     def _lagging(self, base: Situation, effect: Effect, state: Array) -> Situation:
         if effect.late is None:

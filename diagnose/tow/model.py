@@ -388,8 +388,8 @@ def _by_law(hypotheses: Sequence[Hypothesis], work: Callable[[list[Hypothesis]],
     return [answers[k] for k in range(len(hypotheses))]
 
 
-def _lates(hypotheses: Sequence[Hypothesis]) -> tuple[float, ...]:
-    """Time constants of all their effects."""
+def _lates(hypotheses: Sequence[Hypothesis]) -> tuple[Late, ...]:
+    """How all their effects hold velocities back."""
     return tuple(sorted({e.late for h in hypotheses for e in h.effects if e.late is not None}))
 
 

@@ -433,7 +433,8 @@ class TowRates:
             share[..., a.columns] += np.where(self._fields.surge, a.effect.keeps(*a.numbers), 0.0)
         one, two = (found[line] for line in ("surge", "constant"))
         pairs = ((one.rates, two.rates), (one.tension_n, two.tension_n), (one.u_m_s, two.u_m_s))
-        return Taut(*(length + share * (pull - length) for length, pull in pairs), one.gain)
+        rates, tension_n, u_m_s = (length + share * (pull - length) for length, pull in pairs)
+        return Taut(rates, tension_n, u_m_s, one.gain)
 
     def _law(self, t: Any, state: Array, now: _Moment) -> Array:
         """What the lines pull with, by their laws and the effects on it; no line pushes."""

@@ -23,7 +23,7 @@ from ..simulate.model import (
     line_angle_rate,
     line_force,
 )
-from .effects import LIBRARY, Effect, Situation
+from .effects import LIBRARY, Effect, Situation, on_line
 
 MissingForce = Callable[..., tuple[Any, Any, Any]]
 """(t_s, state (4, ...), tow, duration_s, half_width_m) -> Y N, N N m, X N."""
@@ -159,8 +159,8 @@ def with_effects(
         ahead = sum((effect.ahead(s, *n) for effect, n in pushing if effect.ahead is not None), start=0.0)
         by_pull = [(e, n) for e, n in pushing if e.by_pull]
         if by_pull:
-            held = full_state(t_s, (alpha, beta, v, r), here, tow, lambda *_: (side, moment, ahead)).tension_n
-            one, two = _pushes(by_pull, replace(s, tension_n=held, beyond_n=held - pull))
+            held = full_state(t_s, (alpha, beta, v, r), here, tow, lambda *_: (side, moment, ahead))
+            one, two = _pushes(by_pull, on_line(s, held))
             side, moment = side + one, moment + two
         if not any(effect.tension is not None or effect.keeps is not None for effect, _ in pushing):
             return (side, moment, ahead) if surging else (side, moment)
@@ -173,7 +173,7 @@ def with_effects(
         plain = answer(0.0, 0.0)
         kept = sum(float(effect.keeps(*n)) for effect, n in pushing if effect.keeps is not None)
         tension = (1 - kept) * plain.tension_n + kept * pull
-        at = replace(s, tension_n=tension, beyond_n=tension - pull)
+        at = replace(on_line(s, plain), tension_n=tension, beyond_n=tension - pull)
         change = sum(effect.tension(at, *n) for effect, n in pushing if effect.tension is not None)
         wanted = np.array(accelerated(here, *line_force(tow, change, np.sin(angle), np.cos(angle))))
         if kept:

@@ -266,6 +266,7 @@ SLOPE_SHARE = 0.03
         ("tension_variation/instead of the line's length", {"share": 0.5, "power": 1.5, "late_s": 0.2}),
         ("crossflow_drag", {"drag_depth_m": 0.1, "trim_depth_m": 0.02}),
         (RESISTS.label, {"x": -0.1, "power": 2.2}),
+        ("tow_point_offset/on a rail", {"slides_m": -0.008}),
     ],
 )
 def test_the_saved_simulator_is_the_diagnosis_own(label: str, numbers: dict[str, float]) -> None:

@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
-from .base import STAGES, Effect, Late, Parameter, Seen, Situation, installed_effects, load_effects
+from .base import (
+    SMALLEST_COSINE,
+    STAGES,
+    Effect,
+    Late,
+    Parameter,
+    Seen,
+    Situation,
+    installed_effects,
+    load_effects,
+    on_line,
+)
 from .camera import (
     DECK,
     DECK_FORMS,
@@ -107,6 +118,7 @@ __all__ = [
     "ELASTIC",
     "LAWS",
     "LIBRARY",
+    "SMALLEST_COSINE",
     "STAGES",
     "Effect",
     "Late",
@@ -119,5 +131,6 @@ __all__ = [
     "jerked",
     "load_effects",
     "offset_each",
+    "on_line",
     "slack",
 ]

@@ -7,7 +7,7 @@ writes one in a few lines of their own Python (``--effects mine.py``) or install
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ import numpy as np
 
 from ...record.errors import InputError
 from ...record.own_code import run_own
-from ...simulate.model import Array
+from ...simulate.model import Array, Taut
 from .members import Members
 
 STAGES = ("camera", "clock", "line", "sway", "yaw")
@@ -30,6 +30,10 @@ SWINGS_S = (11.0, 15.0, 21.0, 30.0)
 """Periods from which what goes to and fro along the tank is sought; slower ones are drifts."""
 MOST_FASTER = 0.5
 """No fit goes further from one of these, as a share of its frequency."""
+
+
+SMALLEST_COSINE = 0.05
+"""The cosine of alpha + beta, by which equations divide, is held above this."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +112,23 @@ class Situation:
     def columns(self) -> tuple[str, ...]:
         """Fields that may have columns."""
         return tuple(f.name for f in fields(self) if f.name != "history")
+
+
+def on_line(s: Situation, taut: Taut) -> Situation:
+    """What is asked for a change of T, or for a force that goes with it, on a line that keeps its length.
+
+    Parameters
+    ----------
+    s : at a straight tow's T
+    taut : the tow without the effects that are asked
+    """
+    turn, _, v_rate, r_rate = taut.rates
+    angle, bend = s.alpha_rad + s.beta_rad, turn + s.r_rad_s
+    sine, cosine = np.sin(angle), np.clip(np.cos(angle), SMALLEST_COSINE, None)
+    across = v_rate + s.tow_point_m * r_rate + s.speed_m_s * s.r_rad_s * np.cos(s.beta_rad)
+    twice = (across / s.line_length_m + turn * bend * sine) / cosine + r_rate
+    beyond = taut.tension_n - s.tension_n
+    return replace(s, tension_n=taut.tension_n, beyond_n=beyond, bend_rate=bend, bend_rate2=twice, gain=taut.gain)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from ...simulate.model import (
     paid_state,
     side_by_side,
 )
-from ..effects import Effect, Late, Seen, Situation
+from ..effects import SMALLEST_COSINE, Effect, Late, Seen, Situation, on_line
 from .data import TowRun
 from .numbers import COMPLIANCE, SIX, rudder_history, rudder_is_over
 
@@ -40,8 +40,6 @@ STATES, PAID_STATES = 4, 6
 """alpha, beta, v, r; with a law of the line's own its length beyond the stated one and u as well. Lagged velocities follow."""
 LARGEST_ANGLE = 1.4
 """Line angle and alpha + beta are held within this, rad (80 degrees): beyond, the equations have no answer."""
-SMALLEST_COSINE = 0.05
-"""So is the cosine of alpha + beta that they divide by."""
 SHORTEST = 0.05
 """A line with a law of its own is never shorter than this share of what is stated."""
 SOON_S = 0.05
@@ -342,7 +340,7 @@ class TowRates:
         base = self._lagging(self._situation(t, now), effect, state)
         held = base
         if effect.tension is not None or effect.by_pull:
-            held = self._on_line(base, now, self._taut(t, state, now))
+            held = self._on_line(base, self._taut(t, state, now))
         if effect.force is not None:
             side, moment = effect.force(held if effect.by_pull else base, *numbers)
         if effect.tension is not None:
@@ -399,7 +397,7 @@ class TowRates:
         def extra(t, y, beta, v, r, alpha):
             side, moment = self._zeros(v), self._zeros(v)
             base = self._situation(t, now, y)
-            held = base if taut is None else self._on_line(base, now, taut)
+            held = base if taut is None else self._on_line(base, taut)
             for active, asked in ((self._pushing, base), (by_pull, held)):
                 for a, part in self._parts(active, asked, state):
                     assert a.effect.force is not None
@@ -464,7 +462,7 @@ class TowRates:
     def _change(self, t: Any, state: Array, now: _Moment, taut: Taut) -> Array:
         """By how much effects change what the line pulls with."""
         change = self._zeros(now.core[2])
-        base = self._on_line(self._situation(t, now), now, taut)
+        base = self._on_line(self._situation(t, now), taut)
         for a, part in self._parts(self._pulling, base, state):
             assert a.effect.tension is not None
             change[..., a.columns] += a.effect.tension(part, *a.numbers)
@@ -493,19 +491,11 @@ class TowRates:
             **self._fields.fixed, **longer,
         )  # fmt: skip
 
-    def _on_line(self, base: Situation, now: _Moment, taut: Taut) -> Situation:
+    def _on_line(self, base: Situation, taut: Taut) -> Situation:
         """The same with the tension that the line has."""
         if not self._fields.surge.any():
             return base
-        (alpha, beta, _, r), tow, (turn, _, v_rate, r_rate) = now.core, now.tow, taut.rates
-        sine, cosine = np.sin(alpha + beta), np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None)
-        bend = turn + r
-        across = v_rate + tow.tow_point_m * r_rate + tow.speed_m_s * r * np.cos(beta)
-        twice = (across / tow.line_length_m + turn * bend * sine) / cosine + r_rate
-        return replace(
-            base, tension_n=taut.tension_n, beyond_n=taut.tension_n - now.tow.tension_n, bend_rate=bend,
-            bend_rate2=twice, gain=taut.gain,
-        )  # fmt: skip
+        return on_line(base, taut)
 
     def _lagging(self, base: Situation, effect: Effect, state: Array) -> Situation:
         if effect.late is None:

@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...simulate.model import Array, Tow, full_x_cg, full_x_cg_rate, full_y_cg, full_y_cg_rate
-from ..effects import Late, Seen
+from ..effects import SMALLEST_COSINE, Late, Seen
 from ..inference.shooting import STATE_STEP
 from .data import PULL, TowRun
 from .numbers import COMPLIANCE
 from .rates import (
     PAID_STATES,
-    SMALLEST_COSINE,
     STATES,
     Fields,
     Numbers,

@@ -1,4 +1,7 @@
-"""The hull of another simulator in the diagnosis of tows: an FMU of C, against the equations that stand in towline."""
+"""The hull of another simulator in the diagnosis of tows: an FMU of C, against the equations that stand in towline.
+
+The FMUs are those of the example ``hull_fmu.py``, which ``fmu_of_c.py`` makes.
+"""
 
 from __future__ import annotations
 
@@ -36,14 +39,13 @@ DRAG_N_S2_M2 = 800.0
 """Side force of drag by the square of the sway velocity."""
 
 
-def made(path: Path, version: int = 2, equations: str = hull_fmu.EQUATIONS) -> Path:
-    return make(path, "hull", equations, hull_fmu.VARIABLES, len(hull_fmu.STATES), version)
-
-
 @pytest.fixture(scope="module")
 def hulls(tmp_path_factory: pytest.TempPathFactory) -> dict[int, FmuHull]:
     folder = tmp_path_factory.mktemp("hulls")
-    return {version: read_hull(made(folder / f"hull_{version}.fmu", version)) for version in (2, 3)}
+    paths = {version: folder / f"hull_{version}.fmu" for version in (2, 3)}
+    for version, path in paths.items():
+        hull_fmu.main([str(path), "--version", str(version)])
+    return {version: read_hull(path) for version, path in paths.items()}
 
 
 def drawn(line: str, crossed: float) -> tuple[Hull, Tow, np.ndarray]:
@@ -165,7 +167,7 @@ def test_a_simulator_that_has_the_drag_misses_nothing(tmp_path: Path) -> None:
         runs.append(folder_of(tmp_path / f"x{point}", tow, motion))
     folders = [str(folder) for folder in runs]
     with_drag = hull_fmu.EQUATIONS.replace("d[1] = (side", f"d[1] = (side - {DRAG_N_S2_M2} * v * fabs(v)")
-    hull = str(made(tmp_path / "hull.fmu", equations=with_drag))
+    hull = str(make(tmp_path / "hull.fmu", "hull", with_drag, hull_fmu.VARIABLES, len(hull_fmu.STATES)))
     verdicts = {}
     for name, more in (("own", []), ("its", ["--hull", hull])):
         out = tmp_path / name

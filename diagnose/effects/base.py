@@ -122,7 +122,7 @@ def on_line(s: Situation, taut: Taut) -> Situation:
     s : at a straight tow's T
     taut : the tow without the effects that are asked
     """
-    turn, _, v_rate, r_rate = taut.rates
+    turn, _, v_rate, r_rate = taut.rates[:4]
     angle, bend = s.alpha_rad + s.beta_rad, turn + s.r_rad_s
     sine, cosine = np.sin(angle), np.clip(np.cos(angle), SMALLEST_COSINE, None)
     across = v_rate + s.tow_point_m * r_rate + s.speed_m_s * s.r_rad_s * np.cos(s.beta_rad)

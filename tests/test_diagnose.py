@@ -153,30 +153,22 @@ def test_an_absent_effect_changes_nothing(model) -> None:
         }
 
 
-def proposed(tow_model: TowModel, hypothesis: Hypothesis, depth_m: float, known_rel: float) -> Any:
-    """The run that would tell best whether there is drag."""
-    engine: Any = SimpleNamespace(simulator=TowSimulator(tow_model.runs))
-    first: Any = SimpleNamespace(
-        hypothesis=hypothesis,
-        forces=Forces(1e-6, 1e-6, 1),
-        solved=SimpleNamespace(
-            covariance=np.diag((known_rel * np.where(hypothesis.shared, hypothesis.shared, 1.0)) ** 2)
-        ),
-    )
-    second: Any = SimpleNamespace(
-        hypothesis=replace(hypothesis, effects=(CROSSFLOW,), numbers=(np.array([depth_m, 0.0]),))
-    )
-    design = next_run(engine, first, second)
-    assert design is not None
-    return design
-
-
 def test_a_next_runs_distance_grows_with_the_square_and_falls_with_what_is_not_known(model) -> None:
     """Nothing apart is no distance; a force half as large has a fourth of it; derivatives known less well explain more of it."""
     tow_model, hypothesis = model
+    engine: Any = SimpleNamespace(simulator=TowSimulator(tow_model.runs))
 
     def distance(depth_m: float, known_rel: float) -> tuple[float, Any]:
-        design = proposed(tow_model, hypothesis, depth_m, known_rel)
+        first: Any = SimpleNamespace(
+            hypothesis=hypothesis,
+            forces=Forces(1e-6, 1e-6, 1),
+            solved=SimpleNamespace(covariance=np.diag((known_rel * hypothesis.shared) ** 2)),
+        )
+        second: Any = SimpleNamespace(
+            hypothesis=replace(hypothesis, effects=(CROSSFLOW,), numbers=(np.array([depth_m, 0.0]),))
+        )
+        design = next_run(engine, first, second)
+        assert design is not None
         return design.distance, design
 
     assert distance(0.0, 0.01)[0] == pytest.approx(0.0, abs=1e-9)

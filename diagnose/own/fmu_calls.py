@@ -190,18 +190,19 @@ class Calls:
         """
         self._ready(p)
         size, count, k = x.shape
-        self._called(0.0, x[:, 0], np.zeros((len(self.library.inputs), k)), size, self._raw["rates"])
         xs, found = np.ascontiguousarray(x.transpose(1, 2, 0)), np.empty((count, k, size))
-        components, sizes = self._components[:k], (size,) * k
+        components, sizes, nothing = self._components[:k], (size,) * k, np.zeros((len(self.library.inputs), k))
         set_states, ask = self._raw["states"], self._raw["rates"]
+        found[0] = self._called(0.0, x[:, 0], nothing, size, ask).T
+        self._ready(p)
         step, width = 8 * size, 8 * size * k
-        for index in range(count):
+        for index in range(1, count):
             own, to = (
                 range(a.ctypes.data + width * index, a.ctypes.data + width * (index + 1), step) for a in (xs, found)
             )
             bad = max(map(set_states, components, own, sizes))
             if max(bad, *map(ask, components, to, sizes)) >= FAILED:
-                found[index] = self._called(0.0, x[:, index], np.zeros((len(self.library.inputs), k)), size, ask).T
+                found[index] = self._called(0.0, x[:, index], nothing, size, ask).T
                 self._ready(p)
         return found.transpose(2, 0, 1)
 

@@ -25,7 +25,7 @@ from ..inference.shooting import (
 )
 from .data import TowRun, corrected
 from .numbers import shared_numbers
-from .rates import OWN, STATES, Fields, Numbers, OtherHull, TowRates, held_from, tow_of
+from .rates import OWN, STATES, Fields, Numbers, OtherHull, TowRates, held_before, held_from, tow_of
 from .seen import TowSeen
 from .variations import PROBE_N, Variations, joined
 
@@ -57,7 +57,7 @@ class TowModel:
         names: tuple[str, ...] | None = None,
         hull: OtherHull | None = None,
     ) -> None:
-        self.runs, self.speed_m_s = list(runs), speed_m_s
+        self.runs, self.speed_m_s, self.hull = list(runs), speed_m_s, hull
         self.step_s = runs[0].step_s
         self._corrections: dict[tuple, Array] = {}
         self.count = max(len(r.centre_s) for r in runs) + BEYOND
@@ -401,7 +401,7 @@ def _with_lates(path: Path, lates: tuple[Late, ...]) -> Array:
     rows = [*path.states[:first]]
     for late in lates:
         if late in path.lates:
-            at = first + sum(one.size for one in path.lates[: path.lates.index(late)])
+            at = first + held_before(path.lates, late)
             rows += [*path.states[at : at + late.size]]
         else:
             rows += [path.states[k] if k else np.zeros_like(path.states[0]) for k in held_from([late])]

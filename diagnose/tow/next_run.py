@@ -66,7 +66,7 @@ def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | No
         return None
     pattern = max(model.runs, key=lambda r: len(r.centre_s))
     runs, settings = _designs(model.runs, pattern)
-    trial = TowModel(runs, model.speed_m_s, model.shared_names)
+    trial = TowModel(runs, model.speed_m_s, model.shared_names, model.hull)
     count = len(model.shared_names)
     one, two = (_taken_over(f.hypothesis, settings) for f in (first, second))
     try:

@@ -500,8 +500,7 @@ class TowRates:
     def _lagging(self, base: Situation, effect: Effect, state: Array) -> Situation:
         if effect.late is None:
             return base
-        before = self._lates[: self._lates.index(effect.late)]
-        k = self._first + sum(late.size for late in before)
+        k = self._first + held_before(self._lates, effect.late)
         return replace(base, v_lag=state[k], r_lag=state[k + 1])
 
 
@@ -525,6 +524,11 @@ def line_rates(t_s: Any, state: Sequence[Array], tow: Tow) -> tuple[Array, Any]:
 def held_from(lates: Sequence[Late]) -> list[int]:
     """Of each state that is held back the number of OWN that it begins as; 0: it begins at nothing."""
     return [k for late in lates for k in (2, 3, 0, 0)[: late.size]]
+
+
+def held_before(lates: Sequence[Late], late: Late) -> int:
+    """How many states that are held back stand before those of one."""
+    return sum(one.size for one in lates[: lates.index(late)])
 
 
 def own_numbers(**named: float) -> Array:
@@ -591,6 +595,7 @@ __all__ = [
     "OtherHull",
     "TowRates",
     "columns_of",
+    "held_before",
     "held_from",
     "line_rates",
     "own_numbers",

@@ -19,6 +19,8 @@ SWALLOWED, SEEN, SMALLEST = 2.0, 1e-3, 1e-4
 they are with it counts as at least the last. Choices."""
 EXCLUDED = 3.0
 """Log evidence by which a form must fall short of the best one to be excluded, odds of 20 to 1."""
+SECOND = 10.0
+"""Log evidence from which an effect that would take more beside the headline is spoken of, though not named: above any prior."""
 NOTABLE = 5.0
 """Log evidence from which what is left over is described by its place instead of the gap: a choice, odds of 150 to 1."""
 
@@ -130,6 +132,8 @@ def _summary(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping
         said.append(f"Without it, random forces {swallowed:.0f} times as large would have to be believed.")
     if inexact:
         said.append(_left_over(rest))
+    if second := _second(file, titles):
+        said.append(second)
     if row.form:
         said.append(_forms(row))
     apart = file.next_measurement
@@ -158,6 +162,18 @@ def _swallowed(file: GapFile) -> float:
         if k in file.noise_without
     ]
     return max(shares, default=0.0) if max(file.noise_without.values(), default=0.0) > SEEN else 0.0
+
+
+def _second(file: GapFile, titles: Mapping[str, str]) -> str:
+    """What would take more beside a single effect, but no more than that one's own form may leave over; empty: nothing."""
+    row = file.ranking[0]
+    pairs = [r for r in file.ranking[1:] if len(row.effects) == 1 and set(r.effects) > set(row.effects)]
+    best = max(pairs, key=lambda r: r.log_evidence, default=row)
+    more = best.log_evidence - row.log_evidence
+    if more < SECOND:
+        return ""
+    other = _titled([name for name in best.effects if name not in row.effects], titles)
+    return f"Beside it {other} would take some more (log evidence {more:.0f}); the form of what is named may leave as much over."
 
 
 def _left_over(rest: Leftover) -> str:

@@ -278,6 +278,20 @@ def test_beside_a_gross_effect_a_second_one_is_told_where_it_leaves_nothing() ->
     assert found.ranking[0].effects == ["bend"]
 
 
+@pytest.mark.parametrize(("second", "named"), [(None, {"bend"}), (1e-5, {"bend", "push"})])
+def test_how_much_a_second_effect_may_take_of_a_gross_one_without_being_there(
+    second: float | None, named: set[str]
+) -> None:
+    """Something else is left, too, so that the pair is no whole explanation: what the push takes is less than the form of such a
+    bend may leave over, unless the bend is of a kind whose form is followed closely.
+    """
+    gross = replace(OTHER, parameters=(replace(OTHER.parameters[0], sd=1.0),), second=second)
+    both = [n + 1000 * NOISE_M * shape("bend", "") + SIZE_M * np.sin(3.1 * T_S) for n in white(5)]
+    both[1] = both[1] + SIZE_M * WAVE
+    found = diagnosed(campaign(both), [PUSH, gross], "test", {}, rng=np.random.default_rng(0)).file
+    assert (found.verdict, set(found.ranking[0].effects)) == ("form_not_exact", named)
+
+
 def test_something_unknown_rests_on_no_base_that_follows_nothing(base: tuple[Inference, Fitted]) -> None:
     free = candidate(base[1], 9.0, named("free"))
     follows, lost = (ranking_of(base[1], free=free, follows=f) for f in (True, False))

@@ -236,6 +236,35 @@ def test_an_effect_in_another_form(rest: Leftover, left: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (9.9, []),
+        (
+            72.4,
+            [
+                "Beside it lens faults would take some more (log evidence 72); the form of what is named may leave as much over."
+            ],
+        ),
+    ],
+)
+def test_a_second_effect_that_the_firsts_form_may_leave_over_is_spoken_of(more: float, said: list[str]) -> None:
+    """The best pair with the headline's effect in it; a pair of two others is another answer."""
+    ranking = [
+        first.model_copy(update={"log_evidence": 100.0 + gain})
+        for first, gain in (
+            (row("elastic_line"), 0.0),
+            (row("elastic_line", "slack_line"), 4.0),
+            (row("lens_distortion", "elastic_line"), more),
+            (row("slack_line", "lens_distortion"), 90.0),
+        )
+    ]
+    found = sentences(file("effect", ranking), None, QUIET, TITLES | {"lens_distortion": "lens faults"})
+    assert [s for s in found if s.startswith("Beside it")] == said
+    pair = file("effect", [ranking[2], ranking[0]])
+    assert not any(s.startswith("Beside it") for s in sentences(pair, None, QUIET, TITLES))
+
+
+@pytest.mark.parametrize(
     ("without", "beside", "said"),
     [
         ({"side_n": 0.03, "moment_n_m": 0.002}, {"side_n": 0.01, "moment_n_m": 0.002}, "3 times"),

@@ -271,6 +271,7 @@ class Effect:
     variant : tells effects of one name apart
     bound : it belongs to the runs made (windows, bounces), and says nothing of another
     form : share of what it explains that its own form may leave over; small for geometry, whose form is exact
+    second : share of it that another effect of the library may take of that; None: all of it
     cost : log evidence that is taken off: numbers found beforehand, in a residual
     sizes : shares of the parameters' standard deviations that are as likely: how small the effect may be where it exists
     members : names of the numbers that each member of it has, all as likely (``effects.members``); empty: all its numbers
@@ -307,6 +308,7 @@ class Effect:
     variant: str = ""
     bound: bool = False
     form: float = 0.03
+    second: float | None = None
     cost: float = 0.0
     sizes: tuple[float, ...] = SIZES
     members: Members = ()

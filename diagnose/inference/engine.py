@@ -433,7 +433,7 @@ def _pairs(
             pair = (*first.effects, effect)
             own = prior + sum(forms[name] for name in (*first.names, effect.name))
             # what the first one's form may have left over; where beside the second next to nothing is left, it was no form's
-            own -= min(first.form, could_gain(inference, fitted))
+            own -= min(first.second, could_gain(inference, fitted))
             found.append(Candidate(pair, fitted, _worth(fitted) - base.log_evidence, own))
     return found
 

@@ -147,7 +147,7 @@ def _looked_at(candidates: tuple[Candidate, ...]) -> list[tuple[float, list[list
     """Orders in which candidates take their parts, with their probabilities; those that share a part stand together.
 
     A pair goes before the best single effect as far as it is likelier even after what the first one's form may have left over for
-    anything else to take (``Candidate.form`` stands in its prior): then there are two. Pairs that do nearly the same share theirs.
+    another to take (``Candidate.second`` stands in its prior): then there are two. Pairs that do nearly the same share theirs.
     """
     formed = [
         k

@@ -29,8 +29,14 @@ class Candidate:
 
     @property
     def form(self) -> float:
-        """Log evidence that its own form may have left over: below, there is no second effect, nor anything unknown."""
+        """Log evidence that its own form may have left over: below, there is nothing unknown."""
         return max(e.form for e in self.effects) * max(self.log_evidence, 0.0)
+
+    @property
+    def second(self) -> float:
+        """As much of it as another effect may take: above, that is there, too."""
+        shares = (e.form if e.second is None else e.second for e in self.effects)
+        return max(shares) * max(self.log_evidence, 0.0)
 
     @property
     def weight(self) -> float:

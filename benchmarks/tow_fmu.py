@@ -12,16 +12,19 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import time
 from pathlib import Path
 from typing import Any
 
 from towline.blind.run import answered
-from towline.examples import hull_fmu
-from towline.examples.fmu_of_c import make
 from towline.pipeline.diagnosing import diagnose_folders
 from towline.pipeline.executor.processes import in_parallel
 from towline.record.errors import TowlineError
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
+import hull_fmu
+from fmu_of_c import make
 
 
 def by_fmu(name: str, folders: list[Path], to: Path, hull: Path) -> str:

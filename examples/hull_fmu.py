@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from towline.examples.fmu_of_c import Variable, make
+from fmu_of_c import Variable, make
 
 EQUATIONS = r"""
 enum { SPEED_U, SWAY_V, YAW_R, M_Y, I_N, Y_V, Y_R, N_V, N_R, QUOTED, MASS, X_U, X_VR, X_VV, X_RR, RESIST, POWER, Y_D, N_D, Y_0,

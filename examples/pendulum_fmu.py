@@ -10,8 +10,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from towline.examples.fmu_of_c import Variable
-from towline.examples.fmu_of_c import make as made
+from fmu_of_c import Variable
+from fmu_of_c import make as made
 
 EQUATIONS = r"""
 static void rates(const Model *m, const double *x, double *d) {

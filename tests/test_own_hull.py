@@ -9,14 +9,15 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import hull_fmu
 import numpy as np
 import pandas as pd
+import pendulum_fmu
 import pytest
 import tomlkit
+from fmu_of_c import Variable, make
 
 from towline.cli import main
-from towline.examples import hull_fmu, pendulum_fmu
-from towline.examples.fmu_of_c import Variable, make
 from towline.record import InputError
 from towline.record.gap_file import GapFile
 from towline.record.results import read_result

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import shutil
 import subprocess
@@ -53,3 +54,20 @@ def test_make_version_writes_it_everywhere_or_nowhere(root: Path, tmp_path: Path
     # nothing is left that a release could head
     assert "CHANGELOG.md" in called("9.8.8").stderr
     assert '"9.8.7"' in (tmp_path / "__version__.py").read_text()
+
+
+def test_tests_and_examples_ask_for_nothing_that_the_wheel_lacks(root: Path) -> None:
+    """They run against an installed wheel, too, and a stranger's copy of an example stands beside one."""
+    declared = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["packages"]
+    files = sorted([*(root / "tests").glob("*.py"), *(root / "examples").glob("*.py")])
+    asked = {}
+    for path in files:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "towline":
+                for name in [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]:
+                    asked[name] = path.name
+            elif isinstance(node, ast.Import):
+                asked |= {alias.name: path.name for alias in node.names if alias.name.startswith("towline.")}
+    folders = {name: path for name, path in asked.items() if (root / Path(*name.split(".")[1:])).is_dir()}
+    assert len(folders) > 10
+    assert {name: path for name, path in folders.items() if name not in declared} == {}

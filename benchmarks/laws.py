@@ -23,7 +23,7 @@ from laws_cases import fault_case, law_case, null_case, with_more
 from laws_oracle import gaps_beyond, oracle, removed_share
 from laws_truth import apart, right_form, seen_by, told, true_force, true_variables
 
-from towline.blind.draw import CASES, write_cases
+from towline.blind.seal import CASES, write_cases
 from towline.blind.truth.cases import Case
 from towline.diagnose.tow.data import Recorded, block_step, tow_runs
 from towline.diagnose.tow.towed import TowSimulator

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from towline.blind.draw import case_of, gentle, tow_of
+from towline.blind.draw import gentle
+from towline.blind.one_case import case_of, tow_of
 from towline.blind.signature import distances_of, linear
 from towline.blind.truth.cases import Case
 from towline.blind.truth.laws import KINDS

@@ -20,7 +20,7 @@ from laws import simulator_of
 from laws_cases import law_case
 from laws_truth import apart, seen_by, true_force, true_variables
 
-from towline.blind.draw import CASES, write_cases
+from towline.blind.seal import CASES, write_cases
 from towline.blind.truth.cases import Case, lane_of, swum
 from towline.diagnose.tow.towed import TowSimulator
 

@@ -11,11 +11,12 @@ from typing import Any
 from ..pipeline.executor.processes import in_parallel
 from ..record.files import JSON_BYTES, read_text, write_text
 from .baselines import baseline_calls
-from .draw import ANSWERS, CASES, Wanted, kept_digest, opened, sealed, write_cases
+from .draw import Wanted
 from .judge import Judged, judged
 from .measure import write_measured
 from .run import answers, read_answers
 from .scores import Bin, Score, calibration, scores
+from .seal import ANSWERS, CASES, kept_digest, opened, sealed, write_cases
 from .truth.cases import Case
 
 MEASURED = "sealed/measured"

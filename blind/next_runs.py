@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from ..record.files import TOML_BYTES, read_text, write_text
-from .draw import ANSWERS, CASES, opened, tow_of
 from .judge import Call, call_of, names_of, truth_of
+from .one_case import tow_of
 from .run import answered, read_answers
 from .scores import Score, share
+from .seal import ANSWERS, CASES, opened
 from .truth.apart import measured_apart
 from .truth.cases import Case
 

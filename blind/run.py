@@ -11,7 +11,7 @@ from typing import Any
 from ..pipeline.executor.processes import in_parallel
 from ..record.errors import TowlineError
 from ..record.files import JSON_BYTES, read_text, write_text
-from .draw import ANSWERS, CASES
+from .seal import ANSWERS, CASES
 
 Progress = Callable[[str, int, int | None], None]
 

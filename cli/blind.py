@@ -40,7 +40,8 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
 def call(options: argparse.Namespace) -> int:
     """Run the command."""
     from ..blind.check import PAGE, SCORE_JSON, SCORE_TEXT, diagnose, prepare, score
-    from ..blind.draw import KEEP_SEED, Wanted
+    from ..blind.draw import Wanted
+    from ..blind.truth.forms import KEEP_SEED
     from ..blind.words import score_text
     from ..record.files import write_text
     from .common import EXIT_OK, EXIT_SOME_FAILED, show_progress

@@ -20,28 +20,13 @@ from scipy.stats import binom
 from towline.blind import judge, run
 from towline.blind.baselines import baseline_calls
 from towline.blind.check import diagnose, score
-from towline.blind.draw import (
-    ANSWERS,
-    CASES,
-    FAINT_D,
-    SEAL,
-    SMALL,
-    TRUTH,
-    Wanted,
-    case_of,
-    dealt,
-    drawn,
-    fainter,
-    gentle,
-    opened,
-    sealed,
-    told,
-    write_cases,
-)
+from towline.blind.draw import FAINT_D, Wanted, dealt, drawn, fainter, gentle
 from towline.blind.judge import INEXACT, NO_GAP, NONE, UNKNOWN, Judged, call_of, names_of
 from towline.blind.measure import measured
 from towline.blind.next_runs import with_next_run
+from towline.blind.one_case import SMALL, case_of, told
 from towline.blind.scores import Score, calibration, even_calibration, interval, scores
+from towline.blind.seal import ANSWERS, CASES, SEAL, TRUTH, opened, sealed, write_cases
 from towline.blind.signature import RIVALS, STRENGTH, block_means, distances_of, linear
 from towline.blind.truth.camera import camera_of
 from towline.blind.truth.cases import CELL_SD, Case, clean_picks, filmed, load_cell, swum

@@ -12,26 +12,16 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from towline.blind.draw import (
-    KEEP_SEED,
-    TRUTH,
-    Wanted,
-    case_of,
-    dealt,
-    fainter,
-    gentle,
-    kept_digest,
-    opened,
-    sealed,
-    sha256_of_text,
-)
+from towline.blind.draw import Wanted, dealt, fainter, gentle
+from towline.blind.one_case import case_of
+from towline.blind.seal import TRUTH, kept_digest, opened, sealed, sha256_of_text
 from towline.blind.signature import STRENGTH, distances_of, linear
 from towline.blind.truth import carriage, damping, lift, surroundings, swivel
 from towline.blind.truth.apart import measured_apart
 from towline.blind.truth.camera import camera_of
 from towline.blind.truth.cases import Case, clean_picks, filmed, lane_of, load_cell
 from towline.blind.truth.clocks import cell_late, true_times
-from towline.blind.truth.forms import CHOICES, FORMS, allowed, first_form, kept_out
+from towline.blind.truth.forms import CHOICES, FORMS, KEEP_SEED, allowed, first_form, kept_out
 from towline.blind.truth.hulls import MARINER
 from towline.blind.truth.lanes import Array, Lanes
 from towline.blind.truth.line import ROUNDS, pull_of, servo_rates

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from towline.blind.draw import case_of
+from towline.blind.one_case import case_of
 from towline.blind.truth.folders import write_case
 from towline.diagnose.tow.jerks import PUSHES, STEP_S, Push, Radius, Straight, events, surged
 from towline.diagnose.tow.slackness import SLACK_Z, jerk_effects

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from towline.blind.draw import CASES, case_of, gentle, write_cases
+from towline.blind.draw import gentle
+from towline.blind.one_case import case_of
+from towline.blind.seal import CASES, write_cases
 from towline.blind.signature import distances_of, linear
 from towline.blind.truth.cases import Case
 from towline.cli.main import main

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from towline.blind.draw import case_of
+from towline.blind.one_case import case_of
 from towline.blind.truth.folders import write_case
 from towline.diagnose.effects import DELAY_FORMS, ELASTIC, LIBRARY, Effect
 from towline.diagnose.gap import Diagnosis

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..draw import CASES, Wanted, kept_digest, sealed, write_cases
+from ..draw import Wanted
+from ..seal import CASES, kept_digest, sealed, write_cases
 from .forms import CHOICES, KEEP_SEED
 
 

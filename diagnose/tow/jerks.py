@@ -303,36 +303,42 @@ def _fitted(radii: Sequence[Radius], starts: Sequence[Sequence[tuple[Push, Array
         return []
     pushes = [[p for p, _ in own] for own in starts]
     here = [np.array([x for _, x in own]) for own in starts]
-    count = len(NUMBERS)
-    left = [rows[:, 0] for rows in _missed(radii, pushes, [x[:, None] for x in here])]
-    damp = [np.full(len(x), 1e-2) for x in here]
-    steps = np.concatenate([np.zeros((1, count)), np.diag(SMALL)])
+    steps = np.concatenate([np.zeros((1, len(NUMBERS))), np.diag(SMALL)])
+
+    def missed(at: Sequence[Array]) -> list[Array]:
+        return _missed(radii, pushes, [x[:, None] + steps for x in at])
+
+    rows, damp = missed(here), [np.full(len(x), 1e-2) for x in here]
     for _ in range(TURNS):
-        moved = _missed(radii, pushes, [x[:, None] + steps for x in here])
-        trial = [x + _change(rows, rest, own) for x, rows, rest, own in zip(here, moved, left, damp, strict=True)]
-        after = [rows[:, 0] for rows in _missed(radii, pushes, [x[:, None] for x in trial])]
-        for k, rest in enumerate(after):
-            better = (rest**2).sum(axis=1) < (left[k] ** 2).sum(axis=1)
+        trial = [x + _change(beside, own) for x, beside, own in zip(here, rows, damp, strict=True)]
+        # with what a step from there would ask for: a second integration costs far more than these beside the first
+        for k, after in enumerate(missed(trial)):
+            better = _squares(after) < _squares(rows[k])
             here[k] = np.where(better[:, None], trial[k], here[k])
-            left[k] = np.where(better[:, None], rest, left[k])
+            rows[k] = np.where(better[:, None, None], after, rows[k])
             damp[k] = np.where(better, damp[k] / 5, damp[k] * 8)
     before = [float(((r.seen_m / r.sd_m) ** 2).sum()) for r in radii]
     return [
         [
-            Event(push, x, radius.tow, 0.5 * (total - float((rest**2).sum())))
-            for push, x, rest in zip(own, at, rests, strict=True)
+            Event(push, x, radius.tow, 0.5 * (total - float(square)))
+            for push, x, square in zip(own, at, _squares(beside), strict=True)
         ]
-        for radius, own, at, rests, total in zip(radii, pushes, here, left, before, strict=True)
+        for radius, own, at, beside, total in zip(radii, pushes, here, rows, before, strict=True)
     ]
 
 
-def _change(rows: Array, left: Array, damp: Array) -> Array:
+def _squares(rows: Array) -> Array:
+    """(k,) of rows (k, 8, n) the sum of squares at the numbers."""
+    return (rows[:, 0] ** 2).sum(axis=1)
+
+
+def _change(rows: Array, damp: Array) -> Array:
     """The damped step (k, 7) from rows (k, 8, n) at the numbers and beside them."""
     slope = (rows[:, 1:] - rows[:, :1]) / SMALL[:, None]
     normal = slope @ slope.transpose(0, 2, 1)
     diagonal = np.einsum("kii->ki", normal)
     normal = normal + np.einsum("ki,ij->kij", damp[:, None] * diagonal + 1e-6, np.eye(len(NUMBERS)))
-    change = -np.linalg.solve(normal, (slope @ left[..., None]))[..., 0]
+    change = -np.linalg.solve(normal, (slope @ rows[:, 0, :, None]))[..., 0]
     return np.clip(change, -AT_MOST, AT_MOST)
 
 

@@ -128,20 +128,34 @@ def _colour(stretches: Sequence[tuple[Array, Array]]) -> StillNoise:
     size = np.sqrt(np.diag(whole))
     lower, diagonal = np.tril_indices(channels), np.diag_indices(channels)
 
+    def rooted(numbers: Array) -> Array:
+        root = nothing.copy()
+        root[lower] = numbers
+        root[diagonal] = np.exp(root[diagonal])
+        return root
+
     def noise(at: Array) -> StillNoise:
-        parts = []
-        for numbers in (at[: len(lower[0])], at[len(lower[0]) : -1]):
-            root = nothing.copy()
-            root[lower] = numbers
-            root[diagonal] = np.exp(root[diagonal])
-            parts.append(size[:, None] * (root @ root.T) * size)
-        return StillNoise(parts[0], parts[1], float(np.exp(at[-1])))
+        roots = (rooted(numbers) for numbers in (at[: len(lower[0])], at[len(lower[0]) : -1]))
+        white, slow = (size[:, None] * (root @ root.T) * size for root in roots)
+        return StillNoise(white, slow, float(np.exp(at[-1])))
 
     turned = [_Turned(t, values) for t, values in groups]
 
     def cost(colour: StillNoise) -> float:
         found = [group.whitened(colour) for group in turned]
         return 0.5 * sum(square + log for square, log, _ in found)
+
+    def steep(at: Array) -> tuple[float, Array]:
+        colour = noise(at)
+        found = [group.slopes(colour) for group in turned]
+        by_white, by_slow, by_time = (sum(part) for part in zip(*found, strict=True))
+        parts = []
+        for numbers, slope in ((at[: len(lower[0])], by_white), (at[len(lower[0]) : -1], by_slow)):
+            root = rooted(numbers)
+            by_root = 2 * (size[:, None] * slope * size) @ root
+            by_root[diagonal] *= root[diagonal]
+            parts.append(by_root[lower])
+        return cost(colour), np.concatenate([*parts, [by_time * colour.time_s]])
 
     edge = (np.log(LEAST), np.log(MOST))
     entries = [edge if i == j else (-MOST, MOST) for i, j in zip(*lower, strict=True)]
@@ -153,7 +167,7 @@ def _colour(stretches: Sequence[tuple[Array, Array]]) -> StillNoise:
             root[diagonal] = np.log(root[diagonal])
         start = np.concatenate([*(root[lower] for root in roots), [min(np.log(time), last)]])
         bounds = [*entries, *entries, (np.log(0.3), last)]
-        ends.append(minimize(lambda at: cost(noise(at)), start, method="L-BFGS-B", bounds=bounds))
+        ends.append(minimize(steep, start, method="L-BFGS-B", jac=True, bounds=bounds))
     best = min(ends, key=lambda end: end.fun)
     # a colour must bring as much as it has numbers (Akaike)
     return noise(best.x) if best.fun + len(lower[0]) + 1 < cost(plain) else plain
@@ -168,15 +182,38 @@ class _Turned:
     def __init__(self, t: Array, values: Array) -> None:
         self._lag, self._apart = np.abs(t[:, None] - t[None, :]), helmert(len(t))  # differences that no level changes
         self._values = values
-        self._kept: tuple[float, Array, Array] | None = None
+        self._kept: tuple[float, Array, Array, Array] | None = None
 
     def _at(self, time_s: float) -> tuple[Array, Array]:
         """Powers (n - 1,), and the records there."""
+        return self._turn(time_s)[:2]
+
+    def _turn(self, time_s: float) -> tuple[Array, Array, Array]:
+        """Powers, the records there, and what turns them (n - 1, n)."""
         if self._kept is None or self._kept[0] != time_s:
             lasting = np.exp(-self._lag / max(time_s, 1e-3))
             power, turn = np.linalg.eigh(self._apart @ lasting @ self._apart.T)
-            self._kept = (time_s, np.maximum(power, 0.0), (turn.T @ self._apart) @ self._values)
+            turn = turn.T @ self._apart
+            self._kept = (time_s, np.maximum(power, 0.0), turn @ self._values, turn)
         return self._kept[1:]
+
+    def _longer(self, time_s: float) -> Array:
+        """(n - 1, n - 1) how the lasting part's correlation grows with its time constant."""
+        time_s, turn = max(time_s, 1e-3), self._turn(time_s)[2]
+        return turn @ (self._lag / time_s**2 * np.exp(-self._lag / time_s)) @ turn.T
+
+    def slopes(self, noise: StillNoise) -> tuple[Array, Array, float]:
+        """Of half the sum of squares and log determinant of ``whitened``: by white and slow covariance, (k, k) each, and by
+        the time constant.
+        """
+        power, numbers = self._at(noise.time_s)
+        inverse = np.linalg.inv(noise.white + power[:, None, None] * noise.slow)
+        gone = np.einsum("nkl,mnl->mnk", inverse, numbers)
+        by_covariance = 0.5 * (len(numbers) * inverse - np.einsum("mnk,mnl->nkl", gone, gone))
+        longer = self._longer(noise.time_s)
+        held = len(numbers) * np.diag(longer) @ np.einsum("nkl,lk->n", inverse, noise.slow)
+        pulled = np.einsum("mnk,no,mok->", gone @ noise.slow, longer, gone)
+        return by_covariance.sum(axis=0), np.tensordot(power, by_covariance, 1), float(0.5 * (held - pulled))
 
     def whitened(self, noise: StillNoise) -> tuple[float, float, int]:
         """In the noise's unit: sum of squares in white units, log determinant of the covariance, and how many numbers are free

@@ -94,7 +94,8 @@ def _no_law(answer: Searched) -> str:
     if answer.verdict == "form_open":
         return _open(answer)
     if answer.verdict == "field" and answer.field is not None:
-        return f"what is missing goes with {_groups(answer.field.groups)}, and no equation of the grammar says how"
+        what = f"what is missing{' is a resistance that' if answer.field.acts == AHEAD else ''}"
+        return f"{what} goes with {_groups(answer.field.groups)}, and no equation of the grammar says how"
     if answer.verdict == "other":
         return f"{' and '.join(answer.other)} explains these runs better than any law of the grammar"
     if answer.verdict == "no_gap":
@@ -160,6 +161,7 @@ def _free_force(answer: Searched | None) -> FreeForce | None:
     field = answer.field
     return FreeForce(
         variables=[list(group) for group in field.groups],
+        acts=field.acts,  # pyright: ignore[reportArgumentType]
         probability=field.probability,
         shrink=None if np.isnan(field.shrink) else field.shrink,
     )

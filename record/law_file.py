@@ -44,6 +44,10 @@ class FreeForce(_Part):
     """A force without a form: a smooth function (a Gaussian process) of some variables."""
 
     variables: list[list[str]] = Field(description="groups: a function of each, added up")
+    acts: Literal["Y and N", "X"] = Field(
+        default="Y and N",
+        description="a side force and a moment; X: ahead, a resistance beyond the straight tow's where below 0",
+    )
     probability: float = Field(description="posterior, beside laws, effects of the library and noise")
     shrink: float | None = Field(default=None, description="of the gap on runs kept aside; null: not worked out")
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..diagnose.law.field import basis_of
 from ..diagnose.law.search import Field, Law, Searched
-from ..diagnose.law.terms import State, parts_of, term, text_of
+from ..diagnose.law.terms import AHEAD, State, parts_of, term, text_of
 from ..diagnose.tow.towed import TowSimulator
 from .draw import BLUE, GREY, VERMILION, Columns, label, new_figure, svg_image
 from .format import significant
@@ -95,21 +95,19 @@ def field_figure(searched: Searched, field: Field, which: int) -> Html:
     begin = sum(len(e.parameters) for e in effects[:which])
     own = slice(begin, begin + len(effects[which].parameters))
     scale = _size(simulator) * np.array([1.0, simulator.runs[0].length_pp_m])
+    drawn = ("push ahead (N)",) if field.acts == AHEAD else ("side force (N)", "moment (N m)")
     second = [np.nan] if len(group) == 1 else _about(getattr(states, group[1]))
     grids = [_grid_of(group, searched.seen.ends[group[0]], at) for at in second]
-    drawing, axes = new_figure(2.8, columns=2)
+    drawing, axes = new_figure(2.8, columns=len(drawn))
     data: dict[str, Columns] = {}
-    plain = np.column_stack([states.v, states.r, np.ones(len(states.v))])
     there = np.array(basis.values(states)).T
-    by_plain = np.linalg.lstsq(plain, there, rcond=None)[0]
-    for k, ax in enumerate(axes):
-        what = ("side force (N)", "moment (N m)")[k]
+    by_plain = np.linalg.lstsq(_plain(field, states), there, rcond=None)[0]
+    for k, (ax, what) in enumerate(zip(axes, drawn, strict=True)):
         part = slice(k * there.shape[1], (k + 1) * there.shape[1])
         mean, spread = numbers[which][part], field.covariance[own, own][part, part]
         ax.axhline(0.0, color=GREY, linewidth=0.6)
         for one, (at, grid) in enumerate(zip(second, grids, strict=True)):
-            # what is linear in drift and yaw rate is the derivatives', and a constant one hides behind the settings' errors
-            table_of = np.array(basis.values(grid)).T - np.column_stack([grid.v, grid.r, np.ones(GRID)]) @ by_plain
+            table_of = np.array(basis.values(grid)).T - _plain(field, grid) @ by_plain
             force = scale[k] * table_of @ mean
             sd = scale[k] * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", table_of, spread, table_of), 0.0))
             x, colour = getattr(grid, group[0]), (BLUE, GREY, VERMILION)[one if len(second) == 1 else (1, 0, 2)[one]]
@@ -127,8 +125,17 @@ def field_figure(searched: Searched, field: Field, which: int) -> Html:
     return figure(
         svg_image(drawing, "the missing force without an equation", f"field-{which}", data),
         f"The missing force as a smooth function of {' and '.join(group)} at {simulator.speed_m_s:.2f} m/s, with two standard "
-        "deviations; marks below: where the runs have been. Its mean, and what is linear in drift and yaw rate, are not drawn.",
+        "deviations; marks below: where the runs have been. "
+        f"{'Its mean is' if field.acts == AHEAD else 'Its mean, and what is linear in drift and yaw rate, are'} not drawn.",
     )
+
+
+def _plain(field: Field, states: State) -> np.ndarray:
+    """(n, k) of what hides elsewhere: a constant force behind the settings' errors, one linear in drift and yaw rate in the
+    derivatives; of a resistance only the constant, the straight tow's own.
+    """
+    constant = np.ones(len(states.v))
+    return np.column_stack([constant] if field.acts == AHEAD else [states.v, states.r, constant])
 
 
 def _about(x: np.ndarray) -> list[float]:

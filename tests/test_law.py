@@ -217,6 +217,17 @@ def test_a_force_without_a_form_pushes_as_its_numbers_say() -> None:
     np.testing.assert_allclose(found[1], 500 * 1.5**2 * 3**3 * moment, rtol=1e-9)
 
 
+def test_a_resistance_without_a_form_pushes_ahead_as_a_side_force_of_its_numbers_would_aside() -> None:
+    s = states()
+    ahead, aside = field_effect([("y",)], SEEN, 3e-3, 0.25, AHEAD), field_effect([("y",)], SEEN, 3e-3, 0.25)
+    assert [p.sd for p in ahead.parameters] == [p.sd for p in aside.parameters[: len(ahead.parameters)]]
+    numbers = np.random.default_rng(3).normal(size=len(ahead.parameters))
+    assert ahead.force is None
+    np.testing.assert_allclose(
+        ahead.ahead(situation(s), *numbers), aside.force(situation(s), *numbers, *(0.0 * numbers))[0], rtol=1e-12
+    )
+
+
 def test_a_choice_of_the_table_has_the_evidence_of_its_fit() -> None:
     """Where the simulation is linear in all numbers one step is the whole fit: terms alone and together."""
     rng, t_s, noise = np.random.default_rng(6), 0.1 * np.arange(60), 0.05
@@ -299,6 +310,22 @@ def test_what_it_goes_with_is_told_without_an_equation_too(bump: tuple[Path, Pat
     page = (bump[1] / "gap.html").read_text()
     assert "Without an equation" in page
     assert "the missing force without an equation" in page
+
+
+def test_a_resistance_at_one_place_is_told_with_an_equation_and_without(tmp_path: Path) -> None:
+    """The line's pull shows it. That it is ahead, and goes with y, is told by terms, and by a force without a form beside them."""
+    case = planted({"law.kind0": 10.0, "law.along0": -0.02, "law.a0": 0.04, "law.phase0": 0.05}, 12, 1500.0)
+    write_cases(tmp_path, [replace(case, runs=case.runs[:4], duration_s=30.0)])
+    runs = sorted((tmp_path / CASES / "law").glob("run-*"))
+    assert main(["diagnose", *map(str, runs), "--law", "-o", str(tmp_path / "out")]) == 0
+    file = read_result(tmp_path / "out/law.json", LawFile)
+    assert {term.acts for law in file.laws for term in law.terms} == {"X"}
+    assert file.goes_with[0].variables == [["y"]]
+    assert file.field is not None
+    assert (file.field.acts, file.field.variables) == ("X", [["y"]])
+    assert file.field.shrink is not None
+    assert file.field.shrink > 0.5
+    assert "Its mean is not drawn." in (tmp_path / "out/gap.html").read_text()
 
 
 def test_a_law_is_handed_on_to_the_simulator_with_its_range(

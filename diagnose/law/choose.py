@@ -97,7 +97,7 @@ class LawTable:
     inference, base : of the diagnosis
     free : of ``free_path``
     terms : effects of the grammar, acting in side force and moment, or ahead
-    fields : of each of GROUPS
+    fields : of each of GROUPS, and, after those, ahead of each of them
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class LawTable:
                 self.singles.append((k, acts, Choice((k,), tuple(part), effect.cost)))
         self.scores, self.forces = self.table.scores([choice for _, _, choice in self.singles])
         first = len(self.terms)
-        self.sets = _sets()
+        self.sets = _sets(len(self.fields) > len(GROUPS))
         self.field_choices = [
             Choice((first + members[0],), tuple(c for k in members for c in self.table.columns(first + k)), 0.0)
             for members in self.sets
@@ -128,11 +128,13 @@ class LawTable:
         self.field_scores, self.field_forces = self.table.scores(self.field_choices)
 
     def goes_with(self) -> tuple[tuple[Groups, float], ...]:
-        """Groups of variables and their share of the evidence, each set taken as likely beforehand, the best first."""
+        """Groups of variables and their share of the evidence, wherever the force acts, each set taken as likely beforehand."""
         share = np.exp(self.field_scores - self.field_scores.max())
-        share /= share.sum()
-        order = np.argsort(-share)
-        return tuple((tuple(GROUPS[member] for member in self.sets[k]), float(share[k])) for k in order)
+        found: dict[Groups, float] = {}
+        for members, one in zip(self.sets, share / share.sum(), strict=True):
+            groups = tuple(GROUPS[member % len(GROUPS)] for member in members)
+            found[groups] = found.get(groups, 0.0) + float(one)
+        return tuple(sorted(found.items(), key=lambda row: -row[1]))
 
     def pairs(self) -> list[tuple[int, int, Choice]]:
         """The best terms with every other one, as positions in ``singles``; what lags stays alone."""
@@ -152,21 +154,23 @@ class LawTable:
         return found
 
 
-def _sets() -> list[tuple[int, ...]]:
-    """Positions in GROUPS: each alone, and two that have no variable in common, added up."""
+def _sets(ahead: bool) -> list[tuple[int, ...]]:
+    """Positions in GROUPS: each alone, and two that have no variable in common, added up; ``ahead``: those behind, each alone."""
     both = combinations(range(len(GROUPS)), 2)
     apart = [pair for pair in both if not set(GROUPS[pair[0]]) & set(GROUPS[pair[1]])]
-    return [*((k,) for k in range(len(GROUPS))), *apart]
+    return [*((k,) for k in range(len(GROUPS) * (2 if ahead else 1))), *apart]
 
 
-def fields_of(seen: Range, size: float) -> list[Effect]:
+def fields_of(seen: Range, size: float, ahead: float = 0.0) -> list[Effect]:
     """A force without a form for each of GROUPS.
 
     Parameters
     ----------
     seen, size : of the runs, and a usual side force
+    ahead : a usual resistance beyond the straight tow's: one without a form for each group follows; 0: none does
     """
-    return [field_effect([group], seen, size, ARM) for group in GROUPS]
+    found = [field_effect([group], seen, size, ARM) for group in GROUPS]
+    return found + ([field_effect([group], seen, ahead, ARM, AHEAD) for group in GROUPS] if ahead else [])
 
 
 def priors(laws: LawTable, names: int) -> tuple[float, float]:

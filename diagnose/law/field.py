@@ -1,7 +1,8 @@
 """A missing force without a form: a smooth function of one or two variables of the state, as an effect with many numbers.
 
 A Gaussian process by its first basis functions (Solin and Särkkä, Stat. Comput. 30, 2020): sines over a box somewhat wider than
-what the runs have seen, the faster ones the smaller. Side force and moment have a function each.
+what the runs have seen, the faster ones the smaller. Side force and moment have a function each; so has, apart from them, a
+resistance beyond the straight tow's.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 
 from ...simulate.model import Array
 from ..effects import Effect, Parameter, Situation
-from .terms import NAME, Range, State, state_of
+from .terms import AHEAD, NAME, Range, State, state_of
 
 FIELD = f"{NAME} without a form, of"
 """First words of a field's name; its variables follow."""
@@ -90,14 +91,17 @@ def basis_of(variables: Sequence[str], seen: Range) -> Basis:
     return Basis(tuple(variables), orders, middle, half, tuple(map(float, sd)))
 
 
-def field_effect(groups: Sequence[Sequence[str]], seen: Range, size: float, arm: float) -> Effect:
+def field_effect(
+    groups: Sequence[Sequence[str]], seen: Range, size: float, arm: float, acts: str = "Y and N"
+) -> Effect:
     """A force that is a smooth function of each group of variables, added up.
 
     Parameters
     ----------
     groups : of one or two variables each
     seen : of the runs
-    size, arm : usual side force by rho/2 U^2 L^2, and usual moment over it, by the length
+    size, arm : usual force by rho/2 U^2 L^2, and usual moment over it, by the length
+    acts : a side force and a moment, or AHEAD
 
     Examples
     --------
@@ -108,45 +112,54 @@ def field_effect(groups: Sequence[Sequence[str]], seen: Range, size: float, arm:
     bases = [basis_of(group, seen) for group in groups]
     sd = np.concatenate([b.sd for b in bases])
     name = " and ".join(" with ".join(group) for group in groups)
+    ahead = acts == AHEAD
+    sizes = {"x": size} if ahead else {"y": size, "n": size * arm}
+
+    def parts(s: Situation, numbers: Sequence[Any]) -> list[Any]:
+        whole = 0.5 * s.density_kg_m3 * s.speed_m_s**2 * s.length_pp_m**2
+        return [whole * part for part in field_force(bases, numbers, state_of(s))]
 
     def force(s: Situation, *numbers: Any) -> tuple[Any, Any]:
-        y, n = field_force(bases, numbers, state_of(s))
-        whole = 0.5 * s.density_kg_m3 * s.speed_m_s**2 * s.length_pp_m**2
-        return y * whole, n * whole * s.length_pp_m
+        side, moment = parts(s, numbers)
+        return side, moment * s.length_pp_m
 
     every = dict.fromkeys(v for group in groups for v in group)
+    what = "resistance" if ahead else "force"
     return Effect(
         f"{FIELD} {name}",
-        "sway",
+        "line" if ahead else "sway",
         tuple(
-            Parameter(f"{channel}{k}", "", float(by * one))
-            for channel, by in (("y", size), ("n", size * arm))
-            for k, one in enumerate(sd)
+            Parameter(f"{channel}{k}", "", float(by * one)) for channel, by in sizes.items() for k, one in enumerate(sd)
         ),
-        f"A force that goes with {name}; as which function the runs say.",
-        "Look for what makes a force that goes with it.",
+        f"A {what} that goes with {name}; as which function the runs say.",
+        f"Look for what makes a {what} that goes with it.",
         "towline diagnose --law",
-        force=force,
+        force=None if ahead else force,
+        ahead=(lambda s, *numbers: parts(s, numbers)[0]) if ahead else None,
+        variant=acts if ahead else "",
         form=0.0,
-        title=f"a force that goes with {name}, of no equation",
+        title=f"a {what} that goes with {name}, of no equation",
         reach=tuple((v, seen.low[v], seen.high[v]) for v in every),
     )
 
 
-def field_force(bases: Sequence[Basis], numbers: Sequence[Any] | Array, states: State) -> tuple[Any, Any]:
-    """Side force and moment of a field over rho/2 U^2 L^2 (L^3).
+def field_force(bases: Sequence[Basis], numbers: Sequence[Any] | Array, states: State) -> list[Any]:
+    """Side force and moment of a field, or a push ahead alone, over rho/2 U^2 L^2 (L^3).
 
     Parameters
     ----------
     bases : of its groups
-    numbers : of the side force in turn, then of the moment
+    numbers : of the first in turn, then of the second
     states : where
     """
     values = [one for basis in bases for one in basis.values(states)]
-    side = moment = 0.0 * states.v
-    for k, value in enumerate(values):
-        side, moment = side + numbers[k] * value, moment + numbers[len(values) + k] * value
-    return side, moment
+    found = []
+    for first in range(0, len(numbers), len(values)):
+        part = 0.0 * states.v
+        for number, value in zip(numbers[first : first + len(values)], values, strict=True):
+            part = part + number * value
+        found.append(part)
+    return found
 
 
 __all__ = ["FIELD", "GROUPS", "Basis", "basis_of", "field_effect", "field_force"]

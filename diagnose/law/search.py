@@ -126,6 +126,11 @@ class Field:
     probability: float
     shrink: float
 
+    @property
+    def acts(self) -> str:
+        """Where: a side force and a moment, or AHEAD."""
+        return self.fitted.hypothesis.effects[0].variant or "Y and N"
+
 
 @dataclass(frozen=True)
 class Searched:
@@ -265,10 +270,12 @@ def searched(
     free = free_path(inference, base, seen, size)
     terms = grammar(seen, bool(np.isfinite(simulator.runs[0].half_width_m)))
     effects = law_effects(size, states, seen, terms)
+    ahead = 0.0
     if any(run.data.tow.line == "surge" for run in simulator.runs):
         effects += law_effects(size, states, seen, resistances(seen), AHEAD)
+        ahead = AHEAD_SHARE / SIDE_SHARE * size
     say(f"{len(effects)} terms and their pairs")
-    table = LawTable(inference, free, base, effects, fields_of(seen, size))
+    table = LawTable(inference, free, base, effects, fields_of(seen, size, ahead))
     starts = chosen(table, names)
     say("fitting " + "; ".join(start.text for start in starts))
     fitted = fits(inference, starts)

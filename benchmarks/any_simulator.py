@@ -40,6 +40,8 @@ LONGEST_S = 120
 """Sparse regression may take so long."""
 TURN = 0.01
 """Dry friction turns within this share of the usual speed."""
+FAR = 1e4
+"""A state beyond this has run off: the integrator would go on in steps of nothing."""
 Array = np.ndarray
 
 
@@ -118,6 +120,8 @@ def truth(case: Case, p: Array, start: Array, drive: Array, largest: float, size
 
     def rates(time: float, state: Array) -> list[float]:
         x = state[: len(start)]
+        if not np.abs(x).max() < FAR:
+            raise OverflowError("it has run off")
         u = 0.0
         if case.drive is not None:
             at = min(max((time - late) / fine[1], 0.0), last)
@@ -139,10 +143,13 @@ def truth(case: Case, p: Array, start: Array, drive: Array, largest: float, size
 
     at = t * (1 + sizes.get("clock", 0.0))
     first = [*start, *([drive[0]] if lag else []), *([0.0] if "bristles" in sizes else [])]
-    solved = solve_ivp(
-        rates, (0, at[-1]), first, t_eval=at, method="LSODA", rtol=1e-6, atol=1e-9, max_step=4 * case.step_s
-    )
-    y = solved.y[list(case.outputs)].T
+    try:
+        solved = solve_ivp(
+            rates, (0, at[-1]), first, t_eval=at, method="LSODA", rtol=1e-6, atol=1e-9, max_step=4 * case.step_s
+        )
+        y = solved.y[list(case.outputs)].T
+    except OverflowError:
+        y = np.zeros((0, len(case.outputs)))
     if len(y) < case.count:
         return np.full((case.count, len(case.outputs)), 1e3)
     y[:, -1] = y[:, -1] * (1 + sizes.get("scale", 0.0)) + sizes.get("offset", 0.0) + sizes.get("drift", 0.0) * t / t[-1]

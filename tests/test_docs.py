@@ -231,6 +231,7 @@ def test_blocks_run(
 ) -> None:
     """In the order of the page, in a folder of its own, with one namespace for its Python."""
     shutil.copytree(worked / "sample_videos", tmp_path / "sample_videos")
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
     names: dict[str, object] = {"__name__": page.stem}

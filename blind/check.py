@@ -14,6 +14,7 @@ from .baselines import baseline_calls
 from .draw import Wanted
 from .judge import Judged, judged
 from .measure import write_measured
+from .progress import Progress, counted
 from .run import answers, read_answers
 from .scores import Bin, Score, calibration, scores
 from .seal import ANSWERS, CASES, kept_digest, opened, sealed, write_cases
@@ -21,7 +22,6 @@ from .truth.cases import Case
 
 MEASURED = "sealed/measured"
 SCORE_JSON, SCORE_TEXT, PAGE = "score.json", "score.txt", "reliability.html"
-Progress = Callable[[str, int, int | None], None]
 
 
 @dataclass(frozen=True)
@@ -116,9 +116,9 @@ def measured_cases(
     """
     todo = [case for case in cases if not (out / MEASURED / f"{case.name}.json").is_file()]
     jobs = [(case.to_json(), out / MEASURED / f"{case.name}.json") for case in todo]
-    for k, _ in enumerate(in_parallel(write_measured, jobs, workers)):
-        if progress is not None:
-            progress("measuring what can be told apart", k + 1, len(jobs))
+    measured = in_parallel(write_measured, jobs, workers)
+    for _ in counted(measured, "measuring what can be told apart", len(jobs), progress):
+        pass
     files = {case.name: out / MEASURED / f"{case.name}.json" for case in cases}
     return {name: json.loads(read_text(path, JSON_BYTES)) for name, path in files.items()}
 

@@ -9,20 +9,11 @@ import numpy as np
 from ..pipeline.executor.processes import in_parallel
 from ..record.errors import EstimationError
 from .one_case import case_of, ranges_of, told
+from .progress import Progress, counted
 from .truth.cases import LONG_S, Case, lane_of
-from .truth.forms import (
-    FORMS,
-    KEEP_SEED,
-    allowed,
-    form_of,
-    kept_out,
-)
+from .truth.forms import FORMS, KEEP_SEED, allowed, form_of, kept_out
 from .truth.motion import STEP_S, B, X, Y, swim
-from .truth.sizes import (
-    EFFECTS,
-    OUTSIDE,
-    TOLD,
-)
+from .truth.sizes import EFFECTS, OUTSIDE, TOLD
 
 NULLS, UNKNOWN, PAIRS = 0.25, 0.15, 0.10
 """Shares of the cases with nothing, with something in no library, with two effects; the rest hold one effect."""
@@ -134,7 +125,7 @@ def _formed(wanted: Wanted, effects: list[str], seed: list[int]) -> dict[str, st
     return found
 
 
-def drawn(wanted: Wanted, workers: int = 1, progress=None) -> list[Case]:
+def drawn(wanted: Wanted, workers: int = 1, progress: Progress | None = None) -> list[Case]:
     """The cases.
 
     Parameters
@@ -143,12 +134,9 @@ def drawn(wanted: Wanted, workers: int = 1, progress=None) -> list[Case]:
     workers : processes
     progress : is told (what, done, of how many)
     """
-    found: dict[str, Case] = {}
     todo = dealt(wanted)
-    for case in in_parallel(_drawn, [(each,) for each in todo], workers):
-        found[case.name] = case
-        if progress is not None:
-            progress("drawing campaigns", len(found), len(todo))
+    made = in_parallel(_drawn, [(each,) for each in todo], workers)
+    found = {case.name: case for case in counted(made, "drawing campaigns", len(todo), progress)}
     return [found[each.name] for each in todo]
 
 

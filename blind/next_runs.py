@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import numpy as np
 from ..record.files import TOML_BYTES, read_text, write_text
 from .judge import Call, call_of, names_of, truth_of
 from .one_case import tow_of
+from .progress import Progress
 from .run import answered, read_answers
 from .scores import Score, share
 from .seal import ANSWERS, CASES, opened
@@ -21,7 +21,6 @@ from .truth.apart import measured_apart
 from .truth.cases import Case
 
 NEXT, NEXT_ANSWERS = "next", "next-answers"
-Progress = Callable[[str, int, int | None], None]
 
 
 @dataclass(frozen=True)

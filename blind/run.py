@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from ..pipeline.executor.processes import in_parallel
 from ..record.errors import TowlineError
 from ..record.files import JSON_BYTES, read_text, write_text
+from .progress import Progress, counted
 from .seal import ANSWERS, CASES
-
-Progress = Callable[[str, int, int | None], None]
 
 
 def answers(out: Path, workers: int = 1, progress: Progress | None = None) -> int:
@@ -45,13 +44,10 @@ def answered(jobs: Sequence[tuple[str, list[Path], Path]], workers: int, progres
     todo = [job for job in jobs if not job[2].is_file()]
     done = len(jobs) - len(todo)
 
-    def say(more: int) -> None:
-        if progress is not None:
-            progress("diagnosing campaigns", done + more, len(jobs))
-
-    say(0)
-    for k, _ in enumerate(in_parallel(_answer, todo, workers)):
-        say(k + 1)
+    if progress is not None:
+        progress("diagnosing campaigns", done, len(jobs))
+    for _ in counted(in_parallel(_answer, todo, workers), "diagnosing campaigns", len(jobs), progress, done):
+        pass
     return len(todo)
 
 

@@ -10,6 +10,7 @@ from ..pipeline.executor.processes import in_parallel
 from ..record.errors import InputError
 from ..record.files import JSON_BYTES, read_text, write_text
 from .draw import Wanted, drawn
+from .progress import Progress, counted
 from .truth.cases import Case
 from .truth.forms import KEEP_SEED, kept_out
 
@@ -31,7 +32,7 @@ def truth_text(cases: list[Case], wanted: Wanted) -> str:
     return json.dumps(content, indent=1, sort_keys=True) + "\n"
 
 
-def sealed(out: Path, wanted: Wanted, workers: int = 1, progress=None) -> tuple[list[Case], str]:
+def sealed(out: Path, wanted: Wanted, workers: int = 1, progress: Progress | None = None) -> tuple[list[Case], str]:
     """Draw, write the seal, then the truth; what was drawn before is kept and checked.
 
     Parameters
@@ -97,7 +98,7 @@ def sha256_of_text(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
-def write_cases(out: Path, cases: list[Case], workers: int = 1, progress=None) -> None:
+def write_cases(out: Path, cases: list[Case], workers: int = 1, progress: Progress | None = None) -> None:
     """Write every case's run folders; what is whole already is left alone.
 
     Parameters
@@ -107,9 +108,9 @@ def write_cases(out: Path, cases: list[Case], workers: int = 1, progress=None) -
     workers : processes
     progress : is told (what, done, of how many)
     """
-    for k, _ in enumerate(in_parallel(_write, [(out, case) for case in cases], workers)):
-        if progress is not None:
-            progress("writing campaigns", k + 1, len(cases))
+    written = in_parallel(_write, [(out, case) for case in cases], workers)
+    for _ in counted(written, "writing campaigns", len(cases), progress):
+        pass
 
 
 def _write(out: Path, case: Case) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ...simulate.model import Array
 from ..effects import Effect, Parameter, Situation
-from .terms import AHEAD, NAME, Range, State, state_of
+from .terms import AHEAD, NAME, Range, State, state_of, whole
 
 FIELD = f"{NAME} without a form, of"
 """First words of a field's name; its variables follow."""
@@ -116,8 +116,7 @@ def field_effect(
     sizes = {"x": size} if ahead else {"y": size, "n": size * arm}
 
     def parts(s: Situation, numbers: Sequence[Any]) -> list[Any]:
-        whole = 0.5 * s.density_kg_m3 * s.speed_m_s**2 * s.length_pp_m**2
-        return [whole * part for part in field_force(bases, numbers, state_of(s))]
+        return [whole(s) * part for part in field_force(bases, numbers, state_of(s))]
 
     def force(s: Situation, *numbers: Any) -> tuple[Any, Any]:
         side, moment = parts(s, numbers)

@@ -468,10 +468,10 @@ def effect_of(
 
     def force(s: Situation, *numbers: Any) -> tuple[Any, Any]:
         by = _coefficients(found, channels, numbers, state_of(s))
-        return by["y"] * _whole(s), by["n"] * _whole(s) * s.length_pp_m
+        return by["y"] * whole(s), by["n"] * whole(s) * s.length_pp_m
 
     def ahead(s: Situation, *numbers: Any) -> Any:
-        return _coefficients(found, channels, numbers, state_of(s))["x"] * _whole(s)
+        return _coefficients(found, channels, numbers, state_of(s))["x"] * whole(s)
 
     names = [f"{channel}{k + 1}" if count > 1 else channel for channel in channels for k in range(count)]
     return Effect(
@@ -495,7 +495,13 @@ def effect_of(
     )
 
 
-def _whole(s: Situation) -> Any:
+def whole(s: Situation) -> Any:
+    """rho/2 U^2 L^2, N.
+
+    Parameters
+    ----------
+    s : of the tow
+    """
     return 0.5 * s.density_kg_m3 * s.speed_m_s**2 * s.length_pp_m**2
 
 
@@ -563,5 +569,6 @@ __all__ = [
     "term",
     "text_of",
     "values_of",
+    "whole",
     "written",
 ]

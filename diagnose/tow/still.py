@@ -128,15 +128,17 @@ def _colour(stretches: Sequence[tuple[Array, Array]]) -> StillNoise:
     size = np.sqrt(np.diag(whole))
     lower, diagonal = np.tril_indices(channels), np.diag_indices(channels)
 
-    def rooted(numbers: Array) -> Array:
-        root = nothing.copy()
-        root[lower] = numbers
-        root[diagonal] = np.exp(root[diagonal])
-        return root
+    def split(at: Array) -> list[Array]:
+        found = []
+        for numbers in (at[: len(lower[0])], at[len(lower[0]) : -1]):
+            root = nothing.copy()
+            root[lower] = numbers
+            root[diagonal] = np.exp(root[diagonal])
+            found.append(root)
+        return found
 
     def noise(at: Array) -> StillNoise:
-        roots = (rooted(numbers) for numbers in (at[: len(lower[0])], at[len(lower[0]) : -1]))
-        white, slow = (size[:, None] * (root @ root.T) * size for root in roots)
+        white, slow = (size[:, None] * (root @ root.T) * size for root in split(at))
         return StillNoise(white, slow, float(np.exp(at[-1])))
 
     turned = [_Turned(t, values) for t, values in groups]
@@ -148,14 +150,13 @@ def _colour(stretches: Sequence[tuple[Array, Array]]) -> StillNoise:
     def steep(at: Array) -> tuple[float, Array]:
         colour = noise(at)
         found = [group.slopes(colour) for group in turned]
-        by_white, by_slow, by_time = (sum(part) for part in zip(*found, strict=True))
+        value, by_white, by_slow, by_time = (sum(part) for part in zip(*found, strict=True))
         parts = []
-        for numbers, slope in ((at[: len(lower[0])], by_white), (at[len(lower[0]) : -1], by_slow)):
-            root = rooted(numbers)
+        for root, slope in zip(split(at), (by_white, by_slow), strict=True):
             by_root = 2 * (size[:, None] * slope * size) @ root
             by_root[diagonal] *= root[diagonal]
             parts.append(by_root[lower])
-        return cost(colour), np.concatenate([*parts, [by_time * colour.time_s]])
+        return value, np.concatenate([*parts, [by_time * colour.time_s]])
 
     edge = (np.log(LEAST), np.log(MOST))
     entries = [edge if i == j else (-MOST, MOST) for i, j in zip(*lower, strict=True)]
@@ -202,18 +203,21 @@ class _Turned:
         time_s, turn = max(time_s, 1e-3), self._turn(time_s)[2]
         return turn @ (self._lag / time_s**2 * np.exp(-self._lag / time_s)) @ turn.T
 
-    def slopes(self, noise: StillNoise) -> tuple[Array, Array, float]:
-        """Of half the sum of squares and log determinant of ``whitened``: by white and slow covariance, (k, k) each, and by
-        the time constant.
+    def slopes(self, noise: StillNoise) -> tuple[float, Array, Array, float]:
+        """Half the squares and log determinant of ``whitened``, and its slopes by white and slow covariance, (k, k) each, and
+        by the time constant.
         """
         power, numbers = self._at(noise.time_s)
-        inverse = np.linalg.inv(noise.white + power[:, None, None] * noise.slow)
+        covariance = noise.white + power[:, None, None] * noise.slow
+        inverse = np.linalg.inv(covariance)
+        value = 0.5 * len(numbers) * float(np.log(np.linalg.det(covariance)).sum())
         gone = np.einsum("nkl,mnl->mnk", inverse, numbers)
         by_covariance = 0.5 * (len(numbers) * inverse - np.einsum("mnk,mnl->nkl", gone, gone))
         longer = self._longer(noise.time_s)
         held = len(numbers) * np.diag(longer) @ np.einsum("nkl,lk->n", inverse, noise.slow)
         pulled = np.einsum("mnk,no,mok->", gone @ noise.slow, longer, gone)
-        return by_covariance.sum(axis=0), np.tensordot(power, by_covariance, 1), float(0.5 * (held - pulled))
+        value += 0.5 * float(np.vdot(gone, numbers))
+        return value, by_covariance.sum(axis=0), np.tensordot(power, by_covariance, 1), float(0.5 * (held - pulled))
 
     def whitened(self, noise: StillNoise) -> tuple[float, float, int]:
         """In the noise's unit: sum of squares in white units, log determinant of the covariance, and how many numbers are free

@@ -16,6 +16,8 @@ LOW_D, HIGH_D = 50.0, 5000.0
 """Of the laws, after the derivatives are refitted."""
 AHEAD_SHARE, AHEAD_KINDS = 0.15, (0, 1, 5, 10)
 """So many laws are of surge: one term, an even power or something at a place, that holds the model back or pushes it."""
+HEEL_SHARE, HEEL_KINDS = 0.12, (0, 1, 2, 3, 4, 8)
+"""So many laws are of roll: one term of drift and yaw rate that heels the model; it has a roll of its own."""
 SIDE_N = 0.02
 """First size of a term; D then says how large it is."""
 FAULTS = (
@@ -28,7 +30,7 @@ WIDER, FASTER = 1.5, 0.85
 """A tow beyond those that are fitted: its release, over the largest of them, and another's speed, over the usual one."""
 
 
-SIZES = ("side", "turn", "alon")
+SIZES = ("side", "turn", "alon", "lean")
 """How the names of a law's sizes begin."""
 
 
@@ -59,6 +61,17 @@ def law_case(name: str, seed: list[int]) -> Case:
             "law.kind0": kind, "law.side0": 0.0, "law.turn0": 0.0, "law.along0": SIDE_N * float(surge.choice([-1, 1])),
             "law.even0": 1.0, "law.a0": float(surge.uniform(0.02, 0.08)), "law.b0": float(surge.uniform(4.0, 30.0)),
             "law.phase0": float(surge.uniform(-np.pi, np.pi) if kind == 5 else surge.uniform(-0.1, 0.1)),
+        }  # fmt: skip
+    roll = np.random.default_rng([*seed, 13])
+    if "law.along0" not in numbers and roll.random() < HEEL_SHARE:
+        kind = int(roll.choice(HEEL_KINDS))
+        numbers = {n: v for n, v in numbers.items() if n.endswith("0")} | {
+            "law.kind0": kind, "law.side0": 0.0, "law.turn0": 0.0, "law.lean0": SIDE_N * float(roll.choice([-1, 1])),
+            "law.p0": float(roll.choice([1.0, 2.0]) if kind == 2 else roll.uniform(1.5, 4.0)),
+            "law.a0": float(roll.uniform(0.01, 0.06)),
+            "law.b0": float(roll.choice([1.0, 2.0]) if kind == 2 else roll.uniform(-0.5, 0.5)),
+            "marker_roll.period_s": float(roll.uniform(0.7, 1.8)),
+            "marker_roll.damping": float(np.exp(roll.uniform(np.log(0.08), np.log(0.3)))),
         }  # fmt: skip
     case = gentle(replace(case, kind="unknown", effects=["law"], numbers=numbers))
     target = float(np.exp(rng.uniform(np.log(LOW_D), np.log(HIGH_D))))

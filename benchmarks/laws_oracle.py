@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 from laws_cases import SIZES
+from laws_truth import sways_m
 
 from towline.blind.truth.cases import Case, lane_of
-from towline.blind.truth.laws import TERMS, law_ahead, law_force
-from towline.diagnose.effects import Effect, Parameter, Situation
+from towline.blind.truth.laws import TERMS, law_ahead, law_force, law_lean
+from towline.diagnose.effects import Effect, Parameter, Seen, Situation, swung
 from towline.diagnose.inference.evidence import Fitted, Inference
 from towline.diagnose.inference.grams import Grams
 from towline.diagnose.inference.held_out import removed_share
@@ -63,7 +64,7 @@ def true_effect(case: Case, inside: bool) -> tuple[Effect, np.ndarray]:
         if f"law.kind{k}" not in fixed:
             continue
         kind = int(fixed[f"law.kind{k}"])
-        names += [name for which in ("side", "turn", "along") if fixed.get(name := f"law.{which}{k}")]
+        names += [name for which in ("side", "turn", "along", "lean") if fixed.get(name := f"law.{which}{k}")]
         sds += [WIDE * abs(fixed[n]) for n in names[len(sds) :]]
         if inside:
             more = INSIDE.get(kind, {}) | ({"phase": 1.0} if kind in (5, 6) else {})
@@ -84,13 +85,33 @@ def true_effect(case: Case, inside: bool) -> tuple[Effect, np.ndarray]:
     def ahead(s: Situation, *numbers: Any) -> Any:
         return law_ahead(*asked(s, *numbers))
 
-    along = any(fixed.get(f"law.along{k}") for k in range(TERMS))
+    def observe(seen: Seen, *numbers: Any) -> tuple[Any, Any, Any, Any]:
+        q, _ = asked(SimpleNamespace(v_m_s=seen.side, r_rad_s=0, speed_m_s=0, y_m=0, beta_rad=0), *numbers)
+        u, v = seen.through_water
+        now = SimpleNamespace(v=v, r=seen.rate[2], speed=u, y_m=seen.pose[1], beta=seen.pose[2])
+        nothing = 0.0 * seen.side
+        sways = sways_m(case)
+        step = float(seen.t_s[1, 0, 0] - seen.t_s[0, 0, 0])
+        roll = lane["marker_roll.period_s"], lane["marker_roll.damping"]
+        return nothing, swung(sways * law_lean(q, now) + nothing, step, *roll), nothing, nothing
+
+    along, lean = (any(fixed.get(f"law.{which}{k}") for k in range(TERMS)) for which in ("along", "lean"))
     parameters = tuple(
         Parameter(n, "", float(sd), none=0.0 if c else float(v))
         for n, sd, c, v in zip(names, sds, coefficient, values, strict=True)
     )
     return Effect(
-        "truth", "sway", parameters, "", "", force=force, ahead=ahead if along else None, sizes=(1.0,), form=0.0
+        "truth",
+        "sway",
+        parameters,
+        "",
+        "",
+        force=force,
+        ahead=ahead if along else None,
+        observe=observe if lean else None,
+        remembers=lean,
+        sizes=(1.0,),
+        form=0.0,
     ), values
 
 

@@ -17,11 +17,16 @@ from scipy.optimize import least_squares
 from towline.blind.signature import block_times
 from towline.blind.truth.cases import Case, lane_of, swum
 from towline.blind.truth.lanes import Lanes
-from towline.blind.truth.laws import TERMS, law_ahead, law_force
+from towline.blind.truth.laws import TERMS, law_ahead, law_force, law_lean
 from towline.blind.truth.motion import B, R, U, V, Y
 from towline.blind.truth.now import Now
 
 Array = np.ndarray
+G_M_S2 = 9.81
+ASIDE, AHEAD = 2, 3
+"""Rows of what is told: where a heeling model's marks stand; and a push ahead, which the line answers in the two forces."""
+ROLLS = 3
+"""Numbers of a roll, behind the others of a heel: period, damping, turning."""
 SMALL = 0.03
 """A term, or another function, that changes the force by less than this share of it is no other law."""
 VARIABLES = {0: "v", 1: "r", 2: "v r", 3: "v", 4: "v", 5: "y", 6: "beta", 7: "v y", 8: "v r", 9: "r", 10: "y"}
@@ -39,6 +44,7 @@ class Seen:
     now : the same for the truth's own law
     lanes : of it
     size : (2, n) rho/2 U^2 L^2 and rho/2 U^2 L^3
+    sways : by how many U^2/g the marks stand aside for each radian of heel
     pull : (2, n) side force and moment by these, for a push ahead of 1 that a line that keeps its length answers
     """
 
@@ -46,6 +52,7 @@ class Seen:
     now: Now
     lanes: Lanes
     size: Array
+    sways: float
     pull: Array | None = None
 
 
@@ -74,11 +81,18 @@ def seen_by(case: Case, runs: Sequence[int]) -> Seen:
     }  # fmt: skip
     whole = 0.5 * case.hull["density"] * u**2 * length**2
     aside = np.tan(alpha + b)
-    return Seen(of, now, q, np.array([whole, whole * length]), np.array([aside, aside * q["x_t"] / length]))
+    sways = sways_m(case) * G_M_S2 / case.hull["speed_ref"] ** 2
+    return Seen(of, now, q, np.array([whole, whole * length]), sways, np.array([aside, aside * q["x_t"] / length]))
+
+
+def sways_m(case: Case) -> float:
+    """The marks' place aside where LCG is, for a radian of heel: they stand above the roll axis."""
+    ahead, above = zip(*sorted((ahead, above) for ahead, _, above in case.marks.values()), strict=True)
+    return -float(np.interp(0.0, ahead, above))
 
 
 def true_force(seen: Seen, numbers: Mapping[str, float] | None = None) -> Array:
-    """(2, n) side force and moment of the truth's law over rho/2 U^2 L^2 (L^3).
+    """(3, n) side force and moment of the truth's law over rho/2 U^2 L^2 (L^3), and the marks' place aside by U^2/g.
 
     Parameters
     ----------
@@ -88,13 +102,19 @@ def true_force(seen: Seen, numbers: Mapping[str, float] | None = None) -> Array:
     q = copy(seen.lanes)
     q.values = dict(seen.lanes.values) | {name: np.full(q.n, value) for name, value in (numbers or {}).items()}
     found = np.array(law_force(q, seen.now)) / seen.size
-    return found if seen.pull is None else found + law_ahead(q, seen.now) / seen.size[0] * seen.pull
+    if seen.pull is not None:
+        found = found + law_ahead(q, seen.now) / seen.size[0] * seen.pull
+    return np.vstack([found, seen.sways * law_lean(q, seen.now)])
 
 
 def without_linear(force: Array, seen: Seen) -> Array:
-    """(2, n) the same without what is linear in v and r: the derivatives hold that."""
+    """(3, n) the same without what is linear in v and r of the forces: the derivatives hold that."""
+    return np.vstack([_plain_gone(force[:ASIDE], seen), force[ASIDE:]])
+
+
+def _plain_gone(values: Array, seen: Seen) -> Array:
     plain = np.column_stack([seen.of["v"], seen.of["r"]])
-    return force - (plain @ np.linalg.lstsq(plain, force.T, rcond=None)[0]).T
+    return values - (plain @ np.linalg.lstsq(plain, values.T, rcond=None)[0]).T
 
 
 def apart(one: Array, other: Array, seen: Seen) -> float:
@@ -107,7 +127,7 @@ def true_terms(case: Case, seen: Seen) -> list[int]:
     """Which terms of the truth's law matter: without one of the others the force is another one."""
     whole = true_force(seen)
     there = [k for k in range(TERMS) if f"law.kind{k}" in case.numbers]
-    gone = {k: true_force(seen, {f"law.{s}{k}": 0.0 for s in ("side", "turn", "along")}) for k in there}
+    gone = {k: true_force(seen, {f"law.{s}{k}": 0.0 for s in ("side", "turn", "along", "lean")}) for k in there}
     return [k for k in there if apart(gone[k], whole, seen) >= SMALL]
 
 
@@ -209,10 +229,10 @@ def _plain(text: str) -> Callable[[Mapping[str, Array]], Array]:
 
 
 def _row(seen: Seen, row: int, value: Array) -> Array:
-    """(2, n) of a value in one row; what acts ahead is in both, by what the line answers."""
-    if row == 2 and seen.pull is not None:
-        return value * seen.pull
-    return np.array([value if k == row else 0.0 * value for k in (0, 1)])
+    """(3, n) of a value in one row; what acts ahead is in the first two, by what the line answers."""
+    if row == AHEAD and seen.pull is not None:
+        return np.vstack([value * seen.pull, 0.0 * value])
+    return np.array([value if k == row else 0.0 * value for k in range(3)])
 
 
 @dataclass(frozen=True)
@@ -222,7 +242,7 @@ class Told:
     Attributes
     ----------
     basis, inside, variables : of ``told_term``
-    acts : rows of the force, side force 0 and moment 1, that it is in; 2: ahead
+    acts : rows of the force, side force 0 and moment 1, that it is in; ASIDE; AHEAD
     numbers : coefficients by row, then by function
     """
 
@@ -233,9 +253,9 @@ class Told:
     numbers: list[float]
 
     def force(self, seen: Seen) -> Array:
-        """(2, n) over rho/2 U^2 L^2 (L^3)."""
+        """(3, n) over rho/2 U^2 L^2 (L^3) and U^2/g."""
         values = self.basis(seen.of, self.inside)
-        found = np.zeros((2, len(values[0])))
+        found = np.zeros((3, len(values[0])))
         for k, row in enumerate(self.acts):
             for j, value in enumerate(values):
                 number = self.numbers[k * len(values) + j]
@@ -258,7 +278,9 @@ def told(terms: Sequence[Mapping]) -> list[Told]:
     for one in terms:
         basis, inside, variables = told_term(one["text"])
         values = [number["value"] if isinstance(number, Mapping) else number for number in one["numbers"].values()]
-        acts = {"Y": (0,), "N": (1,), "Y and N": (0, 1), "X": (2,)}[one["acts"]]
+        acts = {"Y": (0,), "N": (1,), "Y and N": (0, 1), "X": (AHEAD,), "K": (ASIDE,)}[one["acts"]]
+        if one["acts"] == "K":
+            values = values[:-ROLLS]
         count = len(values) - len(inside)
         found.append(Told(basis, values[count:], variables, acts, values[:count]))
     return found
@@ -301,7 +323,7 @@ def nearest(terms: Sequence[Told], seen: Seen, target: Array) -> float:
     def left(shapes: Array) -> Array:
         rest = wanted.copy()
         parts = np.split(shapes, cuts) if len(shapes) else [[] for _ in terms]
-        for row in (0, 1):
+        for row in range(3):
             columns = [
                 _row(seen, which, f)[row]
                 for one, p in zip(terms, parts, strict=True)
@@ -310,7 +332,7 @@ def nearest(terms: Sequence[Told], seen: Seen, target: Array) -> float:
             ]
             columns = [f for f in columns if np.any(f)]
             if columns:
-                table = without_linear(np.array(columns), seen).T
+                table = (np.array(columns) if row == ASIDE else _plain_gone(np.array(columns), seen)).T
                 table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-30)
                 rest[row] -= table @ np.linalg.lstsq(table, wanted[row], rcond=1e-10)[0]
         return rest.ravel() / np.linalg.norm(wanted)
@@ -326,6 +348,6 @@ def nearest(terms: Sequence[Told], seen: Seen, target: Array) -> float:
 
 
 __all__ = [
-    "SMALL", "Seen", "Told", "apart", "nearest", "right_form", "seen_by", "told", "told_term", "true_force", "true_terms",
-    "true_variables", "without_linear",
+    "SMALL", "Seen", "Told", "apart", "nearest", "right_form", "seen_by", "sways_m", "told", "told_term", "true_force",
+    "true_terms", "true_variables", "without_linear",
 ]  # fmt: skip

@@ -74,7 +74,7 @@ STRENGTH: dict[str, tuple[str, ...]] = {
     "carriage_shake": ("size_m",),
     "new_mass": ("share",),
     "stick_slip": ("share",),
-    "law": ("side0", "turn0", "along0", "side1", "turn1", "along1"),
+    "law": ("side0", "turn0", "along0", "lean0", "side1", "turn1", "along1", "lean1"),
 }
 """The numbers that make an effect large or small, those of all its forms."""
 Way = dict[str, float]

@@ -63,6 +63,12 @@ def effects_of(
         formed = [e for e in named if e.variant == table.form] if table.form else named
         effect = next((e for e in formed if set(table.numbers) <= {p.name for p in e.parameters}), formed[0])
         works = effect.force, effect.ahead, effect.tension, effect.keeps, effect.coupling, effect.length, effect.offset
+        if not any(works) and effect.observe is not None:
+            raise InputError(
+                path,
+                f"{where}.name",
+                f"{table.name!r} shows in the marks and does not move the model; take its table out of the scenario",
+            )
         if not any(works) or effect.lag_s:
             raise InputError(
                 path,

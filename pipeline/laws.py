@@ -10,12 +10,13 @@ import numpy as np
 
 from ..__version__ import __version__
 from ..diagnose.effects import Effect
+from ..diagnose.effects.camera import ROLL as MARKER_ROLL
 from ..diagnose.gap import Diagnosed
 from ..diagnose.inference.engine import CLEAR
 from ..diagnose.law.bar import TOLD
 from ..diagnose.law.choose import Groups
 from ..diagnose.law.search import Law, Searched, searched
-from ..diagnose.law.terms import AHEAD, term, text_of
+from ..diagnose.law.terms import AHEAD, HEEL, coefficients_of, text_of
 from ..diagnose.tow.towed import TowSimulator
 from ..record.files import write_text
 from ..record.law_file import FreeForce, GoesWith, LawFile, LawRow, LawTerm
@@ -25,14 +26,17 @@ from .diagnosing import concluded_runs, write_model
 
 Progress = Callable[[str, int, int | None], None]
 SEEN_ONLY = ("camera", "clock")
-"""Stages of faults that move nothing: no law is looked for beside them."""
+"""Stages of faults that move nothing: no law is looked for beside them, but for a roll, which something heels."""
 ACTING = {
     "Y": "a side force",
     "N": "a moment",
     "Y and N": "a side force and a moment",
     AHEAD: "a resistance beyond the straight tow's",
+    HEEL: "a heel of the model, under marks above its roll axis,",
 }
 """Where a term acts, in words."""
+FIELD_IS = {AHEAD: " is a resistance that", HEEL: " is a heel of the model that"}
+"""Where a force without a form acts, in words; elsewhere nothing is said."""
 UNUSED = 0.01
 """Usual size of a coefficient where a law does not act: it has none there."""
 NONE = 1e-3
@@ -67,7 +71,7 @@ def law_of(found: Diagnosed, progress: Progress | None = None) -> LawAnswer:
     """
     file, best = found.diagnosis.file, found.diagnosis.best
     named = best.effects if best is not None else ()
-    if file.verdict == "effect" and (foreign := [effect for effect in named if effect.stage in SEEN_ONLY]):
+    if file.verdict == "effect" and (foreign := [effect for effect in named if _seen_only(effect)]):
         return LawAnswer("not_searched", f"{_titled(foreign)}: no force on the hull, and no law of it")
     simulator = found.diagnosis.inference.simulator
     assert isinstance(simulator, TowSimulator)
@@ -84,6 +88,10 @@ def law_of(found: Diagnosed, progress: Progress | None = None) -> LawAnswer:
     return LawAnswer(answer.verdict, _no_law(answer), answer, _titled(named) if answer.verdict == "law" else "")
 
 
+def _seen_only(effect: Effect) -> bool:
+    return effect.stage in SEEN_ONLY and effect.name != MARKER_ROLL.name
+
+
 def _titled(effects: Sequence[Effect]) -> str:
     return " and ".join(effect.title or effect.name for effect in effects)
 
@@ -94,7 +102,7 @@ def _no_law(answer: Searched) -> str:
     if answer.verdict == "form_open":
         return _open(answer)
     if answer.verdict == "field" and answer.field is not None:
-        what = f"what is missing{' is a resistance that' if answer.field.acts == AHEAD else ''}"
+        what = f"what is missing{FIELD_IS.get(answer.field.acts, '')}"
         return f"{what} goes with {_groups(answer.field.groups)}, and no equation of the grammar says how"
     if answer.verdict == "other":
         return f"{' and '.join(answer.other)} explains these runs better than any law of the grammar"
@@ -177,6 +185,7 @@ def _row(law: Law) -> LawRow:
                 parameter.name: Measured(value=float(value), std=float(sd))
                 for parameter, value, sd in zip(effect.parameters, numbers, sds, strict=True)
             },
+            units={parameter.name: parameter.unit for parameter in effect.parameters if parameter.unit},
         )
         for (text, acts), effect, numbers, sds in zip(law.terms, law.effects, law.numbers, law.sd, strict=True)
     ]
@@ -206,7 +215,7 @@ def _sentences(laws: Sequence[Law], answer: LawAnswer) -> list[str]:
                 told.append(f"The library's {' and '.join(searched.other)} explains these runs, too.")
     surest, share = searched.goes_with[0]
     if answer.verdict != "unknown" or _worth_saying(searched):
-        told.append(f"Without any equation, the force goes with {_groups(surest)} ({share:.2f} of the evidence).")
+        told.append(f"Without any equation, what is missing goes with {_groups(surest)} ({share:.2f} of the evidence).")
     next_run = searched.diagnosis.file.next_run
     if next_run is not None:
         told.append(f"The run that would tell most: {next_run.why}.")
@@ -275,9 +284,8 @@ def _python(law: Law, sentences: Sequence[str]) -> str:
     lines += ['"""', "", "from towline.diagnose.law.terms import effect_of", ""]
     for k, effect in enumerate(law.effects, start=1):
         text = text_of(effect)
-        coefficients = effect.parameters[: len(effect.parameters) - len(term(text).shapes)]
-        sizes = {"y": UNUSED, "n": UNUSED, "x": UNUSED} | {p.name[0]: p.sd for p in coefficients}
-        usual = [f"{sizes[channel]:.6g}" for channel in ("ynx" if effect.variant == AHEAD else "yn")]
+        sizes = dict.fromkeys("ynxk", UNUSED) | {p.name[0]: p.sd for p in coefficients_of(effect)}
+        usual = [f"{sizes[channel]:.6g}" for channel in {AHEAD: "ynx", HEEL: "ynxk"}.get(effect.variant, "yn")]
         reach = {name: (float(f"{low:.6g}"), float(f"{high:.6g}")) for name, low, high in effect.reach}
         lines += [
             f"LAW_{k} = effect_of(",

@@ -106,7 +106,7 @@ def _beyond_reach(file: ScenarioFile, motion: pd.DataFrame, effects: Sequence[Ef
     """Where a motion leaves the range in which effects were found, a sentence each."""
     if not any(effect.reach for effect in effects):
         return []
-    from ..diagnose.law.terms import dimensionless
+    from ..diagnose.law.functions import dimensionless
     from .missing import beyond_reach
 
     width = file.water.tank_width_m

@@ -13,14 +13,17 @@ class LawTerm(_Part):
     """One term of a law."""
 
     text: str = Field(description="of the grammar (docs/law.md), with the numbers that were fitted")
-    acts: Literal["Y", "N", "Y and N", "X"] = Field(
-        description="side force, moment, or both; X: ahead, a resistance beyond the straight tow's where it is below 0"
+    acts: Literal["Y", "N", "Y and N", "X", "K"] = Field(
+        description="side force, moment, or both; X: ahead, a resistance beyond the straight tow's where it is below 0; K: "
+        "heeling, which moves nothing but the marks"
     )
     effect: str = Field(description="name of the effect in law.py and law.toml")
     numbers: dict[str, Measured] = Field(
-        description="y: of a side force by rho/2 U^2 L^2; n: of a moment by rho/2 U^2 L^3; x: ahead by rho/2 U^2 L^2; then the "
-        "numbers inside"
+        description="y: of a side force by rho/2 U^2 L^2; n: of a moment by rho/2 U^2 L^3; x: ahead by rho/2 U^2 L^2; k: of "
+        "the marks' place aside by U^2/g; then the numbers inside, and of a heel the roll's period, its damping and how far marks "
+        "of unlike height turn the heading"
     )
+    units: dict[str, str] = Field(default_factory=dict, description="of the numbers; absent: a plain number")
 
 
 class LawRow(_Part):
@@ -44,9 +47,9 @@ class FreeForce(_Part):
     """A force without a form: a smooth function (a Gaussian process) of some variables."""
 
     variables: list[list[str]] = Field(description="groups: a function of each, added up")
-    acts: Literal["Y and N", "X"] = Field(
+    acts: Literal["Y and N", "X", "K"] = Field(
         default="Y and N",
-        description="a side force and a moment; X: ahead, a resistance beyond the straight tow's where below 0",
+        description="a side force and a moment; X: ahead, a resistance beyond the straight tow's where below 0; K: heeling",
     )
     probability: float = Field(description="posterior, beside laws, effects of the library and noise")
     shrink: float | None = Field(default=None, description="of the gap on runs kept aside; null: not worked out")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..diagnose.sizes import Size, size_of, sizes_of
+from ..diagnose.sizes import size_of, sizes_of
 from ..diagnose.tow.numbers import COMPLIANCE
 from ..diagnose.words import is_open, is_unseen
 from ..simulate.model import DERIVATIVE_UNITS
@@ -14,6 +14,7 @@ from .gap_figures import drop_figure, ladder_figure, runs_figure, stage_figure
 from .html import Html, bullets, join, number, symbols, table, tag, unit
 from .page import document, write_document
 from .sections import BESIDE, SYMBOLS_HTML
+from .told import told_size
 
 if TYPE_CHECKING:
     from ..diagnose.gap import Diagnosed
@@ -89,7 +90,7 @@ def _ranking(file: GapFile) -> Html:
     rows: list[list[object]] = [["nothing missing", number(f"{file.p_no_gap:.3f}"), "", "", "", "", ""]]
     for row in file.ranking:
         low, high = row.shrink_interval
-        size = join((_size(one) for one in sizes_of(row.parameters, row.units)), ", ")
+        size = join(map(told_size, sizes_of(row.parameters, row.units)), ", ")
         rows.append(
             [
                 row.words,
@@ -115,14 +116,6 @@ def _ranking(file: GapFile) -> Html:
         kind="wraps",
         caption=words,
     )
-
-
-def _size(one: Size) -> Html:
-    """Word, value and standard deviation, unit; of each hypothesis on one line."""
-    said = join(
-        [symbols(one.word), " ", number(plus_minus(one.value, one.std)), " " if one.unit else "", unit(one.unit)]
-    )
-    return tag("span", said, class_="whole")
 
 
 def _not_told(file: GapFile) -> Html:

@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..diagnose.law.field import basis_of
+from ..diagnose.law.functions import State, term
 from ..diagnose.law.search import Field, Law, Searched
-from ..diagnose.law.terms import AHEAD, State, parts_of, term, text_of
+from ..diagnose.law.terms import AHEAD, HEEL, parts_of, text_of
+from ..diagnose.sizes import size_of
 from ..diagnose.tow.towed import TowSimulator
+from ..simulate.model import GRAVITY_M_S2
 from .draw import BLUE, GREY, VERMILION, Columns, label, new_figure, svg_image
-from .format import significant
-from .html import Html, bullets, figure, number, table, tag
+from .html import Html, bullets, figure, join, number, table, tag
+from .told import told_size
 
 if TYPE_CHECKING:
     from ..record.law_file import LawFile
@@ -34,6 +37,12 @@ WORDS = {
     "time": "share of the run",
     "alpha": "line angle (rad)",
 }
+MM = 1e3
+"""In a metre."""
+SIDE, TURNING, PUSH, ASIDE = "side force (N)", "moment (N m)", "push ahead (N)", "marks aside (mm)"
+DRAWN = {AHEAD: (PUSH,), HEEL: (ASIDE,)}
+"""What a force without a form is drawn as; elsewhere a side force and a moment."""
+HEELED = "Where marks above the roll axis would stand if the model had time to heel"
 
 
 def law_section(file: LawFile, searched: Searched | None) -> Html:
@@ -48,18 +57,15 @@ def law_section(file: LawFile, searched: Searched | None) -> Html:
     if file.laws and searched is not None:
         rows: list[list[object]] = []
         for row in file.laws:
-            numbers = "; ".join(
-                f"{name} {significant(value.value, 3)} ± {significant(value.std, 2)}"
-                for one in row.terms
-                for name, value in one.numbers.items()
-            )
+            sizes = [size_of(n, one.units.get(n, ""), x) for one in row.terms for n, x in one.numbers.items()]
+            numbers = join(map(told_size, sizes), ", ")
             shrink = "" if row.shrink is None else number(f"{row.shrink:.2f}")
-            rows.append([row.text, number(f"{row.probability:.3f}"), numbers, shrink])
+            rows.append([row.text, number(f"{row.probability:.3f}"), shrink, numbers])
         if file.verdict == "law":
             parts.append(law_figure(searched))
-        parts.append(table(["law", "probability", "numbers", "shrink"], rows))
-        size = "½ρU²L² for a side force Y or a push ahead X, ½ρU²L³ for a moment N"
-        parts.append(tag("p", f"Numbers y, x and n times {size}; the others are those inside the terms (docs/law.md)."))
+        parts.append(table(["law", "probability", "shrink", "numbers"], rows, kind="sized"))
+        size = "½ρU²L² for a side force Y or a push ahead X, ½ρU²L³ for a moment N, U²/g for how far a heel K moves the marks"
+        parts.append(tag("p", f"Numbers y, x, n and k times {size}; the others are inside the terms (docs/law.md)."))
     if searched is not None and searched.field is not None and file.verdict in ("law", "form_open", "field", "unknown"):
         parts += _without_a_form(file, searched, searched.field)
     return tag("section", *parts, id="law")
@@ -74,7 +80,7 @@ def _without_a_form(file: LawFile, searched: Searched, field: Field) -> list[obj
     return [
         tag("h3", "Without an equation"),
         *(field_figure(searched, field, k) for k in range(len(field.groups))),
-        table(["the force goes with", "share of the evidence"], goes[:SHOWN]),
+        table(["what is missing goes with", "share of the evidence"], goes[:SHOWN]),
     ]
 
 
@@ -94,12 +100,12 @@ def field_figure(searched: Searched, field: Field, which: int) -> Html:
     effects, numbers = field.fitted.hypothesis.effects, field.fitted.hypothesis.numbers
     begin = sum(len(e.parameters) for e in effects[:which])
     own = slice(begin, begin + len(effects[which].parameters))
-    scale = _size(simulator) * np.array([1.0, simulator.runs[0].length_pp_m])
-    drawn = ("push ahead (N)",) if field.acts == AHEAD else ("side force (N)", "moment (N m)")
+    drawn = DRAWN.get(field.acts, (SIDE, TURNING))
     second = [np.nan] if len(group) == 1 else _about(getattr(states, group[1]))
     grids = [_grid_of(group, searched.seen.ends[group[0]], at) for at in second]
     drawing, axes = new_figure(2.8, columns=len(drawn))
     data: dict[str, Columns] = {}
+    sizes = _sizes(simulator)
     there = np.array(basis.values(states)).T
     by_plain = np.linalg.lstsq(_plain(field, states), there, rcond=None)[0]
     for k, (ax, what) in enumerate(zip(axes, drawn, strict=True)):
@@ -108,8 +114,8 @@ def field_figure(searched: Searched, field: Field, which: int) -> Html:
         ax.axhline(0.0, color=GREY, linewidth=0.6)
         for one, (at, grid) in enumerate(zip(second, grids, strict=True)):
             table_of = np.array(basis.values(grid)).T - _plain(field, grid) @ by_plain
-            force = scale[k] * table_of @ mean
-            sd = scale[k] * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", table_of, spread, table_of), 0.0))
+            force = sizes[what] * table_of @ mean
+            sd = sizes[what] * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", table_of, spread, table_of), 0.0))
             x, colour = getattr(grid, group[0]), (BLUE, GREY, VERMILION)[one if len(second) == 1 else (1, 0, 2)[one]]
             ax.fill_between(x, force - 2 * sd, force + 2 * sd, color=colour, alpha=0.18, linewidth=0)
             name = None if np.isnan(at) else f"{group[-1]} {at:.2g}"
@@ -124,18 +130,18 @@ def field_figure(searched: Searched, field: Field, which: int) -> Html:
         axes[0].legend(fontsize=7, frameon=False)
     return figure(
         svg_image(drawing, "the missing force without an equation", f"field-{which}", data),
-        f"The missing force as a smooth function of {' and '.join(group)} at {simulator.speed_m_s:.2f} m/s, with two standard "
-        "deviations; marks below: where the runs have been. "
-        f"{'Its mean is' if field.acts == AHEAD else 'Its mean, and what is linear in drift and yaw rate, are'} not drawn.",
+        f"{'The heel' if field.acts == HEEL else 'The missing force'} as a smooth function of {' and '.join(group)} at "
+        f"{simulator.speed_m_s:.2f} m/s, with two standard deviations; marks below: where the runs have been. "
+        f"{'Its mean is' if field.acts in DRAWN else 'Its mean, and what is linear in drift and yaw rate, are'} not drawn.",
     )
 
 
 def _plain(field: Field, states: State) -> np.ndarray:
     """(n, k) of what hides elsewhere: a constant force behind the settings' errors, one linear in drift and yaw rate in the
-    derivatives; of a resistance only the constant, the straight tow's own.
+    derivatives; of a resistance only the constant, the straight tow's own, and of a heel that behind the place.
     """
     constant = np.ones(len(states.v))
-    return np.column_stack([constant] if field.acts == AHEAD else [states.v, states.r, constant])
+    return np.column_stack([constant] if field.acts in DRAWN else [states.v, states.r, constant])
 
 
 def _about(x: np.ndarray) -> list[float]:
@@ -149,10 +155,11 @@ def _grid_of(group: tuple[str, ...], ends: tuple[float, float], at: float) -> St
     return grid if len(group) == 1 else replace(grid, **{group[1]: np.full(GRID, at)})
 
 
-def _size(simulator: TowSimulator) -> float:
-    """rho/2 U^2 L^2 of the runs, N."""
+def _sizes(simulator: TowSimulator) -> dict[str, float]:
+    """What is drawn -> its size for a coefficient of 1: rho/2 U^2 L^2 (L^3) of the runs, or U^2/g."""
     first = simulator.runs[0]
-    return 0.5 * first.density_kg_m3 * simulator.speed_m_s**2 * first.length_pp_m**2
+    whole, length = 0.5 * first.density_kg_m3 * simulator.speed_m_s**2 * first.length_pp_m**2, first.length_pp_m
+    return {SIDE: whole, TURNING: whole * length, PUSH: whole, ASIDE: MM * simulator.speed_m_s**2 / GRAVITY_M_S2}
 
 
 def law_figure(searched: Searched) -> Html:
@@ -171,13 +178,14 @@ def law_figure(searched: Searched) -> Html:
     variable = variables[0] if variables else "time"
     alone = set(variables) <= {variable}
     at = _grid(variable, searched.seen.ends[variable]) if alone else states
-    size = _size(simulator)
-    scale = np.array([[size], [size * simulator.runs[0].length_pp_m], [size]])
+    sizes = _sizes(simulator)
+    scale = np.array(list(sizes.values()))[:, None]
     rng = np.random.default_rng(0)
     draws = rng.multivariate_normal(np.concatenate(law.numbers), law.covariance, DRAWS)
     told = scale * _force(law, law.numbers, at)
     spread = np.std([scale * _force(law, law.apart(d), at) for d in draws], axis=0)
-    shown = [k for k in range(3) if np.abs(told[k]).max() > 0] or [0]
+    only_heels = all(effect.variant == HEEL for effect in law.effects)
+    shown = [k for k in range(len(sizes)) if np.abs(told[k]).max() > 0] or [0]
     drawing, axes = new_figure(2.8, columns=len(shown))
     x = getattr(at, variable)
     order = np.argsort(x)
@@ -193,18 +201,24 @@ def law_figure(searched: Searched) -> Html:
         low, high = ax.get_ylim()
         ax.plot(getattr(states, variable), np.full(len(states.v), low), "|", color=GREY, markersize=5, alpha=0.25)
         ax.set_ylim(low, high)
-        what = ("side force (N)", "moment (N m)", "push ahead (N)")[k]
+        what = list(sizes)[k]
         label(ax, x=WORDS[variable], y=what)
         data[what.split(" (")[0]] = {variable: x[order], what: force, "sd": sd}
     return figure(
         svg_image(drawing, "the law's force", "law", data),
-        f"The missing force at {simulator.speed_m_s:.2f} m/s, with two standard deviations; the marks below are where the runs "
-        "have been. What is linear in drift and yaw rate is in the derivatives.",
+        f"{' and '.join(_told(law))}, at {simulator.speed_m_s:.2f} m/s, with two standard deviations; the marks below are where "
+        f"the runs have been.{'' if only_heels else ' What is linear in drift and yaw rate is in the derivatives.'}",
     )
 
 
+def _told(law: Law) -> list[str]:
+    found = {HEELED if effect.variant == HEEL else "The missing force": None for effect in law.effects}
+    first, *rest = found
+    return [first, *(part[0].lower() + part[1:] for part in rest)]
+
+
 def _force(law: Law, numbers: Sequence[np.ndarray], at: State) -> np.ndarray:
-    """(3, n) coefficients of side force, moment and push ahead."""
+    """(4, n) coefficients of side force, moment, push ahead and heel."""
     parts = [parts_of(text_of(e), e.variant, n, at) for e, n in zip(law.effects, numbers, strict=True)]
     return np.sum(parts, axis=0)
 

@@ -27,6 +27,8 @@ DERIVATIVE_UNITS = {
     "n_v": "N s",
     "n_r": "N m s",
 }
+GRAVITY_M_S2 = 9.81
+"""Its third digit changes with the place; nothing here needs more."""
 RESISTANCE_EXPONENT = 1.85
 """n of R ~ u^n where nothing is said: 1.8-2 for bare models (theory.md 10)."""
 Line = Literal["constant", "surge"]

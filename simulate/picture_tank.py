@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
 from ..geometry.camera import Camera
+from .model import GRAVITY_M_S2
 from .picture_tools import Picture
 from .scene import Stage
 
 Rays = NDArray[np.float32]
-GRAVITY_M_S2 = 9.81
-"""For the waves' phase speed: deep water, omega^2 = g k. The pictures need no more digits."""
 _KNOT_PX = 16
 """Rays are computed at such knots and interpolated between by splines: a lens bends them slowly."""
 _CAST_ROWS, _SHADED_ROWS = 256, 16

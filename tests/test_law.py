@@ -18,20 +18,23 @@ from towline.blind.seal import CASES, write_cases
 from towline.blind.signature import distances_of, linear
 from towline.blind.truth.cases import Case
 from towline.cli.main import main
-from towline.diagnose.effects import Effect, Parameter, Situation
+from towline.diagnose.effects import Effect, Parameter, Seen, Situation, load_effects
 from towline.diagnose.inference.evidence import Inference
 from towline.diagnose.inference.grams import Grams
 from towline.diagnose.inference.hypothesis import with_effects
 from towline.diagnose.inference.noise import Forces
 from towline.diagnose.law.field import SMOOTH, basis_of, field_effect, field_force
-from towline.diagnose.law.grammar import grammar, resistances
+from towline.diagnose.law.functions import Range, State, term, written
+from towline.diagnose.law.grammar import grammar, heels, resistances
 from towline.diagnose.law.search import without_linear
 from towline.diagnose.law.table import Choice, Table
-from towline.diagnose.law.terms import ACTS, AHEAD, Range, State, effect_of, state_of, term, values_of, written
+from towline.diagnose.law.terms import ACTS, AHEAD, HEEL, effect_of, state_of, values_of
+from towline.diagnose.simulated import effects_of
 from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
-from towline.record.errors import TowlineError
+from towline.record.errors import InputError, TowlineError
 from towline.record.law_file import LawFile
 from towline.record.results import DerivativesFile, read_result
+from towline.record.scenario import EffectTable, LawScenario
 from towline.simulate.model import Hull, Tow, full_state, line_force
 
 SEEN = Range(
@@ -73,7 +76,7 @@ def situation(s: State) -> Situation:
         ("1/(1-y)-1/(1+y)", lambda s: 2 * s.y / (1 - s.y**2)),
     ],
 )
-@pytest.mark.parametrize("acts", list(ACTS))
+@pytest.mark.parametrize("acts", [acts for acts in ACTS if acts != HEEL])
 def test_a_term_is_the_force_that_its_text_says(text: str, value: Any, acts: str) -> None:
     """rho/2 U^2 L^2 a side force, rho/2 U^2 L^3 a moment, at 1.5 m/s and 3 m."""
     s, effect = states(), effect_of(text, acts)
@@ -87,6 +90,52 @@ def test_a_term_is_the_force_that_its_text_says(text: str, value: Any, acts: str
     np.testing.assert_allclose(side, by.get("y", 0.0) * 500 * 1.5**2 * 3**2 * value(s), rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(moment, by.get("n", 0.0) * 500 * 1.5**2 * 3**3 * value(s), rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(values_of(text, acts, numbers, s)[0], by.get("y", 0.0) * value(s), rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("v|v|", lambda v, r: v * abs(v)),
+        ("r^2", lambda v, r: r**2),
+        ("tanh(v/0.02)", lambda v, r: np.tanh(v / 0.02)),
+        ("(v+0.2 r)|v+0.2 r|", lambda v, r: (v + 0.2 * r) * abs(v + 0.2 * r)),
+    ],
+)
+def test_a_heel_moves_the_marks_as_its_text_says_once_the_roll_has_died_away(text: str, value: Any) -> None:
+    """A steady turn of 3 m at 1.5 m/s with v/U -0.03 and r L/U 0.1: the marks stand aside by k U^2/g of the term, the heading of
+    marks of unlike height is off by 0.4 rad a metre, and the model is where it was."""
+    u, length, v, r = 1.5, 3.0, -0.03, 0.1
+    t_s = np.arange(0.0, 60.0, 0.1)[:, None, None]
+    beta = r * u / length * t_s
+    rates = (
+        u * np.cos(beta) - v * u * np.sin(beta) - u, u * np.sin(beta) + v * u * np.cos(beta), r * u / length + 0.0 * t_s,
+    )  # fmt: skip
+    nothing = 0.0 * t_s
+    seen = Seen(
+        t_s,
+        (nothing, nothing, beta),
+        rates,
+        nothing,
+        nothing,
+        4.0,
+        np.zeros(0),
+        speed_m_s=u,
+        length_pp_m=length,
+        duration_s=60.0,
+    )
+    numbers = [0.02, *(shape.value for shape in term(text).shapes), 1.1, 0.2, 0.4]
+    effect = effect_of(text, HEEL)
+    assert effect.observe is not None
+    x, y, heading, apart = effect.observe(seen, *numbers)
+    aside = 0.02 * u**2 / 9.81 * value(v, r)
+    assert y[-1, 0, 0] == pytest.approx(aside, rel=1e-6)
+    assert heading[-1, 0, 0] == pytest.approx(0.4 * aside, rel=1e-6)
+    assert not x.any()
+    assert not apart.any()
+    # let go upright it swings beyond, by exp(-pi zeta / sqrt(1 - zeta^2)) of where it ends
+    assert y[:, 0, 0][np.abs(y[:, 0, 0]).argmax()] / aside == pytest.approx(
+        1 + np.exp(-np.pi * 0.2 / np.sqrt(0.96)), rel=0.01
+    )
 
 
 def test_what_acts_ahead_is_what_another_resistance_would_be() -> None:
@@ -105,7 +154,7 @@ def test_what_acts_ahead_is_what_another_resistance_would_be() -> None:
     assert term_of[1] == pytest.approx(1.6 * term_of[0])
     without = full_state(0.0, state, hull, tows[0])
     aside = line_force(tows[0], more.tension_n - without.tension_n, np.sin(0.15), np.cos(0.15))
-    np.testing.assert_allclose(aside, term_of, rtol=5 * 0.15**2)
+    np.testing.assert_allclose(aside, term_of[:2], rtol=5 * 0.15**2)
 
 
 def test_a_wave_has_both_phases_and_a_number_that_is_fitted() -> None:
@@ -123,10 +172,10 @@ def test_a_situation_made_dimensionless_comes_back() -> None:
 
 
 def test_every_term_of_the_grammar_reads_back_from_its_text() -> None:
-    terms, ahead = grammar(SEEN, True), resistances(SEEN)
-    for texts in ([t.text for t in terms], [t.text for t in ahead]):
-        assert len(set(texts)) == len(texts)
-    for one in [*terms, *ahead]:
+    searched = grammar(SEEN, True), resistances(SEEN), heels(SEEN)
+    for terms in searched:
+        assert len({one.text for one in terms}) == len(terms)
+    for one in [one for terms in searched for one in terms]:
         again = term(one.text)
         assert (again.variables, again.parts, again.shapes) == (one.variables, one.parts, one.shapes)
         moved = [1.1 * shape.value for shape in one.shapes]
@@ -142,8 +191,10 @@ def test_what_is_no_term_is_refused(text: str) -> None:
 
 def test_what_is_linear_in_v_and_r_counts_for_nothing() -> None:
     s = states()
-    linear_force = np.array([3 * s.v - 2 * s.r, s.v + s.r])
-    assert np.abs(without_linear(linear_force, s)).max() < 1e-12
+    linear_force = np.array([3 * s.v - 2 * s.r, s.v + s.r, s.v])
+    left = without_linear(linear_force, s)
+    assert np.abs(left[:2]).max() < 1e-12
+    np.testing.assert_array_equal(left[2], s.v)  # a heel is in no derivative
 
 
 def planted(numbers: dict[str, float], seed: int, d: float) -> Case:
@@ -152,7 +203,7 @@ def planted(numbers: dict[str, float], seed: int, d: float) -> Case:
     case = gentle(replace(case, kind="unknown", effects=["law"], numbers=numbers))
     by = float(np.sqrt(d / distances_of(case, linear(case)).strength))
     return gentle(
-        replace(case, numbers={k: v * by if k[4:8] in ("side", "turn") else v for k, v in case.numbers.items()})
+        replace(case, numbers={k: v * by if k[4:8] in ("side", "turn", "lean") else v for k, v in case.numbers.items()})
     )
 
 
@@ -160,7 +211,7 @@ def test_the_judge_reads_every_term_as_the_grammar_means_it(laws_truth: ModuleTy
     """Two readers of one text, the benchmark's and the grammar's: the same force. What lags is no function of the state."""
     s, rng = states(), np.random.default_rng(3)
     of = {name: getattr(s, name) for name in laws_truth.NAMES}
-    for one in [*grammar(SEEN, True), *resistances(SEEN)]:
+    for one in [*grammar(SEEN, True), *resistances(SEEN), *heels(SEEN)]:
         if one.lag_s:
             continue
         basis, inside, variables = laws_truth.told_term(one.text)
@@ -173,7 +224,9 @@ def test_the_judge_reads_every_term_as_the_grammar_means_it(laws_truth: ModuleTy
 
 def law_seen(laws_truth: ModuleType) -> Any:
     s = states()
-    return laws_truth.Seen({name: getattr(s, name) for name in laws_truth.NAMES}, None, None, np.ones((2, len(s.v))))
+    return laws_truth.Seen(
+        {name: getattr(s, name) for name in laws_truth.NAMES}, None, None, np.ones((2, len(s.v))), 1.0
+    )
 
 
 @pytest.mark.parametrize(
@@ -191,7 +244,7 @@ def test_a_form_is_right_with_other_numbers_and_without_needless_terms(
 ) -> None:
     """The truth is a side force by v|v|."""
     seen = law_seen(laws_truth)
-    target = np.array([3.0 * seen.of["v"] * np.abs(seen.of["v"]), 0.0 * seen.of["v"]])
+    target = np.array([3.0 * seen.of["v"] * np.abs(seen.of["v"]), 0.0 * seen.of["v"], 0.0 * seen.of["v"]])
     told = laws_truth.told([{"text": text, "acts": "Y", "numbers": numbers} for text, numbers in terms])
     assert laws_truth.right_form(told, seen, target) is right
 
@@ -326,6 +379,37 @@ def test_a_resistance_at_one_place_is_told_with_an_equation_and_without(tmp_path
     assert file.field.shrink is not None
     assert file.field.shrink > 0.5
     assert "Its mean is not drawn." in (tmp_path / "out/gap.html").read_text()
+
+
+def test_what_heels_the_model_is_told_and_handed_on(tmp_path: Path) -> None:
+    """A model that lies over by v|v|, with its own roll of 1.3 s: the law, the roll's period within four standard deviations;
+    law.py reads back; a scenario says that it moves no model."""
+    case = planted(
+        {"law.kind0": 0.0, "law.lean0": 0.02, "law.p0": 2.0, "marker_roll.period_s": 1.3, "marker_roll.damping": 0.15},
+        12,
+        8000.0,
+    )
+    write_cases(tmp_path, [replace(case, runs=case.runs[:4], duration_s=30.0)])
+    runs = sorted((tmp_path / CASES / "law").glob("run-*"))
+    out = tmp_path / "out"
+    assert main(["diagnose", *map(str, runs), "--law", "-o", str(out)]) == 0
+    file = read_result(out / "law.json", LawFile)
+    assert file.verdict == "law"
+    (found,) = file.laws[0].terms
+    assert (found.acts, found.text) == ("K", "v|v|")
+    period = found.numbers["period_s"]
+    assert abs(period.value - 1.3) < 4 * period.std
+    assert period.std < 0.05
+    # the marks' height above the roll axis, by which the truth's angle moves them
+    height = np.interp(0.0, *zip(*sorted((ahead, above) for ahead, _, above in case.marks.values()), strict=True))
+    truth = -case.numbers["law.lean0"] / 0.05**2 * height
+    k = found.numbers["k"]
+    assert abs(k.value * case.hull["speed_ref"] ** 2 / 9.81 - truth) < 4 * k.std * case.hull["speed_ref"] ** 2 / 9.81
+    assert "Where marks above the roll axis would stand" in (out / "gap.html").read_text()
+    (effect,) = load_effects(out / "law.py")
+    assert (effect.name, effect.variant) == ("law v|v|", "K")
+    with pytest.raises(InputError, match="shows in the marks and does not move the model"):
+        effects_of(LawScenario(effect=(EffectTable(name="law v|v|", form="K"),)), out / "law.toml", [effect])
 
 
 def test_a_law_is_handed_on_to_the_simulator_with_its_range(

@@ -13,7 +13,8 @@ from towline.diagnose.inference.hypothesis import with_effects
 from towline.diagnose.inference.noise import Forces
 from towline.diagnose.law.bar import CLEARLY, worse_aside
 from towline.diagnose.law.choose import MOVED, Start, elsewhere, fits
-from towline.diagnose.law.terms import Range, State, effect_of, term, text_of
+from towline.diagnose.law.functions import Range, State, term
+from towline.diagnose.law.terms import effect_of, text_of
 from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
 
 T_S = 0.1 * np.arange(72)

@@ -1,7 +1,7 @@
 """Forces that nobody has a name for: laws drawn from a grammar of their own, of one or two terms.
 
-Each number of a term stands for itself in a lane (``law.kind0`` its kind, ``law.side0``, ``law.turn0`` and ``law.along0`` its sizes
-aside, in turning and ahead ...). Kinds:
+Each number of a term stands for itself in a lane (``law.kind0`` its kind, ``law.side0``, ``law.turn0``, ``law.along0`` and
+``law.lean0`` its sizes aside, in turning, ahead and as the angle of heel that it would have in time ...). Kinds:
 0 a power of the drift, 1 of the yaw rate, 2 a product of powers of both, 3 a drift that saturates, 4 a drift that works from a
 threshold on, 5 waves across the tank, 6 waves in heading, 7 a drift force that changes with the place, 8 the hull's section at a
 station, by the power of its own drift, 9 a moment of constant size against the turning, 10 a bump at a place.
@@ -37,6 +37,11 @@ def law_ahead(q: Lanes, now: Now) -> Array:
     return sum((q[f"law.along{k}"] * value for k, value in enumerate(_values(q, now))), np.zeros(q.n))
 
 
+def law_lean(q: Lanes, now: Now) -> Array:
+    """Angle at which the model would lie over if it had time to, of all terms, rad; ``marker_roll`` has its period and damping."""
+    return sum((q[f"law.lean{k}"] * value for k, value in enumerate(_values(q, now))), np.zeros(q.n))
+
+
 def _values(q: Lanes, now: Now) -> list[Array]:
     """Of all terms, by the square of the speed through the water."""
     length = q["length_pp"]
@@ -66,4 +71,4 @@ def _values(q: Lanes, now: Now) -> list[Array]:
     return values
 
 
-__all__ = ["KINDS", "TERMS", "law_ahead", "law_force"]
+__all__ = ["KINDS", "TERMS", "law_ahead", "law_force", "law_lean"]

@@ -19,7 +19,8 @@ from scipy.interpolate import CubicHermiteSpline
 from .carriage import push, speed_at
 from .forces import forces_of
 from .lanes import Array, Lane, Lanes
-from .laws import law_ahead
+from .laws import TERMS as LAW_TERMS
+from .laws import law_ahead, law_lean
 from .lift import memory_rates
 from .line import creep_rate, pull_of, servo_anywhere, servo_command, servo_rates, stretch_at_rest
 from .now import Now
@@ -41,6 +42,7 @@ STATES = 17
 """All of them."""
 _MEMORY = tuple(f"fluid_memory.{name}" for name in ("sway", "yaw", "ring_sway", "ring_yaw"))
 _ROLLS = tuple(f"marker_roll.{name}_rad" for name in ("lean", "sway", "turn"))
+_LEANS = tuple(f"law.lean{k}" for k in range(LAW_TERMS))
 
 
 @dataclass(frozen=True)
@@ -227,20 +229,21 @@ def _rates(q: Lanes, terms, t: float, s: Array, random: Array) -> tuple[Array, A
     out[U] = ahead / (q["surge_mass"] + added)
     out[V] = (i * force + cross * moment) / det
     out[R] = (m * moment + other * force) / det
-    _slow_states(q, s, out, tension, side)
+    _slow_states(q, s, out, now, tension, side)
     return out, tension
 
 
-def _slow_states(q: Lanes, s: Array, out: Array, tension: Array, side: Array) -> None:
+def _slow_states(q: Lanes, s: Array, out: Array, now: Now, tension: Array, side: Array) -> None:
     if any(map(q.has, _MEMORY)):
         out[LAG] = memory_rates(q, s[LAG], s[V], s[R])
     if q.has("elastic_line.creep"):
         out[CREEP] = creep_rate(q, s[CREEP], tension)
-    if any(map(q.has, _ROLLS)):
+    leans = any(map(q.has, _LEANS))
+    if leans or any(map(q.has, _ROLLS)):
         w = 2 * np.pi / np.maximum(q["marker_roll.period_s"], 0.3)
         drive = q["marker_roll.lean_rad"] * (-tension * side / q["tension"])
         inertia = q["marker_roll.sway_rad"] * q["m"] * out[V] + q["marker_roll.turn_rad"] * q["mass"] * s[U] * s[R]
-        drive = drive + inertia / q["tension"]
+        drive = drive + inertia / q["tension"] + (law_lean(q, now) if leans else 0.0)
         out[ROLL] = s[ROLL_RATE]
         out[ROLL_RATE] = w**2 * (drive - s[ROLL]) - 2 * q["marker_roll.damping"] * w * s[ROLL_RATE]
     if q.has("sloshing.side_n"):

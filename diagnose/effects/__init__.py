@@ -67,6 +67,7 @@ from .line import (
     offset_each,
     slack,
 )
+from .swing import swung
 
 LIBRARY: tuple[Effect, ...] = (
     CROSSFLOW,
@@ -133,4 +134,5 @@ __all__ = [
     "offset_each",
     "on_line",
     "slack",
+    "swung",
 ]

@@ -148,6 +148,7 @@ class Seen:
     beyond_n : (samples, runs, columns), what a line that keeps its length has beyond tension_n
     line_length_m : (runs, columns)
     speed_m_s : (runs, columns), of the carriage, from which ``pose`` and ``rate`` are seen
+    length_pp_m, half_width_m, duration_s : (runs, 1), of model, tank (NaN: not given) and run
     """
 
     t_s: Array
@@ -160,6 +161,9 @@ class Seen:
     beyond_n: Any = 0.0
     line_length_m: Any = 0.0
     speed_m_s: Any = 0.0
+    length_pp_m: Any = 1.0
+    half_width_m: Any = np.nan
+    duration_s: Any = 1.0
 
     @property
     def through_water(self) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from .base import SWINGS_S, Effect, Parameter, Seen, Situation, along_the_run, swinging
 from .members import any_of, with_some
+from .swing import swung
 
 EXACT = 0.003
 """Share of what a fault of geometry explains that may be left over: its form is known, its time to a part of a block."""
@@ -21,8 +22,6 @@ ROLL_FORM = 0.01
 """Of a roll with its own period, damping and mark heights."""
 ROLLS_S = (0.6, 0.8, 1.0, 1.25, 1.55, 1.9, 2.4)
 """Roll periods where a fit may begin; models of 1 to 4 m have these."""
-SHORTEST_ROLL_S = 0.3
-"""A fit's period is held above this, half the shortest of these."""
 RAMPS, RAMP_S, SHORTEST_RAMP_S = (0.25, 0.5, 0.75), 3.0, 0.3
 """Shares of a run about which a fit of a ramp may begin, half its length there, and the shortest a fit may make of it."""
 RULE_M = 1e-3
@@ -108,18 +107,7 @@ def _rolling(seen: Seen, lean, period, damping, turn, sway=0.0, swing=0.0):
     ahead, v = seen.through_water
     faster = np.where(seen.speed_m_s > 0, ahead / np.maximum(seen.speed_m_s, 1e-9), 1.0)
     drive = lean * seen.pull + sway * np.gradient(v, step, axis=0, edge_order=2) + swing * faster * seen.rate[2]
-    w, zeta = 2 * np.pi / np.maximum(period, SHORTEST_ROLL_S), np.clip(damping, 0.01, 0.9)
-    decay, own = zeta * w, w * np.sqrt(1 - zeta**2)
-    left, cosine, sine = np.exp(-decay * step), np.cos(own * step), np.sin(own * step) / own
-    rolled = np.zeros(np.broadcast_shapes(drive.shape, np.shape(w)))
-    rate = np.zeros(rolled.shape[1:])
-    # exact for a drive that is straight from node to node: free swing about the forced course
-    for k in range(len(rolled) - 1):
-        slope = (drive[k + 1] - drive[k]) / step
-        behind = 2 * zeta / w * slope
-        off, off_rate = rolled[k] - drive[k] + behind, rate - slope
-        rolled[k + 1] = left * (off * (cosine + decay * sine) + off_rate * sine) + drive[k + 1] - behind
-        rate = left * (off_rate * (cosine - decay * sine) - off * w**2 * sine) + slope
+    rolled = swung(drive, step, period, damping)
     nothing = 0.0 * seen.side
     return nothing, rolled, turn * rolled, nothing
 

@@ -15,9 +15,10 @@ from ..inference.evidence import Fitted, Inference
 from ..inference.hypothesis import Hypothesis, with_effects
 from ..inference.noise import Forces
 from ..inference.ranking import Candidate
-from .field import FIELD, GROUPS, field_effect
+from .field import FIELD, GROUPS, HEELING, field_effect, groups_of
+from .functions import AT, Range, State, family, term, written
 from .table import Choice, Table
-from .terms import ACTS, AHEAD, AT, Range, State, effect_of, family, term, text_of, values_of, written
+from .terms import ACTS, AHEAD, APART, HEEL, coefficients_of, effect_of, inside_of, shapes_of, text_of, values_of
 
 Groups = tuple[tuple[str, ...], ...]
 """Of variables."""
@@ -96,8 +97,8 @@ class LawTable:
     ----------
     inference, base : of the diagnosis
     free : of ``free_path``
-    terms : effects of the grammar, acting in side force and moment, or ahead
-    fields : of each of GROUPS, and, after those, ahead of each of them
+    terms : effects of the grammar, acting in side force and moment, or apart from these
+    fields : of ``fields_of``
     """
 
     def __init__(
@@ -109,8 +110,8 @@ class LawTable:
         self.singles: list[tuple[int, str, Choice]] = []
         for k, effect in enumerate(self.terms):
             count, columns = term(text_of(effect)).functions, self.table.columns(k)
-            if effect.variant == AHEAD:
-                self.singles.append((k, AHEAD, Choice((k,), tuple(columns[:count]), effect.cost)))
+            if effect.variant in APART:
+                self.singles.append((k, effect.variant, Choice((k,), tuple(columns[:count]), effect.cost)))
                 continue
             for acts, part in (
                 ("Y", columns[:count]),
@@ -120,7 +121,7 @@ class LawTable:
                 self.singles.append((k, acts, Choice((k,), tuple(part), effect.cost)))
         self.scores, self.forces = self.table.scores([choice for _, _, choice in self.singles])
         first = len(self.terms)
-        self.sets = _sets(len(self.fields) > len(GROUPS))
+        self.sets = _sets(self.fields)
         self.field_choices = [
             Choice((first + members[0],), tuple(c for k in members for c in self.table.columns(first + k)), 0.0)
             for members in self.sets
@@ -132,7 +133,7 @@ class LawTable:
         share = np.exp(self.field_scores - self.field_scores.max())
         found: dict[Groups, float] = {}
         for members, one in zip(self.sets, share / share.sum(), strict=True):
-            groups = tuple(GROUPS[member % len(GROUPS)] for member in members)
+            groups = tuple(group for member in members for group in groups_of(self.fields[member]))
             found[groups] = found.get(groups, 0.0) + float(one)
         return tuple(sorted(found.items(), key=lambda row: -row[1]))
 
@@ -154,23 +155,28 @@ class LawTable:
         return found
 
 
-def _sets(ahead: bool) -> list[tuple[int, ...]]:
-    """Positions in GROUPS: each alone, and two that have no variable in common, added up; ``ahead``: those behind, each alone."""
-    both = combinations(range(len(GROUPS)), 2)
-    apart = [pair for pair in both if not set(GROUPS[pair[0]]) & set(GROUPS[pair[1]])]
-    return [*((k,) for k in range(len(GROUPS) * (2 if ahead else 1))), *apart]
+def _sets(fields: Sequence[Effect]) -> list[tuple[int, ...]]:
+    """Positions of fields: each alone, and two of side force and moment that have no variable in common, added up."""
+    aside = [k for k, field in enumerate(fields) if field.variant not in APART]
+    of = {k: {variable for group in groups_of(fields[k]) for variable in group} for k in aside}
+    return [
+        *((k,) for k in range(len(fields))),
+        *(pair for pair in combinations(aside, 2) if not of[pair[0]] & of[pair[1]]),
+    ]
 
 
-def fields_of(seen: Range, size: float, ahead: float = 0.0) -> list[Effect]:
-    """A force without a form for each of GROUPS.
+def fields_of(seen: Range, size: float, ahead: float = 0.0, heel: float = 0.0) -> list[Effect]:
+    """A force without a form for each of GROUPS, and what stands beside it.
 
     Parameters
     ----------
     seen, size : of the runs, and a usual side force
     ahead : a usual resistance beyond the straight tow's: one without a form for each group follows; 0: none does
+    heel : a usual place aside of a heeling model's marks, by U^2/g: one without a form for each of HEELING follows; 0: none
     """
     found = [field_effect([group], seen, size, ARM) for group in GROUPS]
-    return found + ([field_effect([group], seen, ahead, ARM, AHEAD) for group in GROUPS] if ahead else [])
+    found += [field_effect([group], seen, ahead, ARM, AHEAD) for group in GROUPS if ahead]
+    return found + [field_effect([group], seen, heel, ARM, HEEL) for group in HEELING if heel]
 
 
 def priors(laws: LawTable, names: int) -> tuple[float, float]:
@@ -233,9 +239,10 @@ def _start(laws: LawTable, members: Sequence[int], choice: Choice, forces: Force
     effects, values, at = [], [], 0
     for member in members:
         k, acts, own = laws.singles[member]
-        wide, shapes = laws.terms[k], term(text_of(laws.terms[k])).shapes
+        wide = laws.terms[k]
         effects.append(effect_of(text_of(wide), acts, _sizes(wide), _reach(wide)))
-        values.append(np.concatenate([numbers[at : at + len(own.columns)], [shape.value for shape in shapes]]))
+        shapes = [shape.value for shape in shapes_of(effects[-1])]
+        values.append(np.concatenate([numbers[at : at + len(own.columns)], shapes]))
         at += len(own.columns)
     return Start(tuple(effects), replace(h, effects=tuple(effects), numbers=tuple(values)), forces, prior, score)
 
@@ -284,10 +291,10 @@ def elsewhere(inference: Inference, starts: Sequence[Start], fitted: Sequence[Fi
             own = term(text_of(effect))
             if [shape.name for shape in own.shapes] != [AT]:
                 continue
-            usual = seen.usual[own.variables[0]]
-            places = [x for share in ELSEWHERE if not 1 / MOVED < (x := share * usual) / abs(numbers[-1]) < MOVED]
+            usual, here = seen.usual[own.variables[0]], abs(inside_of(effect, numbers)[0])
+            places = [x for share in ELSEWHERE if not 1 / MOVED < (x := share * usual) / here < MOVED]
             moved = [_at(effect, [place]) for place in places]
-            beside = [_at(e, n[len(n) - len(term(text_of(e)).shapes) :]) for j, (e, n) in enumerate(parts) if j != k]
+            beside = [_at(e, inside_of(e, n)) for j, (e, n) in enumerate(parts) if j != k]
             along = replace(end.hypothesis, effects=(), numbers=())
             table = Table(inference, along, [*moved, *beside], end.forces)
             rest = [len(moved) + j for j in range(len(beside))]
@@ -297,9 +304,9 @@ def elsewhere(inference: Inference, starts: Sequence[Start], fitted: Sequence[Fi
                 h, solved = table.solved(choices[j], forces[j])
                 effects, values, at = [moved[j], *beside], [], 0
                 for one in effects:
-                    shapes = term(text_of(one)).shapes
-                    count = len(one.parameters) - len(shapes)
-                    values.append(np.concatenate([solved[at : at + count], [shape.value for shape in shapes]]))
+                    shapes = [shape.value for shape in shapes_of(one)]
+                    count = len(coefficients_of(one))
+                    values.append(np.concatenate([solved[at : at + count], shapes]))
                     at += count
                 begun = replace(h, effects=tuple(effects), numbers=tuple(values))
                 found.append(Start(tuple(effects), begun, forces[j], start.log_prior, float(scores[j])))
@@ -311,7 +318,7 @@ def _chosen(table: Table, members: Sequence[int]) -> Choice:
     columns: list[int] = []
     for member in members:
         effect = table.effects[member]
-        columns += list(table.columns(member))[: len(effect.parameters) - len(term(text_of(effect)).shapes)]
+        columns += list(table.columns(member))[: len(coefficients_of(effect))]
     return Choice(tuple(members), tuple(columns), sum(table.effects[m].cost for m in members))
 
 
@@ -321,16 +328,15 @@ def _at(effect: Effect, shapes: Sequence[float] | Array) -> Effect:
 
 
 def _family(effect: Effect) -> str:
-    """Of its text; what acts ahead is another force than what acts aside."""
-    return f"{AHEAD} {family(text_of(effect))}" if effect.variant == AHEAD else family(text_of(effect))
+    """Of its text; what acts ahead is another force than what acts aside, and a heel is none."""
+    return f"{effect.variant} {family(text_of(effect))}" if effect.variant in APART else family(text_of(effect))
 
 
-def _sizes(effect: Effect) -> tuple[float, float, float]:
+def _sizes(effect: Effect) -> tuple[float, ...]:
     """Usual sizes of a term's coefficients; where it does not act, those of where it does."""
-    count = len(effect.parameters) - len(term(text_of(effect)).shapes)
-    by = {p.name[0]: p.sd for p in effect.parameters[:count]}
+    by = {p.name[0]: p.sd for p in coefficients_of(effect)}
     some = next(iter(by.values()))
-    return by.get("y", some), by.get("n", some), by.get("x", some)
+    return tuple(by.get(channel, some) for channel in "ynxk")
 
 
 def _reach(effect: Effect) -> dict[str, tuple[float, float]]:
@@ -398,7 +404,7 @@ def distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
 
 
 def force_of(effects: Sequence[Effect], numbers: Sequence[Array], states: State) -> Array:
-    """(2, n) coefficients of side force and moment in states.
+    """(3, n) coefficients of side force and moment in states, and a heeling model's marks aside.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """A missing force without a form: a smooth function of one or two variables of the state, as an effect with many numbers.
 
 A Gaussian process by its first basis functions (Solin and Särkkä, Stat. Comput. 30, 2020): sines over a box somewhat wider than
-what the runs have seen, the faster ones the smaller. Side force and moment have a function each; so has, apart from them, a
-resistance beyond the straight tow's.
+what the runs have seen, the faster ones the smaller. Side force and moment have a function each; so have, apart from them, a
+resistance beyond the straight tow's, and a heel.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from ...simulate.model import Array
-from ..effects import Effect, Parameter, Situation
-from .terms import AHEAD, NAME, Range, State, state_of, whole
+from ..effects import Effect, Parameter, Seen, Situation
+from .functions import Range, State
+from .terms import ACTING, AHEAD, APART, HEEL, NAME, ROLLS, STAGE, heeled, state_of, state_seen, whole
 
 FIELD = f"{NAME} without a form, of"
 """First words of a field's name; its variables follow."""
@@ -32,6 +33,8 @@ GROUPS = (
     ("v", "r"), ("v", "y"), ("r", "y"), ("v", "beta"), ("y", "beta"), ("r", "beta"),
 )  # fmt: skip
 """What a force may go with."""
+HEELING = (("v",), ("r",), ("beta",), ("turn",), ("v", "r"), ("v", "beta"), ("r", "beta"))
+"""What a heel may go with: no place, as ``grammar.HEELS`` says."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,7 @@ def field_effect(
     groups : of one or two variables each
     seen : of the runs
     size, arm : usual force by rho/2 U^2 L^2, and usual moment over it, by the length
-    acts : a side force and a moment, or AHEAD
+    acts : a side force and a moment, or one of APART; of a heel ``size`` is the marks' place aside by U^2/g
 
     Examples
     --------
@@ -112,8 +115,8 @@ def field_effect(
     bases = [basis_of(group, seen) for group in groups]
     sd = np.concatenate([b.sd for b in bases])
     name = " and ".join(" with ".join(group) for group in groups)
-    ahead = acts == AHEAD
-    sizes = {"x": size} if ahead else {"y": size, "n": size * arm}
+    sizes = {"y": size, "n": size * arm} if acts not in APART else {acts.lower(): size}
+    roll = [shape.value for shape in ROLLS]
 
     def parts(s: Situation, numbers: Sequence[Any]) -> list[Any]:
         return [whole(s) * part for part in field_force(bases, numbers, state_of(s))]
@@ -122,28 +125,43 @@ def field_effect(
         side, moment = parts(s, numbers)
         return side, moment * s.length_pp_m
 
+    def observe(seen: Seen, *numbers: Any) -> tuple[Any, Any, Any, Any]:
+        return heeled(seen, field_force(bases, numbers, state_seen(seen))[0], *roll)
+
     every = dict.fromkeys(v for group in groups for v in group)
-    what = "resistance" if ahead else "force"
+    what = ACTING[acts]
     return Effect(
         f"{FIELD} {name}",
-        "line" if ahead else "sway",
+        STAGE.get(acts, "sway"),
         tuple(
             Parameter(f"{channel}{k}", "", float(by * one)) for channel, by in sizes.items() for k, one in enumerate(sd)
         ),
         f"A {what} that goes with {name}; as which function the runs say.",
         f"Look for what makes a {what} that goes with it.",
         "towline diagnose --law",
-        force=None if ahead else force,
-        ahead=(lambda s, *numbers: parts(s, numbers)[0]) if ahead else None,
-        variant=acts if ahead else "",
+        force=force if acts not in APART else None,
+        ahead=(lambda s, *numbers: parts(s, numbers)[0]) if acts == AHEAD else None,
+        observe=observe if acts == HEEL else None,
+        remembers=acts == HEEL,
+        variant=acts if acts in APART else "",
         form=0.0,
         title=f"a {what} that goes with {name}, of no equation",
         reach=tuple((v, seen.low[v], seen.high[v]) for v in every),
     )
 
 
+def groups_of(effect: Effect) -> tuple[tuple[str, ...], ...]:
+    """What a field goes with.
+
+    Parameters
+    ----------
+    effect : of ``field_effect``
+    """
+    return tuple(tuple(name.split(" with ")) for name in effect.name.removeprefix(f"{FIELD} ").split(" and "))
+
+
 def field_force(bases: Sequence[Basis], numbers: Sequence[Any] | Array, states: State) -> list[Any]:
-    """Side force and moment of a field, or a push ahead alone, over rho/2 U^2 L^2 (L^3).
+    """Side force and moment of a field over rho/2 U^2 L^2 (L^3), or a push ahead alone, or a heel's place aside by U^2/g.
 
     Parameters
     ----------
@@ -161,4 +179,4 @@ def field_force(bases: Sequence[Basis], numbers: Sequence[Any] | Array, states: 
     return found
 
 
-__all__ = ["FIELD", "GROUPS", "Basis", "basis_of", "field_effect", "field_force"]
+__all__ = ["FIELD", "GROUPS", "HEELING", "Basis", "basis_of", "field_effect", "field_force", "groups_of"]

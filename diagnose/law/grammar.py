@@ -5,7 +5,7 @@ The numbers inside a term are fitted in full for the best; where a fit begins de
 
 from __future__ import annotations
 
-from .terms import DRY, PLAIN, Range, Term, term
+from .functions import DRY, PLAIN, Range, Term, term
 
 ODD, EVEN = (0.5, 1.5, 2.5, 4.0), (1.5, 3.0)
 """Powers that stand beside the usual ones."""
@@ -25,6 +25,14 @@ SQUARES = ("v^2", "r^2", "beta^2", "y^2", "alpha^2", "|v|", "|r|", "|alpha|", "v
 """What a resistance may go with beside powers and places: port and starboard alike, but for a time."""
 
 
+HEELS = (
+    "v", "r", "v|v|", "v^3", "|v|", "v^2", "r|r|", "r^3", "|r|", "r^2", "v|r|", "|v|r", "v^2 r", "v r^2", "v r",
+    "(v+r/2)|v+r/2|", "(v-r/2)|v-r/2|",
+)  # fmt: skip
+"""What a model may heel with, beside powers, saturation, thresholds and sections. Where it is moves its marks, too, but so does a
+lens: no place is among them."""
+
+
 def grammar(seen: Range, width: bool) -> list[Term]:
     """The terms that are searched.
 
@@ -33,15 +41,10 @@ def grammar(seen: Range, width: bool) -> list[Term]:
     seen : of the runs
     width : whether the tank's width is known
     """
-    texts = [t.text for t in PLAIN if (width or "1/(1" not in t.text) and "alpha" not in t.text]
-    for x in ("v", "r"):
-        usual = seen.usual[x]
-        texts += [f"sign |{x}|^{power}" for power in ODD] + [f"|{x}|^{power}" for power in EVEN]
-        texts += [f"tanh({x}/{share * usual:.2g})" for share in SATURATES]
-        texts += [f"beyond({x}/{share * usual:.2g})" for share in BEGINS]
+    # what is linear in v and r is in the derivatives
+    texts = [t.text for t in PLAIN if (width or "1/(1" not in t.text) and "alpha" not in t.text and t.text not in "vr"]
+    texts += _drifting(seen)
     texts += [f"tanh(turn/{share * seen.usual['turn']:.2g})" for share in SATURATES[:2]]
-    for x in STATIONS:
-        texts += [f"(v+{x} r)|v+{x} r|", f"sign |v+{x} r|^1.5", f"sign |v+{x} r|^3"]
     texts += [
         f"{one} |{other}|^{p}" for one, other in (("v", "y"), ("r", "y"), ("v", "r"), ("r", "v")) for p in (1.5, 3)
     ]
@@ -55,6 +58,29 @@ def grammar(seen: Range, width: bool) -> list[Term]:
     ]
     texts += [f"{x}(t-{lag:g} s)" for x in ("v", "r") for lag in LAGS_S]
     return [term(text) for text in dict.fromkeys(texts)]
+
+
+def _drifting(seen: Range) -> list[str]:
+    """Powers, saturation and thresholds of drift and yaw rate, and of the drift of sections."""
+    texts: list[str] = []
+    for x in ("v", "r"):
+        usual = seen.usual[x]
+        texts += [f"sign |{x}|^{power}" for power in ODD] + [f"|{x}|^{power}" for power in EVEN]
+        texts += [f"tanh({x}/{share * usual:.2g})" for share in SATURATES]
+        texts += [f"beyond({x}/{share * usual:.2g})" for share in BEGINS]
+    for x in STATIONS:
+        texts += [f"(v+{x} r)|v+{x} r|", f"sign |v+{x} r|^1.5", f"sign |v+{x} r|^3"]
+    return texts
+
+
+def heels(seen: Range) -> list[Term]:
+    """The terms that are searched for what heels the model.
+
+    Parameters
+    ----------
+    seen : of the runs
+    """
+    return [term(text) for text in (*HEELS, *_drifting(seen))]
 
 
 def resistances(seen: Range) -> list[Term]:
@@ -75,4 +101,4 @@ def resistances(seen: Range) -> list[Term]:
     return [term(text) for text in texts]
 
 
-__all__ = ["grammar", "resistances"]
+__all__ = ["grammar", "heels", "resistances"]

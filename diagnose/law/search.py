@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ...simulate.model import Array
+from ...simulate.model import GRAVITY_M_S2, Array
 from ..effects import Effect
 from ..gap import Diagnosis
 from ..inference.engine import CONVERGED_GAIN, extended
@@ -34,14 +34,17 @@ from .choose import (
     priors,
     simpler,
 )
-from .field import FIELD
-from .grammar import grammar, resistances
-from .terms import AHEAD, NAME, Range, State, Term, dimensionless, effect_of, term, text_of, values_of, written
+from .field import FIELD, groups_of
+from .functions import Range, State, Term, dimensionless, term, written
+from .grammar import grammar, heels, resistances
+from .terms import AHEAD, HEEL, NAME, effect_of, inside_of, text_of, values_of
 
 SIDE_SHARE = 0.1
 """Usual force of a missing term: this share of the line's pull; sizes down to a thirtieth are as likely (``Effect.sizes``)."""
 AHEAD_SHARE = 0.3
 """Usual resistance beyond a straight tow's, by that: a choice."""
+HEEL_M = 0.01
+"""Usual sway of a heeling model's marks; sizes down to a thirtieth are as likely (``Effect.sizes``)."""
 SAME_FORCE = 0.03
 """Terms whose forces over the range seen differ by less than this share of them, whatever is linear in v and r left out, are one
 law."""
@@ -128,7 +131,7 @@ class Field:
 
     @property
     def acts(self) -> str:
-        """Where: a side force and a moment, or AHEAD."""
+        """Where: a side force and a moment, or one of APART."""
         return self.fitted.hypothesis.effects[0].variant or "Y and N"
 
 
@@ -222,10 +225,10 @@ def law_effects(size: float, states: State, seen: Range, terms: Sequence[Term], 
 
     Parameters
     ----------
-    size : a usual side force by rho/2 U^2 L^2
+    size : a usual side force by rho/2 U^2 L^2; of a heel the marks' usual sway by U^2/g
     states, seen : of ``seen_by``
     terms : of the grammar
-    acts : where: "Y and N" or AHEAD
+    acts : where: "Y and N" or one of APART
     """
     found = []
     for one in terms:
@@ -236,7 +239,7 @@ def law_effects(size: float, states: State, seen: Range, terms: Sequence[Term], 
         # a lag's term is as large as a part of the velocity
         height = height if height > 0 else 0.3 * seen.usual[one.variables[0]]
         sd = size / max(height, 1e-9)
-        found.append(effect_of(one.text, acts, (sd, ARM * sd, AHEAD_SHARE / SIDE_SHARE * sd), seen.ends))
+        found.append(effect_of(one.text, acts, (sd, ARM * sd, AHEAD_SHARE / SIDE_SHARE * sd, sd), seen.ends))
     return found
 
 
@@ -274,8 +277,11 @@ def searched(
     if any(run.data.tow.line == "surge" for run in simulator.runs):
         effects += law_effects(size, states, seen, resistances(seen), AHEAD)
         ahead = AHEAD_SHARE / SIDE_SHARE * size
+    sway = HEEL_M * GRAVITY_M_S2 / simulator.speed_m_s**2
+    effects += law_effects(sway, states, seen, heels(seen), HEEL)
     say(f"{len(effects)} terms and their pairs")
-    table = LawTable(inference, free, base, effects, fields_of(seen, size, ahead))
+    near = _nearest(free, found.ranking)
+    table = LawTable(inference, near, base, effects, fields_of(seen, size, ahead, sway))
     starts = chosen(table, names)
     say("fitting " + "; ".join(start.text for start in starts))
     fitted = fits(inference, starts)
@@ -329,6 +335,17 @@ def searched(
     )
 
 
+def _nearest(free: Fitted, ranking: Ranking) -> Fitted:
+    """Whose path through the runs is nearest to the true one: of the fit with the most evidence.
+
+    A force without a form follows marks that a rolling model moves, too; what the library explains better has the better path.
+    """
+    fits = [ranking.base, free, *(c.fitted for c in ranking.candidates)]
+    return max(
+        (f for f in fits if not f.hypothesis.lawful and not any(e.lag_s for e in f.hypothesis.effects)), key=_worth
+    )
+
+
 def is_field(candidate: Candidate) -> bool:
     """Whether it is a force without a form."""
     return all(effect.name.startswith(FIELD) for effect in candidate.effects)
@@ -372,7 +389,7 @@ def _field_of(found: Diagnosis, fields: Sequence[tuple[Candidate, float]], shrin
     candidate, probability = max(fields, key=_evidence_of)
     fitted, at = candidate.fitted, found.inference.fixed(candidate.fitted.hypothesis)
     own = slice(at, at + fitted.hypothesis.size)
-    groups = tuple(tuple(name.removeprefix(f"{FIELD} ").split(" with ")) for name in candidate.names)
+    groups = tuple(group for effect in candidate.effects for group in groups_of(effect))
     shrink = shrinks.get((candidate.names, candidate.variant), float("nan"))
     return Field(fitted, fitted.solved.covariance[own, own], groups, probability, shrink)
 
@@ -416,8 +433,7 @@ def _terms(fitted: Fitted) -> tuple[tuple[str, str], ...]:
     """(text, where it acts) of each effect, with the numbers that were fitted."""
     found = []
     for effect, numbers in zip(fitted.hypothesis.effects, fitted.hypothesis.numbers, strict=True):
-        text = text_of(effect)
-        found.append((written(text, numbers[len(numbers) - len(term(text).shapes) :]), effect.variant))
+        found.append((written(text_of(effect), inside_of(effect, numbers)), effect.variant))
     return tuple(found)
 
 
@@ -426,15 +442,16 @@ def _written(fitted: Fitted) -> str:
 
 
 def without_linear(force: Array, states: State) -> Array:
-    """(2, n) the same without what is linear in v and r, which the derivatives hold.
+    """(3, n) the same without what is linear in v and r: the derivatives hold it, but for what a heel has of it.
 
     Parameters
     ----------
-    force : (2, n)
+    force : (3, n) of ``force_of``
     states : (n,) where
     """
     plain = np.column_stack([states.v, states.r])
-    return force - (plain @ np.linalg.lstsq(plain, force.T, rcond=None)[0]).T
+    rest = force[:2] - (plain @ np.linalg.lstsq(plain, force[:2].T, rcond=None)[0]).T
+    return np.concatenate([rest, force[2:]])
 
 
 __all__ = [

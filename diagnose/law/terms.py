@@ -1,103 +1,39 @@
-"""The grammar of laws: terms of the dimensionless state, and the forces that they make.
+"""What a term of the grammar makes: a force on the hull, or a roll under the marks, as an effect that the engine fits.
 
-v is the drift v/U, r is r L/U, y the place across the tank by its half width, beta the heading, alpha the line's angle, ``turn``
-the turning between line and hull by L/U. A term times its coefficient is a side force or a push ahead by rho/2 U^2 L^2, or a moment
-by rho/2 U^2 L^3.
+A term times its coefficient is a side force or a push ahead by rho/2 U^2 L^2, a moment by rho/2 U^2 L^3, or, where it heels the
+model, how far the marks would stand aside by U^2/g if the model had time to follow (what heels it grows with
+U^2, what rights it does not).
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from operator import attrgetter
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ...record.errors import TowlineError
-from ...simulate.model import Array
-from ..effects import Effect, Parameter, Situation
+from ...simulate.model import GRAVITY_M_S2, Array
+from ..effects import Effect, Parameter, Seen, Situation, swung
+from .functions import Shape, State, Term, dimensionless, term
 
 NAME = "law"
 """First word of the name of a law's effect; its term follows."""
 AHEAD = "X"
 """Where a term acts that is a resistance beyond the straight tow's, or less."""
-ACTS = {"Y": ("y",), "N": ("n",), "Y and N": ("y", "n"), AHEAD: ("x",)}
+HEEL = "K"
+"""Where a term acts that heels the model: it moves nothing but the marks."""
+ACTS = {"Y": ("y",), "N": ("n",), "Y and N": ("y", "n"), AHEAD: ("x",), HEEL: ("k",)}
 """Where a term may act -> its coefficients. What acts ahead a line that keeps its length answers by its tension."""
-WIDE = "wide"
-"""Name of a bump's width, which has no sign."""
-AT = "at"
-"""Name of the one number of what saturates or begins somewhere."""
-WALL = 0.9
-"""Of the way to the wall: what grows towards it grows no more beyond."""
-
-
-@dataclass(frozen=True)
-class State:
-    """A tow at one time, dimensionless; arrays that broadcast to one another.
-
-    Attributes
-    ----------
-    v, r, y, beta, turn : as the module says
-    v_late, r_late : v and r behind by a term's lag
-    time : share of the run that has gone
-    alpha : the line's angle
-    arm : the tow point ahead of LCG by the length
-    """
-
-    v: Any
-    r: Any
-    y: Any
-    beta: Any
-    turn: Any
-    v_late: Any
-    r_late: Any
-    time: Any
-    alpha: Any = 0.0
-    arm: Any = 0.0
-
-
-@dataclass(frozen=True)
-class Shape:
-    """A number inside a term.
-
-    Attributes
-    ----------
-    name : of it
-    value : where a fit of it begins
-    sd : prior standard deviation about that
-    """
-
-    name: str
-    value: float
-    sd: float
-
-
-@dataclass(frozen=True)
-class Term:
-    """One term: a sum of basis functions, each with a coefficient, and numbers inside them.
-
-    Attributes
-    ----------
-    text : as it is written
-    variables : it depends on
-    parts : how many pieces it is made of: the price of writing it
-    basis : (state, *shapes) -> its functions' values
-    shapes : numbers inside
-    functions : how many
-    lag_s : of v_late and r_late
-    form : the text with places for the shapes; empty where there are none
-    """
-
-    text: str
-    variables: tuple[str, ...]
-    parts: int
-    basis: Callable[..., tuple[Any, ...]]
-    shapes: tuple[Shape, ...] = ()
-    functions: int = 1
-    lag_s: float = 0.0
-    form: str = ""
+APART = (AHEAD, HEEL)
+"""Where terms act that are searched apart from those of side force and moment."""
+ROLLS = (Shape("period_s", 1.2, 0.4, "s"), Shape("damping", 0.15, 0.07), Shape("turn_rad_m", 0.0, 0.3, "rad/m"))
+"""Numbers of a model that heels, behind those inside the term: its own roll's period and damping, and by how much marks of unlike
+height turn the heading for each metre that they sway."""
+ACTING = {"Y": "force", "N": "force", "Y and N": "force", AHEAD: "resistance", HEEL: "heel"}
+"""Where a term acts -> what it is, in a word."""
+STAGE = {"N": "yaw", AHEAD: "line", HEEL: "camera"}
+"""Where a term acts -> where it shows; elsewhere in sway."""
 
 
 def state_of(s: Situation) -> State:
@@ -114,291 +50,42 @@ def state_of(s: Situation) -> State:
     )  # fmt: skip
 
 
-def dimensionless(
-    speed_m_s: Any,
-    length_m: Any,
-    half_width_m: Any,
-    v_m_s: Any,
-    r_rad_s: Any,
-    y_m: Any,
-    beta_rad: Any,
-    *,
-    turn_rad_s: Any,
-    time: Any,
-    v_late_m_s: Any = None,
-    r_late_rad_s: Any = None,
-    alpha_rad: Any = 0.0,
-    tow_point_m: Any = 0.0,
-) -> State:
-    """The state of a motion.
+def state_seen(seen: Seen) -> State:
+    """The dimensionless state of a simulated run.
 
     Parameters
     ----------
-    speed_m_s, length_m, half_width_m : of the tow, the model and the tank (NaN: not known, y is then by the length)
-    v_m_s, r_rad_s, y_m, beta_rad, turn_rad_s, time : of the motion; turn: between line and hull
-    v_late_m_s, r_late_rad_s : v and r behind by a lag; None: no lag
-    alpha_rad, tow_point_m : the line's angle, and where it holds; 0: what acts ahead is not asked
+    seen : with times, pose and rates
     """
-    by_turn = length_m / speed_m_s
-    v, r = v_m_s / speed_m_s, r_rad_s * by_turn
-    return State(
-        v,
-        r,
-        y_m / np.where(np.isfinite(half_width_m), half_width_m, length_m),
-        beta_rad,
-        turn_rad_s * by_turn,
-        v if v_late_m_s is None else v_late_m_s / speed_m_s,
-        r if r_late_rad_s is None else r_late_rad_s * by_turn,
-        time,
-        alpha_rad,
-        tow_point_m / length_m,
-    )
+    _, y, beta = seen.pose
+    r, v = seen.rate[2], seen.through_water[1]
+    turn = np.gradient(seen.alpha_rad, _step_s(seen), axis=0) + r
+    return dimensionless(
+        seen.speed_m_s, seen.length_pp_m, seen.half_width_m, v, r, y, beta,
+        turn_rad_s=turn, time=seen.t_s / seen.duration_s + 0.0 * v, alpha_rad=seen.alpha_rad,
+    )  # fmt: skip
 
 
-def beyond(x: Any) -> Any:
-    """Nothing to +-1, then as x does.
+def _step_s(seen: Seen) -> float:
+    return float(seen.t_s[1, 0, 0] - seen.t_s[0, 0, 0])
+
+
+def heeled(seen: Seen, aside: Any, period_s: Any, damping: Any, turn_rad_m: Any) -> tuple[Any, Any, Any, Any]:
+    """What is seen of a model that heels: its marks stand aside, and where they are of unlike height the heading turns.
 
     Parameters
     ----------
-    x : by where it begins
+    seen : of the run
+    aside : (samples, runs, columns) of U^2/g, where the marks would stand if the model had time to follow
+    period_s, damping, turn_rad_m : as of ROLLS
+
+    Returns
+    -------
+    change of measured x, y, beta and marker distance
     """
-    return np.sign(x) * np.maximum(np.abs(x) - 1.0, 0.0)
-
-
-def _walls(y: Any, power: int) -> Any:
-    y = np.clip(y, -WALL, WALL)
-    return (1 - y) ** -power - (1 + y) ** -power
-
-
-PLAIN = (
-    Term("1", (), 1, lambda s: (1.0 + 0.0 * s.v,)),
-    Term("v|v|", ("v",), 2, lambda s: (s.v * np.abs(s.v),)),
-    Term("v^3", ("v",), 2, lambda s: (s.v**3,)),
-    Term("v^5", ("v",), 3, lambda s: (s.v**5,)),
-    Term("|v|", ("v",), 2, lambda s: (np.abs(s.v),)),
-    Term("v^2", ("v",), 2, lambda s: (s.v**2,)),
-    Term("sign(v) sqrt|v|", ("v",), 3, lambda s: (np.sign(s.v) * np.sqrt(np.abs(s.v)),)),
-    Term("r|r|", ("r",), 2, lambda s: (s.r * np.abs(s.r),)),
-    Term("r^3", ("r",), 2, lambda s: (s.r**3,)),
-    Term("|r|", ("r",), 2, lambda s: (np.abs(s.r),)),
-    Term("r^2", ("r",), 2, lambda s: (s.r**2,)),
-    Term("v|r|", ("v", "r"), 3, lambda s: (s.v * np.abs(s.r),)),
-    Term("|v|r", ("v", "r"), 3, lambda s: (np.abs(s.v) * s.r,)),
-    Term("v^2 r", ("v", "r"), 3, lambda s: (s.v**2 * s.r,)),
-    Term("v r^2", ("v", "r"), 3, lambda s: (s.v * s.r**2,)),
-    Term("v r", ("v", "r"), 2, lambda s: (s.v * s.r,)),
-    Term("(v+r/2)|v+r/2|", ("v", "r"), 4, lambda s: ((s.v + s.r / 2) * np.abs(s.v + s.r / 2),)),
-    Term("(v-r/2)|v-r/2|", ("v", "r"), 4, lambda s: ((s.v - s.r / 2) * np.abs(s.v - s.r / 2),)),
-    Term("y", ("y",), 1, lambda s: (s.y,)),
-    Term("y|y|", ("y",), 2, lambda s: (s.y * np.abs(s.y),)),
-    Term("y^3", ("y",), 2, lambda s: (s.y**3,)),
-    Term("y^2", ("y",), 2, lambda s: (s.y**2,)),
-    Term("1/(1-y)-1/(1+y)", ("y",), 4, lambda s: (_walls(s.y, 1),)),
-    Term("1/(1-y)^3-1/(1+y)^3", ("y",), 5, lambda s: (_walls(s.y, 3),)),
-    Term("v|y|", ("v", "y"), 3, lambda s: (s.v * np.abs(s.y),)),
-    Term("v y^2", ("v", "y"), 3, lambda s: (s.v * s.y**2,)),
-    Term("r|y|", ("r", "y"), 3, lambda s: (s.r * np.abs(s.y),)),
-    Term("r y^2", ("r", "y"), 3, lambda s: (s.r * s.y**2,)),
-    Term("beta", ("beta",), 1, lambda s: (s.beta,)),
-    Term("beta|beta|", ("beta",), 2, lambda s: (s.beta * np.abs(s.beta),)),
-    Term("beta^3", ("beta",), 2, lambda s: (s.beta**3,)),
-    Term("beta^2", ("beta",), 2, lambda s: (s.beta**2,)),
-    Term("v beta^2", ("v", "beta"), 3, lambda s: (s.v * s.beta**2,)),
-    Term("time", ("time",), 1, lambda s: (s.time - 0.5,)),
-    Term("v time", ("v", "time"), 2, lambda s: (s.v * (s.time - 0.5),)),
-    Term("r time", ("r", "time"), 2, lambda s: (s.r * (s.time - 0.5),)),
-    Term("alpha^2", ("alpha",), 2, lambda s: (s.alpha**2,)),
-    Term("|alpha|", ("alpha",), 2, lambda s: (np.abs(s.alpha),)),
-    Term("v alpha", ("v", "alpha"), 2, lambda s: (s.v * s.alpha,)),
-    Term("r alpha", ("r", "alpha"), 2, lambda s: (s.r * s.alpha,)),
-)
-"""Powers, moduli and products whose numbers are the usual ones of the field (Abkowitz, Norrbin), and two of a wall."""
-_LEAST = 1e-6
-"""Of a variable whose power is taken: the slope of a power below 1 has no end at 0."""
-_POWER = re.compile(r"(sign )?\|(v|r|y|beta|alpha)\|\^([0-9.]+)")
-_SCALED = re.compile(r"(tanh|beyond)\((v|r|y|beta|turn|alpha)/([0-9.e-]+)\)")
-_WAVE = re.compile(r"wave\(([0-9.]+) (y|beta|time)\)")
-_BUMP = re.compile(r"bump\((y|beta|time) at (-?[0-9.e-]+), ([0-9.e-]+) wide\)")
-_STATION = re.compile(r"\(v\+(-?[0-9.]+) r\)\|v\+-?[0-9.]+ r\|")
-_LATE = re.compile(r"(v|r)\(t-([0-9.]+) s\)")
-_ACROSS = re.compile(r"sign \|v\+(-?[0-9.]+) r\|\^([0-9.]+)")
-_TIMES = re.compile(r"(v|r) \|(v|r|y)\|\^([0-9.]+)")
-_BOTH = re.compile(r"sign \|(v|r)\|\^([0-9.]+) \|(v|r)\|\^([0-9.]+)")
-
-
-def term(text: str) -> Term:
-    """A term by its text.
-
-    ``sign |v|^1.7`` is an odd power, ``|v|^1.7`` an even one; ``tanh(v/0.05)`` saturates, ``beyond(v/0.05)`` begins at 0.05 and
-    then grows as v does; ``wave(12 y)`` is a sine and a cosine of 12 y, ``bump(y at 0.1, 0.05 wide)`` is at one place;
-    ``(v+0.3 r)|v+0.3 r|`` is the drag of the section at 0.3 L, ``sign |v+0.3 r|^1.7`` with another power; ``v |y|^1.5`` and
-    ``sign |v|^1.5 |r|^1.2`` are products (the sign is the first one's); ``v(t-2 s)`` is the drift two seconds before, by
-    a first-order lag, less the drift now. The numbers in it are where a fit begins.
-
-    Parameters
-    ----------
-    text : as ``Term.text``
-
-    Raises
-    ------
-    TowlineError : it is none of the grammar
-
-    Examples
-    --------
-    >>> term("v|v|").variables, term("tanh(turn/0.01)").variables
-    (('v',), ('turn',))
-    """
-    for plain in PLAIN:
-        if plain.text == text:
-            return plain
-    for pattern, made in (
-        (_POWER, _power),
-        (_SCALED, _scaled),
-        (_WAVE, _wave),
-        (_BUMP, _bump),
-        (_STATION, _station),
-        (_LATE, _late),
-        (_ACROSS, _across),
-        (_TIMES, _times),
-        (_BOTH, _both),
-    ):
-        if (found := pattern.fullmatch(text)) and _widths_above_zero(found):
-            return made(text, found)
-    raise TowlineError(f"{text!r}: no term of the grammar of laws (docs/law.md)")
-
-
-def _widths_above_zero(found: re.Match[str]) -> bool:
-    """Whether scales, widths, powers and lags are above 0; a place or a station may be anywhere."""
-    last = found[found.re.groups]
-    return found.re is _STATION or found.re is _WAVE or float(last) > 0
-
-
-def _power(text: str, found: re.Match[str]) -> Term:
-    of, odd = attrgetter(found[2]), bool(found[1])
-
-    def basis(s: State, power: Any) -> tuple[Any]:
-        x = of(s)
-        size = _size(x, power)
-        return (np.sign(x) * size if odd else size,)
-
-    form = f"{found[1] or ''}|{found[2]}|^{{:.4g}}"
-    return Term(text, (found[2],), 3, basis, (Shape("power", float(found[3]), 0.7),), form=form)
-
-
-def _scaled(text: str, found: re.Match[str]) -> Term:
-    of, scale, saturates = attrgetter(found[2]), float(found[3]), found[1] == "tanh"
-
-    def basis(s: State, at: Any) -> tuple[Any]:
-        x = of(s) / np.maximum(at, 0.05 * scale)
-        return (np.tanh(x) if saturates else beyond(x),)
-
-    form = f"{found[1]}({found[2]}/{{:.4g}})"
-    return Term(text, (found[2],), 3, basis, (Shape(AT, scale, 0.5 * scale),), form=form)
-
-
-def _wave(text: str, found: re.Match[str]) -> Term:
-    of, number = attrgetter(found[2]), float(found[1])
-    return Term(
-        text,
-        (found[2],),
-        4,
-        lambda s, k: (np.sin(k * of(s)), np.cos(k * of(s))),
-        (Shape("number", number, 0.25 * number),),
-        2,
-        form=f"wave({{:.4g}} {found[2]})",
-    )
-
-
-def _bump(text: str, found: re.Match[str]) -> Term:
-    of, place, width = attrgetter(found[1]), float(found[2]), float(found[3])
-
-    def basis(s: State, at: Any, wide: Any) -> tuple[Any]:
-        return (np.exp(-0.5 * ((of(s) - at) / np.maximum(np.abs(wide), 0.1 * width)) ** 2),)
-
-    shapes = (Shape("at", place, width), Shape(WIDE, width, 0.5 * width))
-    return Term(text, (found[1],), 4, basis, shapes, form=f"bump({found[1]} at {{:.4g}}, {{:.4g}} wide)")
-
-
-def _station(text: str, found: re.Match[str]) -> Term:
-    def basis(s: State, x: Any) -> tuple[Any]:
-        across = s.v + x * s.r
-        return (across * np.abs(across),)
-
-    form = "(v+{0:.4g} r)|v+{0:.4g} r|"
-    return Term(text, ("v", "r"), 4, basis, (Shape("x", float(found[1]), 0.3),), form=form)
-
-
-def _size(x: Any, power: Any) -> Any:
-    return np.maximum(np.abs(x), _LEAST) ** np.clip(power, 0.3, 8.0)
-
-
-def _across(text: str, found: re.Match[str]) -> Term:
-    def basis(s: State, x: Any, power: Any) -> tuple[Any]:
-        across = s.v + x * s.r
-        return (np.sign(across) * _size(across, power),)
-
-    shapes = (Shape("x", float(found[1]), 0.3), Shape("power", float(found[2]), 0.7))
-    return Term(text, ("v", "r"), 5, basis, shapes, form="sign |v+{:.4g} r|^{:.4g}")
-
-
-def _times(text: str, found: re.Match[str]) -> Term:
-    of, by = attrgetter(found[1]), attrgetter(found[2])
-    form = f"{found[1]} |{found[2]}|^{{:.4g}}"
-    variables = tuple(dict.fromkeys((found[1], found[2])))
-    return Term(
-        text, variables, 4, lambda s, p: (of(s) * _size(by(s), p),), (Shape("power", float(found[3]), 0.7),), form=form
-    )
-
-
-def _both(text: str, found: re.Match[str]) -> Term:
-    of, by = attrgetter(found[1]), attrgetter(found[3])
-
-    def basis(s: State, power: Any, other: Any) -> tuple[Any]:
-        return (np.sign(of(s)) * _size(of(s), power) * _size(by(s), other),)
-
-    shapes = (Shape("power", float(found[2]), 0.7), Shape("other", float(found[4]), 0.7))
-    form = f"sign |{found[1]}|^{{:.4g}} |{found[3]}|^{{:.4g}}"
-    return Term(text, tuple(dict.fromkeys((found[1], found[3]))), 5, basis, shapes, form=form)
-
-
-def _late(text: str, found: re.Match[str]) -> Term:
-    late, now = attrgetter(f"{found[1]}_late"), attrgetter(found[1])
-    return Term(text, (found[1],), 3, lambda s: (late(s) - now(s),), lag_s=float(found[2]))
-
-
-def written(text: str, shapes: Sequence[float] | Array) -> str:
-    """The text with the numbers that a fit has found.
-
-    Parameters
-    ----------
-    text : of the term
-    shapes : its numbers, as of ``Term.shapes``
-
-    Examples
-    --------
-    >>> written("tanh(v/0.05)", [0.0312])
-    'tanh(v/0.0312)'
-    """
-    if not len(shapes):
-        return text
-    found = term(text)
-    told = (abs(x) if shape.name == WIDE else x for shape, x in zip(found.shapes, shapes, strict=True))
-    return found.form.format(*told)
-
-
-def family(text: str) -> str:
-    """What terms have in common that differ by the numbers inside alone: a fit of one may end at another.
-
-    Parameters
-    ----------
-    text : of the term
-
-    Examples
-    --------
-    >>> family("wave(12 y)") == family("wave(20 y)"), family("v^3")
-    (True, 'v^3')
-    """
-    return term(text).form or text
+    nothing = 0.0 * seen.side
+    away = swung(seen.speed_m_s**2 / GRAVITY_M_S2 * aside + nothing, _step_s(seen), period_s, damping)
+    return nothing, away, turn_rad_m * away, nothing
 
 
 def text_of(effect: Effect) -> str:
@@ -411,34 +98,46 @@ def text_of(effect: Effect) -> str:
     return effect.name.removeprefix(f"{NAME} ")
 
 
-@dataclass(frozen=True)
-class Range:
-    """What the runs have seen of each variable.
+def shapes_of(effect: Effect) -> tuple[Shape, ...]:
+    """The numbers of a law's effect that are no coefficients, behind these: those inside its term, then those of a roll.
 
-    Attributes
+    Parameters
     ----------
-    low, high : variable -> smallest and largest value
-    usual : variable -> root mean square
+    effect : of ``effect_of``
     """
-
-    low: dict[str, float]
-    high: dict[str, float]
-    usual: dict[str, float]
-
-    @property
-    def ends(self) -> dict[str, tuple[float, float]]:
-        """Variable -> smallest and largest value."""
-        return {name: (low, self.high[name]) for name, low in self.low.items()}
+    return term(text_of(effect)).shapes + _shapes_at(effect.variant)
 
 
-DRY = 0.05
-"""Of a variable's usual size: dry friction has turned over."""
+def _shapes_at(acts: str) -> tuple[Shape, ...]:
+    return ROLLS if acts == HEEL else ()
+
+
+def coefficients_of(effect: Effect) -> tuple[Parameter, ...]:
+    """The numbers of a law's effect that its forces are straight lines of.
+
+    Parameters
+    ----------
+    effect : of ``effect_of``
+    """
+    return effect.parameters[: len(effect.parameters) - len(shapes_of(effect))]
+
+
+def inside_of(effect: Effect, numbers: Array) -> Array:
+    """Of a law's effect's numbers those inside its term.
+
+    Parameters
+    ----------
+    effect : of ``effect_of``
+    numbers : of it
+    """
+    first = len(coefficients_of(effect))
+    return numbers[first : first + len(term(text_of(effect)).shapes)]
 
 
 def effect_of(
     text: str,
     acts: str = "Y and N",
-    sd: Sequence[float] = (0.01, 0.01, 0.01),
+    sd: Sequence[float] = (0.01, 0.01, 0.01, 0.01),
     reach: Mapping[str, tuple[float, float]] | None = None,
 ) -> Effect:
     """The effect that a term of the grammar is.
@@ -446,8 +145,8 @@ def effect_of(
     Parameters
     ----------
     text : of the term
-    acts : one of ACTS: side force, moment or both, or ahead
-    sd : usual size of the coefficients of side force and moment, and of a push ahead
+    acts : one of ACTS: side force, moment or both, ahead, or heeling
+    sd : usual size of the coefficients of side force and moment, of a push ahead, and of the marks' place aside
     reach : variable -> smallest and largest value where it was found; simulating beyond is said
 
     Raises
@@ -462,9 +161,11 @@ def effect_of(
     if acts not in ACTS:
         raise TowlineError(f"{acts!r}: a law acts in one of {', '.join(ACTS)}")
     found, channels = term(text), ACTS[acts]
-    if acts == AHEAD and len(sd) < 3:
-        raise TowlineError(f"{text!r}: {AHEAD!r} needs a third usual size")
-    sizes, count = dict(zip("ynx", sd, strict=False)), found.functions
+    sizes, count = dict(zip("ynxk", sd, strict=False)), found.functions
+    if lacking := [channel for channel in channels if channel not in sizes]:
+        raise TowlineError(f"{text!r}: {acts!r} needs {'ynxk'.index(lacking[0]) + 1} usual sizes; got {len(sd)}")
+    if acts == HEEL and found.lag_s:
+        raise TowlineError(f"{text!r}: what heels a model is no term with a lag; the roll has its own")
 
     def force(s: Situation, *numbers: Any) -> tuple[Any, Any]:
         by = _coefficients(found, channels, numbers, state_of(s))
@@ -473,24 +174,33 @@ def effect_of(
     def ahead(s: Situation, *numbers: Any) -> Any:
         return _coefficients(found, channels, numbers, state_of(s))["x"] * whole(s)
 
+    def observe(seen: Seen, *numbers: Any) -> tuple[Any, Any, Any, Any]:
+        own, roll = numbers[: -len(ROLLS)], numbers[-len(ROLLS) :]
+        return heeled(seen, _coefficients(found, channels, own, state_seen(seen))["k"], *roll)
+
     names = [f"{channel}{k + 1}" if count > 1 else channel for channel in channels for k in range(count)]
+    shapes = (*found.shapes, *_shapes_at(acts))
     return Effect(
         f"{NAME} {text}",
-        {"N": "yaw", AHEAD: "line"}.get(acts, "sway"),
+        STAGE.get(acts, "sway"),
         (
             *(Parameter(name, "", sizes[name[0]]) for name in names),
-            *(Parameter(shape.name, "", shape.sd, none=shape.value) for shape in found.shapes),
+            *(Parameter(shape.name, shape.unit, shape.sd, none=shape.value) for shape in shapes),
         ),
-        f"A force that goes with {text}, found in these runs and in no book.",
-        "Put the term into the simulator (law.toml, law.py), or find what makes it.",
+        f"A {ACTING[acts]} that goes with {text}, found in these runs and in no book.",
+        "Set the marks lower, measure the roll, or find what heels the model."
+        if acts == HEEL
+        else "Put the term into the simulator (law.toml, law.py), or find what makes it.",
         "towline diagnose --law",
-        force=None if acts == AHEAD else force,
+        force=force if acts not in APART else None,
         ahead=ahead if acts == AHEAD else None,
+        observe=observe if acts == HEEL else None,
+        remembers=acts == HEEL,
         lag_s=found.lag_s,
         variant=acts,
         form=0.0,
         cost=float(np.log(2.0)) * found.parts,
-        title=f"a {'resistance' if acts == AHEAD else 'force'} that goes with {text}",
+        title=f"a {ACTING[acts]} that goes with {text}",
         reach=tuple((name, reach[name][0], reach[name][1]) for name in found.variables if reach and name in reach),
     )
 
@@ -506,7 +216,7 @@ def whole(s: Situation) -> Any:
 
 
 def values_of(text: str, acts: str, numbers: Sequence[float] | Array, states: State) -> Array:
-    """(2, ...) side force and moment coefficients of a term in states; a lagged one is not counted (0).
+    """(3, ...) side force and moment coefficients of a term in states, and the marks' place aside; a lagged one is not counted (0).
 
     What acts ahead is there by what the line answers: X tan(alpha + beta) aside, at the tow point. (The line also has to move the
     model that this pushes aside; that changes the answer by the square of the angle.)
@@ -517,13 +227,13 @@ def values_of(text: str, acts: str, numbers: Sequence[float] | Array, states: St
     numbers : of its effect
     states : where
     """
-    side, moment, ahead = parts_of(text, acts, numbers, states)
+    side, moment, ahead, heel = parts_of(text, acts, numbers, states)
     aside = ahead * np.tan(states.alpha + states.beta)
-    return np.array([side + aside, moment + aside * states.arm])
+    return np.array([side + aside, moment + aside * states.arm, heel])
 
 
 def parts_of(text: str, acts: str, numbers: Sequence[float] | Array, states: State) -> Array:
-    """(3, ...) coefficients of side force, moment and push ahead of a term in states; a lagged one is not counted (0).
+    """(4, ...) coefficients of side force, moment, push ahead and heel of a term in states; a lagged one is not counted (0).
 
     Parameters
     ----------
@@ -531,9 +241,10 @@ def parts_of(text: str, acts: str, numbers: Sequence[float] | Array, states: Sta
     """
     found = term(text)
     if found.lag_s:
-        return np.zeros((3, *np.shape(states.v)))
-    by = _coefficients(found, ACTS[acts], numbers, states)
-    return np.array([by[channel] for channel in "ynx"])
+        return np.zeros((4, *np.shape(states.v)))
+    own = len(numbers) - len(_shapes_at(acts))
+    by = _coefficients(found, ACTS[acts], numbers[:own], states)
+    return np.array([by[channel] for channel in "ynxk"])
 
 
 def _coefficients(
@@ -542,7 +253,7 @@ def _coefficients(
     """By a term's effect's numbers: its functions' in each channel, then its shapes; what no channel has is 0."""
     count = found.functions
     values = found.basis(states, *numbers[len(channels) * count :])
-    by = dict.fromkeys("ynx", 0.0 * states.v)
+    by = dict.fromkeys("ynxk", 0.0 * states.v)
     for k, channel in enumerate(channels):
         for number, value in zip(numbers[k * count : (k + 1) * count], values, strict=True):
             by[channel] = by[channel] + number * value
@@ -550,25 +261,6 @@ def _coefficients(
 
 
 __all__ = [
-    "ACTS",
-    "AHEAD",
-    "AT",
-    "DRY",
-    "NAME",
-    "PLAIN",
-    "Range",
-    "Shape",
-    "State",
-    "Term",
-    "beyond",
-    "dimensionless",
-    "effect_of",
-    "family",
-    "parts_of",
-    "state_of",
-    "term",
-    "text_of",
-    "values_of",
-    "whole",
-    "written",
-]
+    "ACTING", "ACTS", "AHEAD", "APART", "HEEL", "NAME", "ROLLS", "coefficients_of", "effect_of", "heeled", "inside_of",
+    "parts_of", "shapes_of", "state_of", "state_seen", "text_of", "values_of", "whole",
+]  # fmt: skip

@@ -190,6 +190,7 @@ class TowSeen:
             self._shutter,
             line_length_m=tow.line_length_m,
             speed_m_s=tow.speed_m_s,
+            **{name: self._fields.fixed[name] for name in ("length_pp_m", "half_width_m", "duration_s")},
         )
 
 

@@ -20,8 +20,6 @@ CLEAR = 0.5
 """And the two sides lie apart by at least this share of the step: one sample that is off makes no step. A choice."""
 LOST = 2.0
 """Where samples about a place take longer than so many times the usual, too many are lost for their slope to bridge the gap."""
-MAD_TO_SD = 1.4826
-"""Standard deviation over median absolute deviation, of a Gaussian."""
 FOLLOWED = 0.5
 """A stepping record is still one tow's where what is left of it is less than this share of the step, in standard deviations."""
 
@@ -104,7 +102,9 @@ def why_not_followed(runs: list[RunData], error: EstimationError) -> EstimationE
 
 def _standing_out(z: Array) -> NDArray[np.bool_]:
     """What is far larger than stated noise, and than what the record itself shows nearly everywhere: sigmas may be understated."""
-    usual = MAD_TO_SD * np.median(np.abs(z - np.median(z, axis=1, keepdims=True)), axis=1, keepdims=True)
+    from scipy.stats import median_abs_deviation  # half a second
+
+    usual = median_abs_deviation(z, axis=1, scale="normal")[:, None]
     return np.abs(z) > np.maximum(STEP_SD, USUAL_SD * usual)
 
 

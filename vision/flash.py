@@ -8,6 +8,7 @@ import numpy as np
 
 from ..geometry.camera import Array
 from ..geometry.cameras.flash import Lit
+from ..geometry.robust import robust_sd
 from .recording import Frame
 
 THINNED = 4
@@ -60,7 +61,7 @@ def flashes(t_s: Array, level: Array, exposure_s: float = 0.0) -> list[Lit]:
     # before and after, so that what changes slowly is no flash
     without = (np.median(around[:, : half - near], axis=1) + np.median(around[:, half + near + 1 :], axis=1)) / 2
     rise = level - without
-    noise = max(_scatter(rise), _scatter(np.diff(level)) / np.sqrt(2), LEAST_NOISE)
+    noise = max(robust_sd(rise), robust_sd(np.diff(level)) / np.sqrt(2), LEAST_NOISE)
     lit = rise > np.maximum(SURE_SD * noise, LEAST_SHARE * without)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], lit, [False]]).astype(int)))
     found = []
@@ -70,11 +71,6 @@ def flashes(t_s: Array, level: Array, exposure_s: float = 0.0) -> list[Lit]:
             rows = slice(begin - 1, end + 1)
             found.append(Lit(t_s[rows], rise[rows], noise, step_s, exposure_s))
     return found
-
-
-def _scatter(values: Array) -> float:
-    """Standard deviation by the median, which a flash does not move."""
-    return float(1.4826 * np.median(np.abs(values - np.median(values))))
 
 
 __all__ = ["brightness", "flashes", "light"]

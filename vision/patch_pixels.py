@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.robust import MAD_TO_SD
 from .patch import SOFT_PX, Array, Patch, axes_of, inverse, look_up
 
 LEAST_INSIDE = 1 / 3
@@ -16,8 +17,6 @@ LARGEST_GROWTH = 1.8
 """Pixels are cut out for a patch that has grown by so much at most: what lies beyond is not used."""
 SOLID_WEIGHT = 0.5
 """A pixel of more than this weight belongs to the patch's inside, not its soft rim; the scale is told by those."""
-MAD_TO_SD = 1.4826
-"""Of a normal distribution: 1 over its quantile at 3/4, to five digits."""
 INLIER_SD, OUTLIER_SD = 3.0, 6.0
 """A pixel counts in full up to the first residual and not at all beyond the second."""
 SLOPE_ERROR_PX = 0.1

@@ -22,9 +22,10 @@ import pandas as pd
 from ..geometry.lag import mark_rate
 from ..geometry.mapping import Mapping
 from ..geometry.poses import LAG_COLUMN
+from ..geometry.robust import MAD_TO_SD
 from ..record.corrections import Placed
 from ..record.schema import Marker
-from .spots.candidates import MAD_TO_SD, Array
+from .spots.candidates import Array
 from .spots.stretch import GROUND_COLUMNS, LIMIT_COLUMN
 
 SPANS_S = (0.2, 0.3, 0.45, 0.65, 1.0, 1.4, 2.0)

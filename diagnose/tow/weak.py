@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...geometry.normal import inverse_of_normal
+from ...geometry.robust import MAD_TO_SD
 from ...simulate.model import Array
 from ..inference.hypothesis import Hypothesis
 from .model import TowModel
@@ -27,8 +28,6 @@ LARGEST_SD = 1.5
 """No effect's number changes by more of its standard deviations in a step."""
 HELD = 1e-6
 """A number that is held may move by so little of itself."""
-MAD_TO_SD = 1.4826
-"""Of a normal distribution."""
 USUAL_SD, SMALLEST = 2.0, 1e-12
 """Beyond so many standard deviations a window counts less; a spread is above the second."""
 FORCED = [2, 3, STATES + 1]

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...geometry.robust import MAD_TO_SD
+
 Array = NDArray[Any]
 
 MOST = 60
 """The strongest candidates that identity is tried on."""
 THRESHOLD_MAD = 6.0
 """A spot stands out of the ground by this many robust standard deviations: a choice."""
-MAD_TO_SD = 1.4826
-"""Of a normal distribution: 1 over its quantile at 3/4, to five digits."""
 MIN_CONTRAST_DN = 8.0
 """And by so many levels at least, in a picture without noise too: a choice."""
 GROUND_WIDTHS = 9.0

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .candidates import MAD_TO_SD, middle
+from ...geometry.robust import MAD_TO_SD
+from .candidates import middle
 
 Array = NDArray[Any]
 

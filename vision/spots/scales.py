@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .candidates import MAD_TO_SD, Candidates, middle, stretch_of
+from ...geometry.robust import MAD_TO_SD
+from .candidates import Candidates, middle, stretch_of
 from .ring import RING_WIDTHS, rise_of, smoothing_px, stands_out
 
 Array = NDArray[Any]

@@ -26,7 +26,8 @@ def add_arguments(sub: argparse.ArgumentParser) -> None:
         "source",
         metavar="SOURCE",
         nargs="+",
-        help="0 or /dev/video0: a camera; rtsp://..., udp://..., http://...: a stream; or a video file, played at its own rate; "
+        help="0 or /dev/video0: a camera; genicam:PRODUCER.cti#CAMERA: an industrial one; rtsp://..., udp://..., http://...: "
+        "a stream; or a video file, played at its own rate; "
         "two of them where the set-up has two [[camera]], in their order",
     )
     sub.add_argument(

@@ -1,4 +1,4 @@
-"""Where frames come from while a tow is filmed: a file at its own rate, a stream of the network, a camera. One thread hears each.
+"""Where frames come from while a tow is filmed: a file at its own rate, a stream of the network, any camera. One thread hears each.
 
 What comes is put into a queue as it came, coded; whoever takes it decodes it. The thread that hears never waits for the one that
 looks, so that nothing is lost here because the other is slow.
@@ -17,9 +17,10 @@ from typing import Any, Literal
 from ..record.errors import VideoError
 from .camera import Camera
 from .clock import Times
+from .genicam import PREFIX, GenICamera
 from .pieces import ARRIVAL_BASE, Ended, Packet, Piece, opened_of
 
-Kind = Literal["file", "stream", "camera"]
+Kind = Literal["file", "stream", "camera", "genicam"]
 OPEN_S = 10.0
 """How long a source may take to answer."""
 SILENT_S = 2.0
@@ -45,9 +46,11 @@ def kind_of(source: str) -> Kind:
 
     Examples
     --------
-    >>> kind_of("0"), kind_of("udp://127.0.0.1:5000"), kind_of("tow.mp4")
-    ('camera', 'stream', 'file')
+    >>> kind_of("0"), kind_of("udp://127.0.0.1:5000"), kind_of("tow.mp4"), kind_of("genicam:#4711")
+    ('camera', 'stream', 'file', 'genicam')
     """
+    if source.startswith(PREFIX):
+        return "genicam"
     if source.isdecimal() or source.startswith("/dev/"):
         return "camera"
     return "stream" if "://" in source else "file"
@@ -183,16 +186,16 @@ def camera_pieces(source: str, stop: threading.Event) -> Iterator[Piece]:
 
     Parameters
     ----------
-    source : its index, or its device
+    source : its index or device, or its address by GenICam
     stop : set: no more are wanted
 
     Raises
     ------
     VideoError : it does not open, or gives no picture
     """
-    camera = Camera(source)
+    camera = GenICamera(source) if kind_of(source) == "genicam" else Camera(source)
     try:
-        yield opened_of(camera.template, False)
+        yield opened_of(camera.template, camera.by_source)
         while not stop.is_set():
             for packet, arrived_s in camera.packets():
                 yield _piece(packet, arrived_s)
@@ -214,6 +217,7 @@ _HEARD_BY: dict[Kind, Callable[[str, threading.Event], Iterator[Piece]]] = {
     "file": _file,
     "stream": _stream,
     "camera": camera_pieces,
+    "genicam": camera_pieces,
 }
 
 __all__ = ["Hearing", "camera_pieces", "kind_of"]

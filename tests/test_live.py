@@ -76,7 +76,7 @@ def clean(tow: tuple[Run, DatumFit, list[Frame]]) -> tuple[list[Any], list[Event
 
 
 def test_values_of_each_frame_are_the_truth_within_what_they_state(clean: Any, samples: Path) -> None:
-    """z of 75 frames, whose errors a codec's lag relates over some 10 frames: its sd is about sqrt(1 / (2 * 7.5)) = 0.26."""
+    """z of the last 75 frames, whose errors a codec's lag relates over some 10 frames: sd about sqrt(1 / (2 * 7.5)) = 0.26."""
     truth = read_motion(samples / "mariner" / "x1446" / "truth" / "motion.csv")
     for name in ("y_cg_m", "beta_rad", "alpha_rad"):
         values = [getattr(seen, name) for seen in clean[0]]
@@ -84,6 +84,24 @@ def test_values_of_each_frame_are_the_truth_within_what_they_state(clean: Any, s
         sd = np.array([np.hypot(v.sd, v.common_sd) for v in values])
         assert np.isfinite(off).all()
         assert np.sqrt(np.mean((off[60:] / sd[60:]) ** 2)) < 1 + 3 * 0.26, name
+
+
+def test_before_a_path_has_told_of_the_codec_values_state_enough_too(samples: Path) -> None:
+    """z of the first 24 frames of four films, the errors of a film's frames as good as one: 1 with a standard deviation of
+    sqrt(1 / (2 * 4)) = 0.35."""
+    squares: dict[str, list[np.ndarray]] = {}
+    for name in ("x1446", "x1548", "x1649", "x1751"):
+        run = read_run(samples / "mariner" / name)
+        truth = read_motion(run.folder / "truth" / "motion.csv")
+        seen, _ = fed(run, fit_run_datum(run), list(read_frames(run.source_path, (0.0, 0.79))))
+        for which in ("y_cg_m", "beta_rad", "alpha_rad"):
+            values = [getattr(one, which) for one in seen]
+            sd = np.array([np.hypot(v.sd, v.common_sd) for v in values])
+            off = np.array([v.value for v in values]) - truth[which].to_numpy()[: len(values)]
+            squares.setdefault(which, []).append((off / sd) ** 2)
+    for which, of_films in squares.items():
+        assert np.shape(of_films) == (4, 24)
+        assert np.sqrt(np.mean(of_films)) < 1 + 0.35, which
 
 
 def test_nothing_is_named_in_a_clean_tow(clean: Any) -> None:

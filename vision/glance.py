@@ -21,7 +21,7 @@ from .follower import Glance, Glancing
 from .looks import followers
 from .recording import Frame
 from .rows import COLUMNS
-from .scatter import LAG_COLUMN, with_scatter
+from .scatter import LAG_COLUMN, STILL_FACTOR, with_scatter
 
 WIDEN_FRAMES = 240
 """What a path shows beyond the fits' own sigma is read from so many of the last frames ..."""
@@ -63,6 +63,7 @@ class Glances:
         self._rows: deque[list[tuple]] = deque(maxlen=WIDEN_FRAMES)
         self._more_px2 = {name: np.zeros(2) for name in self._names}
         self._lag_px2 = dict.fromkeys(self._names, 0.0)
+        self._told: set[str] = set()
         self._frames = 0
         self._open: Frame | None = None
 
@@ -112,15 +113,18 @@ class Glances:
             known = np.isfinite(more).all(axis=1)
             if known.any():
                 self._more_px2[name] = np.maximum(np.median(more[known], axis=0), 0.0)
+                self._told.add(name)
 
     def _widened(self, seen: Glance) -> Glance:
         if not seen.seen:
             return seen
         more = self._more_px2[seen.marker]
+        # until a path has told of it, a codec's error is taken to be what it usually is beside the fits' own
+        times = STILL_FACTOR if self._codec[0] and seen.marker not in self._told else 1.0
         return replace(
             seen,
-            sigma_u_px=float(np.sqrt(seen.sigma_u_px**2 + more[0])),
-            sigma_v_px=float(np.sqrt(seen.sigma_v_px**2 + more[1])),
+            sigma_u_px=float(np.hypot(times * seen.sigma_u_px, np.sqrt(more[0]))),
+            sigma_v_px=float(np.hypot(times * seen.sigma_v_px, np.sqrt(more[1]))),
             lag_px=float(np.sqrt(self._lag_px2[seen.marker])),
         )
 

@@ -13,6 +13,26 @@ NOTHING = 1e-200
 """A diagonal element below this is 0."""
 
 
+def root_of_covariance(covariance: Array) -> Array:
+    """A root R of a covariance (p, p): R R^T is it. Numbers may be known to very different shares of their size.
+
+    What rounding has made of a direction that is known to many digits more than the others (a variance below 0) counts as none.
+
+    Parameters
+    ----------
+    covariance : (p, p)
+
+    Examples
+    --------
+    >>> root = root_of_covariance(np.array([[4.0, 2e-9], [2e-9, 1e-18]]))
+    >>> np.allclose(root @ root.T, [[4.0, 2e-9], [2e-9, 1e-18]])
+    True
+    """
+    scale = np.sqrt(np.maximum(np.diag(covariance), NOTHING))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+
+
 def inverse_of_normal(matrix: Array) -> Array:
     """Inverse of a normal matrix (p, p), scaled to a unit diagonal on the way; directions that are not told get 0."""
     told = np.diag(matrix)

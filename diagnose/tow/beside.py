@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
+from ...geometry.normal import root_of_covariance
 from ...simulate.model import Array
 from ..effects.base import SIZES
 from ..inference.evidence import Fitted, Inference, Solved
@@ -99,12 +100,12 @@ class Asked:
         own = cross[..., shared:]
         followed = own @ part.inverse[self.run]
         matrix = white @ white.swapaxes(1, 2) - followed @ own.swapaxes(1, 2)
-        through = (cross[..., :shared] - followed @ part.cross[self.run]) @ np.linalg.cholesky(solved.covariance)
+        through = (cross[..., :shared] - followed @ part.cross[self.run]) @ root_of_covariance(solved.covariance)
         return white @ self.rest, matrix, through
 
 
 def beside_smaller(inference: Inference, fitted: Fitted) -> Iterator[Beside]:
-    """The fit beside each of SHARES of its random forces.
+    """The fit beside each of SHARES of its random forces; none that has run off, so that nothing is known of its numbers.
 
     Parameters
     ----------
@@ -115,6 +116,8 @@ def beside_smaller(inference: Inference, fitted: Fitted) -> Iterator[Beside]:
     for share in SHARES:
         forces = fitted.forces.scaled(share)
         solved = inference.solve(fitted.grams, fitted.hypothesis, forces)
+        if not (np.diag(solved.covariance) > 0).all():
+            continue
         yield Beside(inference, fitted, forces, solved, solved.log_evidence - alone)
 
 

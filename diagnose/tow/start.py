@@ -32,8 +32,8 @@ USUAL_RESISTANCE = 7e-4
 """R over rho/2 Lpp^2 U^2 of a bare model: the MARINER's 4 N at 1.28 m/s."""
 UNKNOWN_REL, GAUGED_REL = 1.0, 0.1
 """Of R where nothing is stated, and where a load cell's mean over a swinging tow stands for it."""
-SHAKEN = 4.0
-"""Marks count as shaken where y or heading scatters by this many times its stated noise."""
+SHAKEN, SHAKEN_S = 4.0, 5.0
+"""Marks count as shaken where y or heading scatters by this many times its stated noise, for so long."""
 
 
 def straight_pull(run: TowRun) -> tuple[float, float]:
@@ -118,8 +118,9 @@ def excess_scatter(run: TowRun) -> Array:
 
     Returns
     -------
-    ratio : (2,) root mean square distance from a running cubic over its stated standard deviation; white noise as stated has the
-        square root of what the cubic leaves; 1 where there are too few blocks
+    ratio : (2,) root mean square distance from a running cubic over its stated standard deviation, over the ``SHAKEN_S`` where it
+        is largest: a model that rolls when it is let go shakes its marks for a while. White noise as stated has about 1; 1 where
+        there are too few blocks
     """
     from scipy.signal import savgol_filter
 
@@ -130,7 +131,8 @@ def excess_scatter(run: TowRun) -> Array:
     values = run.values[good, :2]
     about = values - savgol_filter(values, length, SMOOTH_ORDER, axis=0)
     sds = np.sqrt([np.diag(run.covariance[k])[good] for k in (0, 1)]).T
-    return np.sqrt((about**2 / sds**2).mean(axis=0))
+    window = np.ones(min(max(round(SHAKEN_S / run.step_s), 1), len(about)))
+    return np.sqrt(np.max([np.convolve(s, window / len(window), "valid") for s in (about**2 / sds**2).T], axis=1))
 
 
 def measured_path(run: TowRun, nodes: int, wider: Sequence[float] | Array = (1.0, 1.0)) -> Array:

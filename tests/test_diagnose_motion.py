@@ -18,7 +18,7 @@ from towline.diagnose.gap import diagnosed
 from towline.diagnose.inference.evidence import Fitted, Inference
 from towline.diagnose.inference.grams import Columns, Grams
 from towline.diagnose.inference.hypothesis import Hypothesis
-from towline.diagnose.tow.beside import NOTABLE
+from towline.diagnose.tow.beside import NOTABLE, beside_smaller
 from towline.diagnose.tow.data import SLOW_S, SLOW_UNSEEN_PX, Recorded, TowRun, tow_runs
 from towline.diagnose.tow.pushes import pushes
 from towline.diagnose.tow.rates import Fields
@@ -135,6 +135,22 @@ def test_a_push_that_comes_once_is_told_with_run_time_and_impulse(tows: list[Tow
     assert length_s * side_n == pytest.approx(IMPULSE_N_S, abs=3 * length_s * sd[0] + IMPULSE_N_S * STEP_S / 5)
     assert abs(moment_n_m) < 4 * sd[1]
     assert not pushes(*_nothing(TowSimulator([*tows, third])))
+
+
+def test_beside_a_fit_that_has_run_off_no_push_is_looked_for(tows: list[TowRun]) -> None:
+    """A weight keeps the line's pull: the simulator without effects may end anywhere, some of its numbers without a variance."""
+    inference, base = _nothing(TowSimulator(tows))
+    asked = list(beside_smaller(inference, base))
+    assert asked
+
+    class RunOff:
+        simulator, noise = inference.simulator, inference.noise
+
+        def solve(self, *given: object) -> object:
+            solved = inference.solve(*given)
+            return replace(solved, covariance=solved.covariance * (np.arange(len(solved.covariance)) > 0))
+
+    assert list(beside_smaller(RunOff(), base)) == []
 
 
 WAVE_M, WAVE_N = 0.078, 0.15

@@ -24,7 +24,7 @@ from towline.diagnose.inference.shooting import between, carried
 from towline.diagnose.tow.model import TowModel
 from towline.diagnose.tow.noise import tow_noise
 from towline.diagnose.tow.start import base_hypotheses, measured_path
-from towline.geometry.normal import inverse_of_normal
+from towline.geometry.normal import inverse_of_normal, root_of_covariance
 
 SLOPE_SHARE = 0.03
 """Rates' slopes are straight between nodes 0.17 s apart: an error of (rate h)^2/12, 2 % for what decays at 3 a second after
@@ -273,3 +273,16 @@ def test_numbers_that_are_not_told_get_nothing() -> None:
     size = np.array([1e-9, 1.0, 1e5, 1e9])
     plain = np.linalg.inv((slopes / size).T @ (slopes / size))
     np.testing.assert_allclose(inverse[:4, :4] * np.outer(size, size), plain, rtol=1e-6)
+
+
+def test_a_covariance_has_a_root_where_rounding_has_left_it_none() -> None:
+    """Variances from 1e-24 to 1e6, correlated; and one that rounding has made a little less than nothing along one direction."""
+    rng = np.random.default_rng(7)
+    free = rng.normal(size=(5, 5)) * [[1e-12], [1e-6], [1.0], [1e3], [1e-3]]
+    covariance = free @ free.T
+    root, size = root_of_covariance(covariance), np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(root @ root.T / np.outer(size, size), covariance / np.outer(size, size), atol=1e-12)
+    less = np.array([[1.0, 1.0 + 1e-15], [1.0 + 1e-15, 1.0]])
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.cholesky(less - 1e-15 * np.eye(2))
+    np.testing.assert_allclose(root_of_covariance(less) @ root_of_covariance(less).T, less, atol=1e-14)

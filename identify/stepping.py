@@ -104,7 +104,7 @@ def _standing_out(z: Array) -> NDArray[np.bool_]:
     """What is far larger than stated noise, and than what the record itself shows nearly everywhere: sigmas may be understated."""
     from scipy.stats import median_abs_deviation  # half a second
 
-    usual = median_abs_deviation(z, axis=1, scale="normal")[:, None]
+    usual = median_abs_deviation(z, axis=1, scale="normal")[:, None]  # pyright: ignore[reportArgumentType]
     return np.abs(z) > np.maximum(STEP_SD, USUAL_SD * usual)
 
 

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 CODEC = "ffv1"
@@ -46,7 +45,7 @@ class Coder:
         self.template.codec_context.time_base = BASE
         self._container.start_encoding()  # from here on the stream says what it is
 
-    def packets(self, planes: NDArray[np.generic], stamp_s: float) -> Iterator[Any]:
+    def packets(self, planes: NDArray[Any], stamp_s: float) -> Iterator[Any]:
         """A picture, coded.
 
         Parameters

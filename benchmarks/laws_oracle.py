@@ -16,7 +16,7 @@ from laws_truth import sways_m
 
 from towline.blind.truth.cases import Case, lane_of
 from towline.blind.truth.laws import TERMS, law_ahead, law_force, law_lean
-from towline.diagnose.effects import Effect, Parameter, Seen, Situation, swung
+from towline.diagnose.effects import Effect, Parameter, Seen, Situation, rolled
 from towline.diagnose.inference.evidence import Fitted, Inference
 from towline.diagnose.inference.grams import Grams
 from towline.diagnose.inference.held_out import removed_share
@@ -73,11 +73,14 @@ def true_effect(case: Case, inside: bool) -> tuple[Effect, np.ndarray]:
     values = np.array([fixed[n] for n in names])
     coefficient = np.array([n[4:8] in SIZES for n in names])
 
-    def asked(s: Situation, *numbers: Any) -> tuple[Any, Any]:
+    def lanes(like: Any, *numbers: Any) -> Any:
         q = _Numbers({n: np.asarray(v) for n, v in fixed.items()} | dict(zip(names, numbers, strict=True)))
-        q.n = np.broadcast_shapes(np.shape(s.v_m_s), *(np.shape(v) for v in numbers))
+        q.n = np.broadcast_shapes(np.shape(like), *(np.shape(v) for v in numbers))
+        return q
+
+    def asked(s: Situation, *numbers: Any) -> tuple[Any, Any]:
         now = SimpleNamespace(v=s.v_m_s, r=s.r_rad_s, speed=s.speed_m_s, y_m=s.y_m, beta=s.beta_rad)
-        return q, now
+        return lanes(s.v_m_s, *numbers), now
 
     def force(s: Situation, *numbers: Any) -> tuple[Any, Any]:
         return law_force(*asked(s, *numbers))
@@ -86,14 +89,10 @@ def true_effect(case: Case, inside: bool) -> tuple[Effect, np.ndarray]:
         return law_ahead(*asked(s, *numbers))
 
     def observe(seen: Seen, *numbers: Any) -> tuple[Any, Any, Any, Any]:
-        q, _ = asked(SimpleNamespace(v_m_s=seen.side, r_rad_s=0, speed_m_s=0, y_m=0, beta_rad=0), *numbers)
         u, v = seen.through_water
         now = SimpleNamespace(v=v, r=seen.rate[2], speed=u, y_m=seen.pose[1], beta=seen.pose[2])
-        nothing = 0.0 * seen.side
-        sways = sways_m(case)
-        step = float(seen.t_s[1, 0, 0] - seen.t_s[0, 0, 0])
-        roll = lane["marker_roll.period_s"], lane["marker_roll.damping"]
-        return nothing, swung(sways * law_lean(q, now) + nothing, step, *roll), nothing, nothing
+        drive = sways_m(case) * law_lean(lanes(seen.side, *numbers), now)
+        return rolled(seen, drive, lane["marker_roll.period_s"], lane["marker_roll.damping"])
 
     along, lean = (any(fixed.get(f"law.{which}{k}") for k in range(TERMS)) for which in ("along", "lean"))
     parameters = tuple(

@@ -61,9 +61,8 @@ class Glances:
             follower.look_often()
             self._following.append(follower)
         self._rows: deque[list[tuple]] = deque(maxlen=WIDEN_FRAMES)
-        self._more_px2 = {name: np.zeros(2) for name in self._names}
+        self._more_px2: dict[str, np.ndarray] = {}
         self._lag_px2 = dict.fromkeys(self._names, 0.0)
-        self._told: set[str] = set()
         self._frames = 0
         self._open: Frame | None = None
 
@@ -113,14 +112,14 @@ class Glances:
             known = np.isfinite(more).all(axis=1)
             if known.any():
                 self._more_px2[name] = np.maximum(np.median(more[known], axis=0), 0.0)
-                self._told.add(name)
 
     def _widened(self, seen: Glance) -> Glance:
         if not seen.seen:
             return seen
-        more = self._more_px2[seen.marker]
+        more = self._more_px2.get(seen.marker)
         # until a path has told of it, a codec's error is taken to be what it usually is beside the fits' own
-        times = STILL_FACTOR if self._codec[0] and seen.marker not in self._told else 1.0
+        times = STILL_FACTOR if self._codec[0] and more is None else 1.0
+        more = np.zeros(2) if more is None else more
         return replace(
             seen,
             sigma_u_px=float(np.hypot(times * seen.sigma_u_px, np.sqrt(more[0]))),

@@ -34,12 +34,16 @@ def law_force(q: Lanes, now: Now) -> tuple[Array, Array]:
 
 def law_ahead(q: Lanes, now: Now) -> Array:
     """What pushes ahead, of all terms: below 0 it is a resistance beyond the straight tow's."""
-    return sum((q[f"law.along{k}"] * value for k, value in enumerate(_values(q, now))), np.zeros(q.n))
+    return _summed(q, now, "along")
 
 
 def law_lean(q: Lanes, now: Now) -> Array:
     """Angle at which the model would lie over if it had time to, of all terms, rad; ``marker_roll`` has its period and damping."""
-    return sum((q[f"law.lean{k}"] * value for k, value in enumerate(_values(q, now))), np.zeros(q.n))
+    return _summed(q, now, "lean")
+
+
+def _summed(q: Lanes, now: Now, size: str) -> Array:
+    return sum((q[f"law.{size}{k}"] * value for k, value in enumerate(_values(q, now))), np.zeros(q.n))
 
 
 def _values(q: Lanes, now: Now) -> list[Array]:

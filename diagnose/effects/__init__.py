@@ -67,7 +67,7 @@ from .line import (
     offset_each,
     slack,
 )
-from .swing import swung
+from .swing import rolled
 
 LIBRARY: tuple[Effect, ...] = (
     CROSSFLOW,
@@ -133,6 +133,6 @@ __all__ = [
     "load_effects",
     "offset_each",
     "on_line",
+    "rolled",
     "slack",
-    "swung",
 ]

@@ -166,6 +166,11 @@ class Seen:
     duration_s: Any = 1.0
 
     @property
+    def step_s(self) -> float:
+        """Between two samples."""
+        return float(self.t_s[1, 0, 0] - self.t_s[0, 0, 0])
+
+    @property
     def through_water(self) -> tuple[Array, Array]:
         """The hull's own speeds u and v, ahead and to starboard."""
         x_rate, y_rate, _ = self.rate

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from .base import SWINGS_S, Effect, Parameter, Seen, Situation, along_the_run, swinging
 from .members import any_of, with_some
-from .swing import swung
+from .swing import rolled
 
 EXACT = 0.003
 """Share of what a fault of geometry explains that may be left over: its form is known, its time to a part of a block."""
@@ -103,13 +103,10 @@ def _rolling(seen: Seen, lean, period, damping, turn, sway=0.0, swing=0.0):
 
     The model's sideways acceleration and its turning may drive it besides the line's pull.
     """
-    step = float(seen.t_s[1, 0, 0] - seen.t_s[0, 0, 0])
     ahead, v = seen.through_water
     faster = np.where(seen.speed_m_s > 0, ahead / np.maximum(seen.speed_m_s, 1e-9), 1.0)
-    drive = lean * seen.pull + sway * np.gradient(v, step, axis=0, edge_order=2) + swing * faster * seen.rate[2]
-    rolled = swung(drive, step, period, damping)
-    nothing = 0.0 * seen.side
-    return nothing, rolled, turn * rolled, nothing
+    inertia = sway * np.gradient(v, seen.step_s, axis=0, edge_order=2) + swing * faster * seen.rate[2]
+    return rolled(seen, lean * seen.pull + inertia, period, damping, turn)
 
 
 def _shutter(way: int) -> Callable[..., tuple[Any, ...]]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...simulate.model import Array
+from .base import Seen
 
 SHORTEST_S = 0.3
 """No period is shorter: it would be over between two frames."""
@@ -44,4 +45,25 @@ def swung(drive: Array, step_s: float, period_s: Any, damping: Any) -> Array:
     return found
 
 
-__all__ = ["swung"]
+def rolled(
+    seen: Seen, drive_m: Any, period_s: Any, damping: Any, turn_rad_m: Any = 0.0
+) -> tuple[Array, Array, Array, Array]:
+    """What is seen of a model that rolls, from upright at first: its marks stand aside, and turn the heading if of unlike height.
+
+    Parameters
+    ----------
+    seen : of the run
+    drive_m : (samples, runs, columns) where the marks would stand if the model had time to follow
+    period_s, damping : of the roll, as of ``swung``
+    turn_rad_m : of the heading, for each metre that the marks stand aside
+
+    Returns
+    -------
+    change of measured x, y, beta and marker distance
+    """
+    nothing = 0.0 * seen.side
+    away = swung(drive_m + nothing, seen.step_s, period_s, damping)
+    return nothing, away, turn_rad_m * away, nothing
+
+
+__all__ = ["rolled", "swung"]

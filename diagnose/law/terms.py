@@ -14,7 +14,7 @@ import numpy as np
 
 from ...record.errors import TowlineError
 from ...simulate.model import GRAVITY_M_S2, Array
-from ..effects import Effect, Parameter, Seen, Situation, swung
+from ..effects import Effect, Parameter, Seen, Situation, rolled
 from .functions import Shape, State, Term, dimensionless, term
 
 NAME = "law"
@@ -59,33 +59,23 @@ def state_seen(seen: Seen) -> State:
     """
     _, y, beta = seen.pose
     r, v = seen.rate[2], seen.through_water[1]
-    turn = np.gradient(seen.alpha_rad, _step_s(seen), axis=0) + r
+    turn = np.gradient(seen.alpha_rad, seen.step_s, axis=0) + r
     return dimensionless(
         seen.speed_m_s, seen.length_pp_m, seen.half_width_m, v, r, y, beta,
         turn_rad_s=turn, time=seen.t_s / seen.duration_s + 0.0 * v, alpha_rad=seen.alpha_rad,
     )  # fmt: skip
 
 
-def _step_s(seen: Seen) -> float:
-    return float(seen.t_s[1, 0, 0] - seen.t_s[0, 0, 0])
-
-
 def heeled(seen: Seen, aside: Any, period_s: Any, damping: Any, turn_rad_m: Any) -> tuple[Any, Any, Any, Any]:
-    """What is seen of a model that heels: its marks stand aside, and where they are of unlike height the heading turns.
+    """What is seen of a model that heels: change of measured x, y, beta and marker distance.
 
     Parameters
     ----------
     seen : of the run
     aside : (samples, runs, columns) of U^2/g, where the marks would stand if the model had time to follow
     period_s, damping, turn_rad_m : as of ROLLS
-
-    Returns
-    -------
-    change of measured x, y, beta and marker distance
     """
-    nothing = 0.0 * seen.side
-    away = swung(seen.speed_m_s**2 / GRAVITY_M_S2 * aside + nothing, _step_s(seen), period_s, damping)
-    return nothing, away, turn_rad_m * away, nothing
+    return rolled(seen, seen.speed_m_s**2 / GRAVITY_M_S2 * aside, period_s, damping, turn_rad_m)
 
 
 def text_of(effect: Effect) -> str:

@@ -57,6 +57,7 @@ TABLES = {
     "rough": Table("benchmarks/rough.py", "rough.txt", 30, "hostile files, links, names, signals, short memory, full disks"),
     "footage_edits": Table("benchmarks/footage_edits.py", "footage_edits.txt", 8, "60 edits and re-encodings, marks known"),
     "geometry": Table("benchmarks/geometry.py", "geometry.txt", 15, "random cameras, planted faults"),
+    "graphics_card": Table("benchmarks/graphics_card.py", "graphics_card.txt", 2, "tracks and the chain on a CUDA device"),
     "mistakes": Table("benchmarks/mistakes.py", "mistakes.txt", 6, "gross mistakes of a run.toml, planted in random set-ups"),
     "two_cameras": Table("benchmarks/two_cameras.py {out}/two-cameras", "two_cameras.txt", 20, "two cameras over one tow"),
     "trapezoid": Table("benchmarks/trapezoid.py", "trapezoid.txt", 1, "the thesis's trapezoid against the exact form"),

@@ -471,19 +471,23 @@ def delayed_each(late_s: Mapping[str, float], cost: float) -> Effect:
     )
 
 
-def delayed_since(since_s: float, cost: float) -> Effect:
-    """A load cell whose clock jumps; the engine finds when in its record.
+def delayed_since(since_s: float, over_s: float, cost: float) -> Effect:
+    """A load cell whose clock jumps; the engine finds about when in its record.
 
     Parameters
     ----------
     since_s : when, from the runs' start
+    over_s : what the record is averaged over: a mean over the jump has a part of it
     cost : log evidence that finding it costs
     """
     return replace(
         DELAY_FORMS[0],
-        parameters=(*DELAY.parameters, Parameter("jump_s", "s", 0.2)),
-        cell=lambda _run, t_s, delay, jump: delay + jump * (t_s >= since_s),
-        variant=f"another from {since_s:.1f} s on",
+        parameters=(*DELAY.parameters, Parameter("jump_s", "s", 0.2), Parameter("since_s", "s", over_s, none=since_s)),
+        cell=lambda _run, t_s, delay, jump, since: (
+            delay + jump * np.clip((t_s - since) / over_s + 0.5, 0.0, 1.0)
+        ),
+        members=with_some(["jump_s", "since_s"], ["delay_s"]),
+        variant=f"another from about {since_s:.1f} s on",
         bound=True,
         sizes=(1.0,),
         cost=cost,

@@ -20,6 +20,8 @@ LEAST_SIDE = 8
 """... and to either side of a jump."""
 FOUND_COST = 3.0
 """Log evidence that a time found beforehand costs: a choice."""
+FINER = 4
+"""Parts of a block to which a jump's time is sought; the fit goes on from there."""
 TURNS = 3
 """Steps to the delay: the pull bends between here and there."""
 
@@ -36,11 +38,16 @@ def delay_effects(runs: Sequence[TowRun], node_s: Array, pull_n: Array) -> list[
     celled = [i for i, run in enumerate(runs) if run.celled and _good(run).sum() >= LEAST_BLOCKS]
     if not celled:
         return []
-    times = np.unique(np.concatenate([runs[i].cell_s for i in celled]).round(1))
     each = {i: _late(runs[i], node_s, pull_n[:, i], None)[1] for i in celled}
-    sums = [(sum(_late(runs[i], node_s, pull_n[:, i], at)[0] for i in celled), at) for at in times[:: len(celled)]]
-    since = min(sums, default=(np.inf, 0.0))[1]
-    found = [delayed_since(since, FOUND_COST)]
+    step_s = runs[celled[0]].step_s
+
+    def left(since_s: float) -> float:
+        return sum(_late(runs[i], node_s, pull_n[:, i], since_s)[0] for i in celled)
+
+    first, last = (ends(ends(runs[i].cell_s[_good(runs[i])]) for i in celled) for ends in (min, max))
+    about = min(np.arange(first, last, step_s), key=left)
+    since = min(about + step_s * np.arange(-FINER, FINER + 1) / FINER, key=left)
+    found = [delayed_since(float(since), step_s, FOUND_COST)]
     if len(celled) > 1:
         found.append(delayed_each({runs[i].name: float(late[0]) for i, late in each.items()}, FOUND_COST * len(celled)))
     return found
@@ -54,7 +61,8 @@ def _late(run: TowRun, node_s: Array, pull_n: Array, since_s: float | None) -> t
     """What remains of the squares, in the noise's, and by how much the cell is late before and since a time (or throughout)."""
     good = _good(run)
     t_s, said = run.cell_s[good], run.values[good, PULL]
-    parts = [np.ones_like(t_s)] if since_s is None else [1.0 * (t_s < since_s), 1.0 * (t_s >= since_s)]
+    after = None if since_s is None else np.clip((t_s - since_s) / run.step_s + 0.5, 0.0, 1.0)
+    parts = [np.ones_like(t_s)] if after is None else [1.0 - after, after]
     if min(part.sum() for part in parts) < LEAST_SIDE:
         parts = [np.ones_like(t_s)]
     course, late = np.array(parts), np.zeros(len(parts))

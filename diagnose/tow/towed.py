@@ -49,6 +49,8 @@ LINE = CHANNELS.index("line")
 PAYS_OUT, LEAST_BLOCKS = 2.5, 10
 """Lines with a law of their own are tried where the radius varies by so many times its noise, in runs of so many means at least (or
 where the runs are not followed). Choices, for time."""
+BOUNCES_S = 2.0
+"""Or where it does for so long in most runs: a soft line's bounce dies out soon after the model is let go."""
 SAME_HULL = 1e-3
 """Derivatives that differ by less answer random forces alike: their sizes, which are fitted, hold the difference."""
 
@@ -130,7 +132,17 @@ class TowSimulator(TowModel):
         if not base.forces.follow(self.most_force):
             return True
         radii = [residual[:, LINE] for residual, _ in base.linear.rows]
-        return any(np.nanstd(r) > PAYS_OUT * run.usual_sd(LINE) for r, run in zip(radii, self.runs, strict=True))
+        if any(np.nanstd(r) > PAYS_OUT * run.usual_sd(LINE) for r, run in zip(radii, self.runs, strict=True)):
+            return True
+        return bool(np.median([self._bounces(base, index) for index in range(len(self.runs))]) > PAYS_OUT)
+
+    def _bounces(self, base: Fitted, index: int) -> float:
+        """What a fit leaves of a run's radius where that is most, over BOUNCES_S, in units of its noise."""
+        run, table, solved = self.runs[index], base.linear.columns.tables[index], base.solved
+        left = table[:, LINE, 0] - table[:, LINE, 1:] @ np.concatenate([solved.shared, solved.own[index]])
+        left = np.where(np.isfinite(run.values[:, LINE]), left / run.usual_sd(LINE), 0.0)
+        blocks = max(round(BOUNCES_S / run.step_s), 1)
+        return float(np.sqrt(np.convolve(left**2, np.full(blocks, 1 / blocks), "valid").max(initial=0.0)))
 
     def symmetries(self, inference: Inference, base: Fitted) -> Sequence[tuple[str, Sequence[str]]]:
         """The scale of all tensions, unless these swings weigh the model; a clock against the carriage's speed."""

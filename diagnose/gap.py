@@ -25,6 +25,11 @@ from .tow.next_run import next_run
 from .where import Place, where
 from .words import sentences
 
+STEPS_LEFT = 5.0
+"""A fit that is not at its end may come on by so many times what its next step promises: a choice. From a step that is cut short it
+is several of them, and each promises less."""
+SMALLEST_P = 1e-300
+"""Below it a probability has no logarithm."""
 Verdict = Literal["no_gap", "effect", "form_not_exact", "unknown", "not_converged"]
 NAMED: tuple[Verdict, ...] = ("effect", "form_not_exact")
 """Verdicts that say which effect is there."""
@@ -223,8 +228,11 @@ def rests_on(ranking: Ranking, verdict: Verdict) -> list[Fitted]:
         return [c.fitted for c in first]
     free = ranking.free.log_evidence if ranking.free is not None else 0.0
     others = [] if verdict == "no_gap" else [c.fitted for c in first if c.log_evidence > max(free, 0.0)]
-    # no gap is no answer where the simulator as it is follows nothing, wherever its fit would end
-    return [ranking.base, *others] if ranking.follows or verdict == "no_gap" else others
+    # no gap is no answer where the simulator as it is follows nothing, wherever its fit would end, nor where the gap is far more
+    # than the way that is left to it
+    apart = np.log(max(1.0 - ranking.p_no_gap, SMALLEST_P)) - np.log(max(ranking.p_no_gap, SMALLEST_P))
+    open_still = ranking.follows and apart < STEPS_LEFT * ranking.base.promised
+    return [ranking.base, *others] if open_still or verdict == "no_gap" else others
 
 
 def _rows(

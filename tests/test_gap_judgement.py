@@ -6,7 +6,8 @@ The campaign is linear, y = a0 + rate t + what is planted, in white noise: every
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -293,11 +294,25 @@ def test_how_much_a_second_effect_may_take_of_a_gross_one_without_being_there(
 
 
 def test_something_unknown_rests_on_no_base_that_follows_nothing(base: tuple[Inference, Fitted]) -> None:
-    free = candidate(base[1], 9.0, named("free"))
-    follows, lost = (ranking_of(base[1], free=free, follows=f) for f in (True, False))
-    assert rests_on(follows, "unknown") == [base[1]]
+    free, moving = candidate(base[1], 9.0, named("free")), cast("Fitted", SimpleNamespace(promised=9.0))
+    follows, lost = (
+        replace(ranking_of(base[1], free=free, follows=f), base=moving, p_no_gap=0.1) for f in (True, False)
+    )
+    assert rests_on(follows, "unknown") == [moving]
     assert rests_on(lost, "unknown") == []
-    assert rests_on(lost, "no_gap") == [base[1]]
+    assert rests_on(lost, "no_gap") == [moving]
+
+
+@pytest.mark.parametrize(("promised", "waits"), [(1.0, False), (12.0, True)])
+def test_a_gap_far_larger_than_the_way_left_to_the_base_does_not_wait_for_its_end(
+    base: tuple[Inference, Fitted], promised: float, waits: bool
+) -> None:
+    """A model that grows heavier in mid-tow: the fit without it never ends, and nothing is nearer to noise for that."""
+    moving = cast("Fitted", SimpleNamespace(promised=promised))
+    ranking = replace(
+        ranking_of(base[1], free=candidate(base[1], 40.0, named("free"))), base=moving, p_no_gap=np.exp(-40.0)
+    )
+    assert (moving in rests_on(ranking, "unknown")) == waits
 
 
 def test_a_one_sided_number_stays_on_its_side() -> None:

@@ -145,10 +145,15 @@ def test_delays_are_found_where_record_and_motion_disagree(since: float | None) 
     pulls = np.array([4 + 0.5 * np.sin(2 * np.pi * node_s / p) for p in (9.0, 12.0)]).T
     for k, late in enumerate((0.15, -0.2)):
         cell_s = np.arange(0.5, 44.0, 0.35)
-        by = np.full_like(cell_s, late) if since is None else 0.1 + 0.3 * (cell_s >= since)
+        # a mean over the jump has a part of it
+        by = np.full_like(cell_s, late) if since is None else 0.1 + 0.3 * np.clip((cell_s - since) / 0.35 + 0.5, 0, 1)
         said = 0.05 + 1.02 * np.interp(cell_s + by, node_s, pulls[:, k]) + rng.normal(0, 0.01, len(cell_s))
         values = np.column_stack([np.zeros((len(cell_s), PULL)), said])
-        runs.append(SimpleNamespace(name=f"r{k}", celled=True, values=values, cell_s=cell_s, usual_sd=lambda _: 0.01))
+        runs.append(
+            SimpleNamespace(
+                name=f"r{k}", celled=True, values=values, cell_s=cell_s, step_s=0.35, usual_sd=lambda _: 0.01
+            )
+        )
     jump, each = delay_effects(runs, node_s, pulls)
     assert jump.cell is not None
     assert each.cell is not None
@@ -156,7 +161,10 @@ def test_delays_are_found_where_record_and_motion_disagree(since: float | None) 
         # 120 means of a wave of 0.5 N and 10 s tell a delay to 0.004 s
         assert [float(each.cell(f"r{k}", 1.0, 1.0)) for k in range(2)] == pytest.approx([0.15, -0.2], abs=0.015)
     else:
-        before, after = (float(jump.cell("r0", np.array(t), 0.0, 1.0)) for t in (since - 1.0, since + 1.0))
+        # to a part of a block; the fit goes on from there
+        at = jump.parameters[2].none
+        assert at == pytest.approx(since, abs=0.35 / 2)
+        before, after = (float(jump.cell("r0", np.array(t), 0.0, 1.0, at)) for t in (since - 1.0, since + 1.0))
         assert (before, after) == (0.0, 1.0)
 
 

@@ -263,6 +263,10 @@ def test_errors_that_last_make_the_clock_less_sure(case: Any, found: JointMotion
 # roll and heave -------------------------------------------------------------------------------------------------------
 
 MARKS = ("bow", "stern", "mast", "side")
+OUT_OF_PLANE = 0.01
+"""Roll and heave carry a mark up to 2 cm out of its plane, of a camera that hangs 2 m above it: so much, relative, its ray
+goes aside otherwise than in its plane.
+"""
 
 
 def exact_afloat(pairs: ModuleType, case: Any, t_s: np.ndarray) -> np.ndarray:
@@ -286,6 +290,45 @@ def test_without_noise_one_camera_gives_back_all_six_numbers(pairs: ModuleType) 
     # what is wide beforehand (``ROOM``) draws by the ratio of the variances: 0.05 px stated, so below a hundredth of a frame's
     frame = np.sqrt(np.einsum("ndd->nd", seen.covariance[seen.seen]))
     assert np.abs(error / frame).max() < 0.1
+
+
+def test_marks_off_their_places_move_a_leaning_model_as_its_modes_say(pairs: ModuleType) -> None:
+    """By a run.toml with one number changed, fitted anew; the modes of a level model are a tenth off there."""
+    case = pairs.random_case(7, MARKS, rolls=True, duration_s=12.0, noise=(0.0, 0.0), unsure=False)
+    view = cameras_of(case.run)[0]
+    unsure = {"marker_place_sd_m": 0.5e-3, "marker_depth_sd_m": 1e-3}
+    priors = view.file.priors.model_copy(update=unsure)
+
+    def seen_by(markers: Any) -> View:
+        run = replace(view, file=view.file.model_copy(update={"marker": markers, "priors": priors}))
+        fit = run_datum(run, None)
+        return afloat_view(run, poses_from_tracks(run, case.tracks[0], fit.mapping, fit), fit.mapping)
+
+    there, marks = seen_by(view.file.marker), list(view.file.marker)
+    modes = there.modes[there.own :, there.seen]
+    small, whole = 0.1, np.sqrt((modes**2).sum(axis=0)).min(axis=0)
+
+    def moved(index: int, key: str, by: np.ndarray) -> np.ndarray:
+        ends = []
+        for sign in (small, -small):
+            value = np.asarray(getattr(marks[index], key)) + sign * by
+            change = {key: tuple(value) if value.ndim else float(value)}
+            ends.append(seen_by((*marks[:index], marks[index].model_copy(update=change), *marks[index + 1 :])).pose)
+        return (ends[0] - ends[1])[there.seen] / (2 * small)
+
+    def assert_same(mode: np.ndarray, by: np.ndarray) -> None:
+        apart = np.abs(mode - by).max(axis=0) / whole
+        assert apart.max() < OUT_OF_PLANE, apart
+
+    for index, mark in enumerate(marks):
+        # the lowest mark's depth is where the pose is quoted, too
+        if mark.depth_m < max(m.depth_m for m in marks):
+            assert_same(modes[index], moved(index, "depth_m", np.array(priors.marker_depth_sd_m)))
+    at = len(marks)
+    for index in range(len(marks)):
+        for axis in range(2):
+            assert_same(modes[at], moved(index, "body_m", priors.marker_place_sd_m * np.eye(2)[axis]))
+            at += 1
 
 
 def test_two_cameras_tell_roll(pairs: ModuleType) -> None:

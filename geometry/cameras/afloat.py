@@ -89,8 +89,10 @@ def afloat_view(run: Run, poses: Poses, mapping: Mapping) -> View:
     inverse = np.linalg.inv(normal)
     gain = inverse @ pull
     pose[used], covariance[used] = state, inverse
-    flat = np.nan_to_num(poses.modes_m[:, used]).reshape(len(modes), int(used.sum()), -1)
-    modes[:, used] = np.einsum("nif,knf->kni", gain, flat)
+    flat = np.nan_to_num(poses.modes_m[:, used])
+    if answer.shared:
+        flat[answer.own :] += _leaning(run, state, aside) * mask[..., None]
+    modes[:, used] = np.einsum("nif,knf->kni", gain, flat.reshape(len(modes), int(used.sum()), -1))
     return answer
 
 
@@ -118,6 +120,36 @@ def _normal(
         slope[..., column] = by[..., :2] - aside * by[..., 2:]
     pull = (weight @ slope).reshape(n, 2 * m, NUMBERS).transpose(0, 2, 1)
     return pull @ slope.reshape(n, 2 * m, NUMBERS) + prior, pull, gap.reshape(n, 2 * m)
+
+
+def _leaning(run: Run, state: Array, aside: Array) -> Array:
+    """What the marks' own errors move besides when the body leans: (shared, n, m, 2), in the order of ``shared_modes``.
+
+    ``poses`` has them of a level body: a mark off its depth is seen on another plane, one off its place is turned by the heading.
+    Roll and pitch carry the first aside, and the second up and down.
+    """
+    priors, (n, m) = run.file.priors, aside.shape[:2]
+    level, _ = _about(2, state[:, 2])
+    more = _spin(state[:, 2], state[:, 4], state[:, 5]) - level  # (n, 3, 3), by an error ahead, to starboard, down
+    moved = -(more[:, None, :2] - aside[..., None] * more[:, None, 2:])  # (n, m, 2, 3)
+    parts = []
+    if priors.marker_depth_sd_m:
+        parts.append((priors.marker_depth_sd_m, (2,)))
+    if priors.marker_place_sd_m:
+        parts.append((priors.marker_place_sd_m, (0, 1)))
+    found = np.zeros((sum(len(axes) for _, axes in parts) * m, n, m, 2))
+    at = 0
+    for sd, axes in parts:
+        for mark in range(m):
+            for axis in axes:
+                found[at, :, mark] = sd * moved[:, mark, :, axis]
+                at += 1
+    return found
+
+
+def _spin(heading: Array, roll: Array, pitch: Array) -> Array:
+    """(n, 3, 3) of heading, then pitch, then roll about the body's own axes."""
+    return _about(2, heading)[0] @ _about(1, pitch)[0] @ _about(0, roll)[0]
 
 
 def _turned(heading: Array, roll: Array, pitch: Array, own: Array) -> tuple[Array, tuple[Array, Array, Array]]:

@@ -91,7 +91,7 @@ def afloat_view(run: Run, poses: Poses, mapping: Mapping) -> View:
     pose[used], covariance[used] = state, inverse
     flat = np.nan_to_num(poses.modes_m[:, used])
     if answer.shared:
-        flat[answer.own :] += _leaning(run, state, aside) * mask[..., None]
+        flat[answer.own :] += _leaning(run, poses.rigid.pose[used, 2], state, aside) * mask[..., None]
     modes[:, used] = np.einsum("nif,knf->kni", gain, flat.reshape(len(modes), int(used.sum()), -1))
     return answer
 
@@ -122,15 +122,15 @@ def _normal(
     return pull @ slope.reshape(n, 2 * m, NUMBERS) + prior, pull, gap.reshape(n, 2 * m)
 
 
-def _leaning(run: Run, state: Array, aside: Array) -> Array:
+def _leaning(run: Run, level: Array, state: Array, aside: Array) -> Array:
     """What the marks' own errors move besides when the body leans: (shared, n, m, 2), in the order of ``shared_modes``.
 
-    ``poses`` has them of a level body: a mark off its depth is seen on another plane, one off its place is turned by the heading.
-    Roll and pitch carry the first aside, and the second up and down.
+    ``poses`` has them of a level body: a mark off its depth is seen on another plane, one off its place is turned by the heading
+    ``level (n,)`` that such a body has. Roll and pitch carry the first aside, and the second up and down.
     """
     priors, (n, m) = run.file.priors, aside.shape[:2]
-    level, _ = _about(2, state[:, 2])
-    more = _spin(state[:, 2], state[:, 4], state[:, 5]) - level  # (n, 3, 3), by an error ahead, to starboard, down
+    # (n, 3, 3), by an error ahead, to starboard, down
+    more = _spin(state[:, 2], state[:, 4], state[:, 5]) - _about(2, level)[0]
     moved = -(more[:, None, :2] - aside[..., None] * more[:, None, 2:])  # (n, m, 2, 3)
     parts = []
     if priors.marker_depth_sd_m:

@@ -188,6 +188,17 @@ class Seen:
         return tuple(f.name for f in fields(self) if f.name != "shutter")
 
 
+def share_since(t_s: Any, since_s: Any, over_s: float) -> Any:
+    """How far a change that takes ``over_s`` about ``since_s`` has come, 0 to 1: of a mean over as long, what is after a jump.
+
+    Examples
+    --------
+    >>> share_since(np.array([9.0, 10.0, 11.0]), 10.5, 2.0)
+    array([0.  , 0.25, 0.75])
+    """
+    return np.clip((t_s - since_s) / over_s + 0.5, 0.0, 1.0)
+
+
 def along_the_run(s: Situation, straight: Any, bent: Any, twice: Any) -> Any:
     """What changes slowly over a run: Legendre's polynomials of the first to the third order, -1 to 1 from its begin to its end.
 

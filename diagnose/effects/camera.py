@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .base import SWINGS_S, Effect, Parameter, Seen, Situation, along_the_run, swinging
+from .base import SWINGS_S, Effect, Parameter, Seen, Situation, along_the_run, share_since, swinging
 from .members import any_of, with_some
 from .swing import rolled
 
@@ -483,7 +483,7 @@ def delayed_since(since_s: float, over_s: float, cost: float) -> Effect:
     return replace(
         DELAY_FORMS[0],
         parameters=(*DELAY.parameters, Parameter("jump_s", "s", 0.2), Parameter("since_s", "s", over_s, none=since_s)),
-        cell=lambda _run, t_s, delay, jump, since: delay + jump * np.clip((t_s - since) / over_s + 0.5, 0.0, 1.0),
+        cell=lambda _run, t_s, delay, jump, since: delay + jump * share_since(t_s, since, over_s),
         members=with_some(["jump_s", "since_s"], ["delay_s"]),
         variant=f"another from about {since_s:.1f} s on",
         bound=True,

@@ -69,6 +69,11 @@ class Linear:
         """Per run: residual (n, c), slopes (n, c, shared + own + p)."""
         return self.slopes.rows
 
+    def left(self, run: int, shared: Array, own: Array) -> Array:
+        """(n, c) residual of a run after a step of shared and own numbers."""
+        table = self.columns.tables[run]
+        return table[:, :, 0] - table[:, :, 1:] @ np.concatenate([shared, own])
+
 
 @dataclass(frozen=True)
 class Solved:
@@ -283,9 +288,7 @@ class Inference:
 
     def left(self, linear: Linear, forces: Forces, shared: Array, own: Array, run: int) -> Array:
         """(N,) whitened residual of a run after a step of shared and own numbers."""
-        table = linear.columns.tables[run]
-        rest = table[:, :, 0] - table[:, :, 1:] @ np.concatenate([shared, own])
-        return self.noise.whitened(run, forces, [rest])[0]
+        return self.noise.whitened(run, forces, [linear.left(run, shared, own)])[0]
 
     def best_forces(
         self, grams: Grams, h: Hypothesis, first: Forces, times: Sequence[int], near: bool = False

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...simulate.model import Array
 from ..effects import Effect, delayed_each, delayed_since
+from ..effects.base import share_since
 from .data import PULL, TowRun
 
 LEAST_BLOCKS = 20
@@ -44,8 +45,8 @@ def delay_effects(runs: Sequence[TowRun], node_s: Array, pull_n: Array) -> list[
     def left(since_s: float) -> float:
         return sum(_late(runs[i], node_s, pull_n[:, i], since_s)[0] for i in celled)
 
-    first, last = (ends(ends(runs[i].cell_s[_good(runs[i])]) for i in celled) for ends in (min, max))
-    about = min(np.arange(first, last, step_s), key=left)
+    said_s = np.concatenate([runs[i].cell_s[_good(runs[i])] for i in celled])
+    about = min(np.arange(said_s.min(), said_s.max(), step_s), key=left)
     since = min(about + step_s * np.arange(-FINER, FINER + 1) / FINER, key=left)
     found = [delayed_since(float(since), step_s, FOUND_COST)]
     if len(celled) > 1:
@@ -61,7 +62,7 @@ def _late(run: TowRun, node_s: Array, pull_n: Array, since_s: float | None) -> t
     """What remains of the squares, in the noise's, and by how much the cell is late before and since a time (or throughout)."""
     good = _good(run)
     t_s, said = run.cell_s[good], run.values[good, PULL]
-    after = None if since_s is None else np.clip((t_s - since_s) / run.step_s + 0.5, 0.0, 1.0)
+    after = None if since_s is None else share_since(t_s, since_s, run.step_s)
     parts = [np.ones_like(t_s)] if after is None else [1.0 - after, after]
     if min(part.sum() for part in parts) < LEAST_SIDE:
         parts = [np.ones_like(t_s)]

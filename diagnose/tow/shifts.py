@@ -13,6 +13,7 @@ import numpy as np
 
 from ...simulate.model import Array
 from ..effects import Effect
+from ..effects.base import share_since
 from ..effects.camera import POST, SHIFT
 from .data import TowRun
 
@@ -66,7 +67,9 @@ def shift_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Ef
 def _since(effect: Effect, names: Sequence[str], first: int, time_s: float = 0.0, step_s: float = 1.0) -> Effect:
     def when(name: str, t_s: Array) -> Array:
         place = names.index(name)
-        return _share(t_s, time_s, step_s) if time_s and place == first else np.full(len(t_s), float(place >= first))
+        return (
+            share_since(t_s, time_s, step_s) if time_s and place == first else np.full(len(t_s), float(place >= first))
+        )
 
     at = f", {time_s:.1f} s" if time_s else ""
     return replace(effect, variant=f"from {names[first]}{at} on", when=when)
@@ -75,7 +78,7 @@ def _since(effect: Effect, names: Sequence[str], first: int, time_s: float = 0.0
 def _between(names: Sequence[str], where: int, begin_s: float, end_s: float, step_s: float) -> Effect:
     def when(name: str, t_s: Array) -> Array:
         here = float(names.index(name) == where)
-        return here * (_share(t_s, begin_s, step_s) - _share(t_s, end_s, step_s))
+        return here * (share_since(t_s, begin_s, step_s) - share_since(t_s, end_s, step_s))
 
     return replace(SHIFT, variant=f"in {names[where]}, {begin_s:.1f}-{end_s:.1f} s", when=when, cost=WHILE_COST)
 
@@ -83,7 +86,7 @@ def _between(names: Sequence[str], where: int, begin_s: float, end_s: float, ste
 def _slowly(names: Sequence[str], where: int, middle_s: float, over_s: float) -> Effect:
     def when(name: str, t_s: Array) -> Array:
         place = names.index(name)
-        turned = np.clip((t_s - middle_s) / over_s + 0.5, 0.0, 1.0)
+        turned = share_since(t_s, middle_s, over_s)
         return turned if place == where else np.full(len(t_s), float(place > where))
 
     return replace(SHIFT, variant=f"from {names[where]}, {middle_s:.1f} s on, over {over_s:g} s", when=when)
@@ -151,11 +154,6 @@ def _rests(run: TowRun, residual: Array) -> Array:
     return np.concatenate(rests)
 
 
-def _share(centre_s: Array, time_s: float, step_s: float) -> Array:
-    """Share of each block that lies after a time."""
-    return np.clip((centre_s + step_s / 2 - time_s) / step_s, 0.0, 1.0)
-
-
 def _step(run: TowRun, residual: Array) -> tuple[float, float]:
     """Significance and time of the clearest step in line and marker distance together."""
     both = _rests(run, residual)
@@ -169,7 +167,7 @@ def _step(run: TowRun, residual: Array) -> tuple[float, float]:
 
 def _shown(run: TowRun, both: Array, time_s: float, some: slice) -> float:
     """What a step at a time explains of some blocks."""
-    share = _share(run.centre_s[some], time_s, run.step_s)
+    share = share_since(run.centre_s[some], time_s, run.step_s)
     share, rest = share - share.mean(), both[:, some] - both[:, some].mean(axis=1, keepdims=True)
     return float(((rest @ share) ** 2).sum() / max(share @ share, 1e-9))
 

@@ -138,8 +138,8 @@ class TowSimulator(TowModel):
 
     def _bounces(self, base: Fitted, index: int) -> float:
         """What a fit leaves of a run's radius where that is most, over BOUNCES_S, in units of its noise."""
-        run, table, solved = self.runs[index], base.linear.columns.tables[index], base.solved
-        left = table[:, LINE, 0] - table[:, LINE, 1:] @ np.concatenate([solved.shared, solved.own[index]])
+        run, solved = self.runs[index], base.solved
+        left = base.linear.left(index, solved.shared, solved.own[index])[:, LINE]
         left = np.where(np.isfinite(run.values[:, LINE]), left / run.usual_sd(LINE), 0.0)
         blocks = max(round(BOUNCES_S / run.step_s), 1)
         return float(np.sqrt(np.convolve(left**2, np.full(blocks, 1 / blocks), "valid").max(initial=0.0)))

@@ -10,6 +10,8 @@ positive. x, y and heave are of the point of the LCG at the depth of the lowest 
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
 from ...record.run import Run
@@ -129,27 +131,17 @@ def _leaning(run: Run, level: Array, state: Array, aside: Array) -> Array:
     ``level (n,)`` that such a body has. Roll and pitch carry the first aside, and the second up and down.
     """
     priors, (n, m) = run.file.priors, aside.shape[:2]
+    unit, _ = _turned(state[:, 2], state[:, 4], state[:, 5], np.eye(3))
     # (n, 3, 3), by an error ahead, to starboard, down
-    more = _spin(state[:, 2], state[:, 4], state[:, 5]) - _about(2, level)[0]
+    more = unit.transpose(0, 2, 1) - _about(2, level)[0]
     moved = -(more[:, None, :2] - aside[..., None] * more[:, None, 2:])  # (n, m, 2, 3)
-    parts = []
-    if priors.marker_depth_sd_m:
-        parts.append((priors.marker_depth_sd_m, (2,)))
-    if priors.marker_place_sd_m:
-        parts.append((priors.marker_place_sd_m, (0, 1)))
-    found = np.zeros((sum(len(axes) for _, axes in parts) * m, n, m, 2))
-    at = 0
-    for sd, axes in parts:
-        for mark in range(m):
-            for axis in axes:
-                found[at, :, mark] = sd * moved[:, mark, :, axis]
-                at += 1
-    return found
-
-
-def _spin(heading: Array, roll: Array, pitch: Array) -> Array:
-    """(n, 3, 3) of heading, then pitch, then roll about the body's own axes."""
-    return _about(2, heading)[0] @ _about(1, pitch)[0] @ _about(0, roll)[0]
+    found = []
+    for sd, axes in ((priors.marker_depth_sd_m, (2,)), (priors.marker_place_sd_m, (0, 1))):
+        for mark, axis in product(range(m), axes if sd else ()):
+            mode = np.zeros((n, m, 2))
+            mode[:, mark] = (sd or 0.0) * moved[:, mark, :, axis]
+            found.append(mode)
+    return np.array(found)
 
 
 def _turned(heading: Array, roll: Array, pitch: Array, own: Array) -> tuple[Array, tuple[Array, Array, Array]]:

@@ -82,12 +82,19 @@ def answered(out: Path, case: Case, count: int) -> dict[str, Any]:
     answer["oracle"] = {name: apart(true_force(seen, n), true, seen) for name, n in numbers.items()}
     answer["oracle_log"] = {name: fit.log_evidence - ranking.base.log_evidence for name, fit in fits.items()}
     best = None
+    try:
+        terms = told(answer["terms"])
+    except ValueError:  # with memory: no true law has any
+        terms = []
+    # of the list's first, told or a candidate
+    answer["first_form"] = bool(terms) and right_form(terms, seen, true)
     if file.verdict == "law" and law.searched is not None:
         best = law.searched.laws[0]
-        terms = told([one.model_dump() for one in file.laws[0].terms])
         answer["told"] = sorted({v for one in terms for v in one.variables})
-        answer["force_error"] = apart(np.sum([one.force(seen) for one in terms], axis=0), true, seen)
-        answer["form"] = right_form(terms, seen, true)
+        answer["force_error"] = apart(
+            np.sum([np.zeros_like(true), *(one.force(seen) for one in terms)], axis=0), true, seen
+        )
+        answer["form"] = answer["first_form"]
     if len(folders) > count:
         chosen = [ranking.base, fits["form"], *([best.fitted] if best is not None else [])]
         with one_thread():
@@ -113,7 +120,8 @@ def line_of(a: dict[str, Any]) -> str:
         )
     oracles = f"{a['oracle']['coefficients']:.3f}/{a['oracle']['form']:.3f}"
     error = f"{a['force_error']:.3f}" if law_told(a) else "-"
-    text += f"true {' '.join(a['true']):9} told {_told(a):9} form {'yes' if a.get('form') else 'no':4}"
+    form = "yes" if a.get("first_form", a.get("form")) else "no"
+    text += f"true {' '.join(a['true']):9} told {_told(a):9} form {form if law_told(a) else f'({form})':6}"
     text += f"error {error:6} oracle {oracles:13}"
     for what, gaps in a.get("beyond", {}).items():
         text += (
@@ -144,7 +152,10 @@ def summary(answers: list[dict[str, Any]]) -> list[str]:
         )
     if where:
         right = sum(a.get("acts_with") == a["true"] for a in where)
-        lines.append(f"told without a form, or with candidates only: {len(where)}, variables right {right}")
+        lines.append(
+            f"told without a form, or with candidates only: {len(where)}, variables right {right}, the first candidate's form "
+            f"{sum(a.get('first_form', False) for a in where)}"
+        )
     if said:
         errors = np.array([a["force_error"] for a in said])
         lines.append(f"force error over the range seen, where a law is told: median {np.median(errors):.3f}")

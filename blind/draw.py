@@ -23,9 +23,12 @@ FAINT_D, FAINT_OUTSIDE_D = (2.0, 300.0), (30.0, 3000.0)
 """Ranges of D (logarithmically even) to which a faint effect, of the library or outside it, is made smaller."""
 PULLED = {"tension_variation", "constant_tension"}
 """Something else than the line's length holds T: no two of these, and no stretch or slack beside one, make a pair."""
-HELD = {"elastic_line", "slack_line"}
+SLACK = "slack_line"
+HELD = {"elastic_line", SLACK}
 LARGEST_SINE, LARGEST_HEADING = 0.55, 0.4
 """Of the line's angle, and rad: a tow that swings further is none that a tank would keep."""
+HARDER, HARDER_TIMES = 1.2, 8
+"""What slackens a line is made so much stronger, so often at most, where it does not: a model that swings is pulled harder."""
 LARGEST_DRIFT = 0.35
 """Of the line's length, ahead or astern, where the line pays out: a model that drifts further is towed over."""
 
@@ -145,7 +148,7 @@ def _drawn(each: Dealt) -> Case:
     case = replace(case, kept=list(each.kept))
     if each.told:
         case = told(case, each.told, np.random.default_rng([*each.seed, 7]))
-    case = gentle(case)
+    case = slackened(gentle(case))
     return fainter(case, np.random.default_rng([*each.seed, 6])) if each.faint else case
 
 
@@ -202,6 +205,31 @@ def gentle(case: Case) -> Case:
         laid = {k: v * (0.7 if k.startswith("rudder.angle_rad") else 1) for k, v in case.told.items()}
         case = replace(case, runs=runs, numbers=numbers, told=laid)
     raise EstimationError(f"{case.name}: no release keeps {case.effects} towing")
+
+
+def slackened(case: Case) -> Case:
+    """The case with what slackens its line made stronger until the line falls slack in every run that it befalls.
+
+    Parameters
+    ----------
+    case : as drawn
+
+    Raises
+    ------
+    EstimationError : it never does
+    """
+    if SLACK not in case.effects:
+        return case
+    strength = f"{SLACK}.{next(iter(ranges_of(SLACK, form_of(case, SLACK))))}"
+    for _ in range(HARDER_TIMES):
+        lanes = [lane_of(case, i) for i in range(len(case.runs))]
+        pull = swim(lanes, case.duration_s).tension_n.min(axis=0)
+        taut = [i for i, lane in enumerate(lanes) if lane.get(strength, 0.0) and pull[i] > 0]
+        if not taut:
+            return case
+        harder = {f"{strength}@{i}" for i in taut}
+        case = replace(case, numbers={k: v * (HARDER if k in harder else 1) for k, v in case.numbers.items()})
+    raise EstimationError(f"{case.name}: its line never falls slack")
 
 
 def _dealt(names: list[str], count: int, rng: np.random.Generator) -> list[str]:

@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from towline.blind.draw import Wanted, dealt, fainter, gentle
+from towline.blind.draw import Wanted, dealt, fainter, gentle, slackened
 from towline.blind.one_case import case_of
 from towline.blind.seal import TRUTH, kept_digest, opened, sealed, sha256_of_text
 from towline.blind.signature import STRENGTH, distances_of, linear
@@ -255,6 +255,20 @@ def test_every_slack_line_falls_slack_and_comes_straight(event: str) -> None:
     assert pull.min() == 0.0
     assert path.t_s[pull == 0].min() > 10.0
     assert pull[-100:].mean() == pytest.approx(3.96, rel=0.03)
+
+
+def test_what_slackens_a_line_is_made_strong_enough_for_it() -> None:
+    """A model that swings is pulled harder than one that runs straight, and a shove of 1.4 R left its line taut."""
+    case = case_of("case-x", "effect", ["slack_line"], [4, 1], False, forms={"slack_line": "shove"})
+    early = {"shove": 0.9, "begin_s": 4.0}
+    numbers = {k: early.get(k.split("@")[0].split(".")[1], v) for k, v in case.numbers.items()}
+    weak = replace(case, numbers=numbers, duration_s=10.0)
+    befallen = [i for i in range(len(case.runs)) if f"slack_line.shove@{i}" in case.numbers]
+    for each, slack in ((weak, False), (slackened(weak), True)):
+        pull = swim([lane_of(each, i) for i in befallen], each.duration_s).tension_n.min(axis=0)
+        assert ((pull == 0.0) == slack).all()
+    other = case_of("case-x", "effect", ["cubic_damping"], [4, 1], False)
+    assert slackened(other) == other
 
 
 def test_the_brakes_steepest_is_its_number() -> None:

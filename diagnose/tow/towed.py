@@ -192,7 +192,9 @@ class TowSimulator(TowModel):
 
     def suggested(self, base: Fitted) -> list[Effect]:
         """Windows in which the line may have gone slack, its bounces, and when the camera may have been turned."""
-        residuals = [residual for residual, _ in base.linear.rows]
+        step = base.solved
+        # of the base's end: before its last step the datum's errors stand in the line's radius
+        residuals = [base.linear.left(k, step.shared, own) for k, own in enumerate(step.own)]
         found = (
             *(jerk_effects if self._fields.surge.all() else slack_effects)(self.runs, residuals),
             *springing_effects(self.runs, residuals),

@@ -19,7 +19,7 @@ class Diagnosable(Simulator, Protocol):
         ...
 
     def suggested(self, base: Fitted) -> list[Effect]:
-        """Effects that the residual of the base itself suggests (windows of a slack line)."""
+        """Effects that what the base, or a fit with an effect, leaves suggests itself (windows of a slack line)."""
         ...
 
     def free_forms(self, shaken_hz: Sequence[float]) -> Sequence[Effect]:

@@ -21,7 +21,7 @@ from .diagnosable import Diagnosable
 from .evidence import Fitted, Inference
 from .grams import Grams
 from .hypothesis import Hypothesis, form_of, with_effects
-from .inexact import could_gain, shared_out
+from .inexact import could_gain, shared_out, told_apart
 from .members import log_evidence, mixed, shares_of
 from .noise import Forces
 from .ranking import Candidate, Ranking
@@ -118,8 +118,7 @@ def ranked(
     candidates += _siblings(inference, base, candidates, usable, scores, gross)
     candidates.sort(key=lambda c: -c.log_evidence)
     candidates = _converged(inference, candidates, base)
-    pairs = _pairs(inference, candidates, base, usable, len(names), say, gross, forms)
-    candidates += _converged(inference, sorted(pairs, key=lambda c: -c.log_evidence), base)
+    candidates += _pairs(inference, candidates, base, usable, simulator.suggested, len(names), say, gross, forms)
     free_form = _best_free(inference, base, free_found, candidates[0].log_evidence if candidates else 0.0)
     beside = _beside(inference, candidates, base, simulator.free_beside(), say)
     return inference, shared_out(inference, _ranking(inference, base, candidates, free_form, beside, excluded))
@@ -408,12 +407,15 @@ def _pairs(
     singles: Sequence[Candidate],
     base: Fitted,
     usable: Sequence[Effect],
+    suggested: Callable[[Fitted], list[Effect]],
     names: int,
     say: Progress,
     gross: bool,
     forms: dict[str, float],
 ) -> list[Candidate]:
-    """A second effect on top of the best single ones, where its score promises something."""
+    """A second effect on top of the best single ones, where its score promises something; where the first explains very much, what
+    it leaves suggests other ones than what the base leaves.
+    """
     found: list[Candidate] = []
     prior = np.log(P_PAIR / max(names * (names - 1) / 2, 1))
     done: set[frozenset[str]] = set()
@@ -421,8 +423,10 @@ def _pairs(
         if first.log_evidence < max(CLEAR, singles[0].log_evidence - WORTH_PAIRS_BELOW):
             continue
         ruled = any(e.rules_line for e in first.effects)
-        rest = [e for e in usable if e.name not in first.names and not (ruled and e.rules_line)]
+        seen = {e.label: e for e in (*usable, *(suggested(first.fitted) if first.log_evidence > GROSS else ()))}
+        rest = [e for e in seen.values() if e.name not in first.names and not (ruled and e.rules_line)]
         scores = screened(inference, first.fitted, rest, (1.0,))
+        forms = _of_forms(scores, rest) | forms
         second = [e for e in _best_variants(scores, rest, TRIED_PAIR) if scores[e.label] > WORTH_PAIRS]
         second = [e for e in second if frozenset((*first.names, e.name)) not in done]
         if not second:
@@ -432,10 +436,18 @@ def _pairs(
         for (effect,), fitted in _fit_all(inference, first.fitted, [(e,) for e in second], gross):
             pair = (*first.effects, effect)
             own = prior + sum(forms[name] for name in (*first.names, effect.name))
-            # what the first one's form may have left over; where beside the second next to nothing is left, it was no form's
-            own -= min(first.second, could_gain(inference, fitted))
             found.append(Candidate(pair, fitted, _worth(fitted) - base.log_evidence, own))
-    return found
+    found = _converged(inference, sorted(found, key=lambda c: -c.log_evidence), base)
+    return [_priced(inference, next(c for c in singles if c.effects == pair.effects[:-1]), pair) for pair in found]
+
+
+def _priced(inference: Inference, first: Candidate, pair: Candidate) -> Candidate:
+    """The pair without what the first one's form may have left over for the second to take; where beside both next to nothing is
+    left, it was no form's, nor is what shows in runs in which the first is not at work.
+    """
+    gain = pair.log_evidence - first.log_evidence - told_apart(inference, first.fitted, pair.fitted)
+    price = min(first.second, could_gain(inference, pair.fitted), max(gain, 0.0))
+    return replace(pair, log_prior=pair.log_prior - price)
 
 
 def _beside(

@@ -77,6 +77,31 @@ def could_gain(inference: Inference, fitted: Fitted) -> float:
     return max(0.5 * (there.chi_square - count - log), 0.0) + 0.5 * UNSURE * count
 
 
+def told_apart(inference: Inference, first: Fitted, both: Fitted) -> float:
+    """Log evidence for a second effect in the runs that the first one does not touch: nothing there is of that one's form.
+
+    Parameters
+    ----------
+    inference : the simulator with its runs and noise
+    first, both : with the first effect alone, and with both
+
+    Returns
+    -------
+    of those runs alone, the shared numbers fitted to them anew; 0 where the first touches all
+    """
+    fixed = 1 + inference.fixed(first.hypothesis)
+    own = slice(fixed, fixed + first.hypothesis.size)
+    apart = [k for k, table in enumerate(first.linear.columns.tables) if not table[:, :, own].any()]
+    if not apart:
+        return 0.0
+
+    def of(fitted: Fitted, forces: Forces) -> float:
+        solved = inference.solve(fitted.grams, fitted.hypothesis, forces, apart)
+        return solved.log_evidence + inference.sized(fitted.hypothesis, solved)
+
+    return max(of(both, both.forces) - max(of(first, f.forces) for f in (first, both)), 0.0)
+
+
 def sureness(share: float, half_sure: float = HALF_SURE, width: float = WIDTH) -> float:
     """Probability that an effect which takes this share of a gap, and leaves something over, is the one that is there.
 
@@ -164,4 +189,4 @@ def _looked_at(candidates: tuple[Candidate, ...]) -> list[tuple[float, list[list
     return [(ahead, [pairs, first, *others]), (1 - ahead, [first, pairs, *others])]
 
 
-__all__ = ["could_gain", "share_of", "shared_out", "size_of", "sureness"]
+__all__ = ["could_gain", "share_of", "shared_out", "size_of", "sureness", "told_apart"]

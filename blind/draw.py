@@ -200,11 +200,19 @@ def gentle(case: Case) -> Case:
         ]
         numbers = case.numbers
         if turn > 3:
-            sized = {f"{effect}.{next(iter(ranges_of(effect, form_of(case, effect))))}" for effect in case.effects}
+            sized = {f"{effect}.{name}" for effect in case.effects for name in _sizes(case, effect)}
             numbers = {k: v * (0.7 if k.split("@")[0] in sized else 1) for k, v in numbers.items()}
         laid = {k: v * (0.7 if k.startswith("rudder.angle_rad") else 1) for k, v in case.told.items()}
         case = replace(case, runs=runs, numbers=numbers, told=laid)
     raise EstimationError(f"{case.name}: no release keeps {case.effects} towing")
+
+
+def _sizes(case: Case, effect: str) -> tuple[str, ...]:
+    """The numbers that an effect's size goes with: the first of its form; a law's forces."""
+    from .signature import STRENGTH
+
+    drawn = effect in FORMS or effect in OUTSIDE
+    return (next(iter(ranges_of(effect, form_of(case, effect)))),) if drawn else STRENGTH[effect]
 
 
 def slackened(case: Case) -> Case:
@@ -220,7 +228,7 @@ def slackened(case: Case) -> Case:
     """
     if SLACK not in case.effects:
         return case
-    strength = f"{SLACK}.{next(iter(ranges_of(SLACK, form_of(case, SLACK))))}"
+    (strength,) = (f"{SLACK}.{name}" for name in _sizes(case, SLACK))
     for _ in range(HARDER_TIMES):
         lanes = [lane_of(case, i) for i in range(len(case.runs))]
         pull = swim(lanes, case.duration_s).tension_n.min(axis=0)

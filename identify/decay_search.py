@@ -19,6 +19,8 @@ SAME_OPTIMUM = 1e-4
 """Starts whose cost ends within this share of the best have reached the optimum."""
 LARGEST_GROWTH = 30.0
 """A growing pair is looked for up to this power of e over the record."""
+ALIKE = 1e-10
+"""Columns of which less than this is no part of the others: their amplitudes are not told apart."""
 THINNED = 200
 """Samples that the starts are tried on; the best goes on with all (the thesis thinned 64 Hz to 8 Hz for the same reason)."""
 
@@ -80,21 +82,27 @@ def best_model(t: Array, p: Array, values: Array, weight: Whitener, reduced: boo
     basis, slopes = basis_of(t, p, reduced)
     white = weight.along(np.ascontiguousarray(np.broadcast_to(basis.T, (2, *basis.T.shape))))
     target = weight.along(np.ascontiguousarray(values.T))
-    bases, residual, amplitudes = [], [], []
-    for channel in range(2):
-        q, r = np.linalg.qr(white[channel].T)
-        projected = q.T @ target[channel]
-        amplitudes.append(np.linalg.lstsq(r, projected, rcond=1e-13)[0])
-        residual.append(target[channel] - q @ projected)
-        bases.append(q)
-    moves = [slopes @ amplitude for amplitude in amplitudes]
+    q, r = np.linalg.qr(white.transpose(0, 2, 1))
+    across = q.transpose(0, 2, 1)
+    projected = (across @ target[..., None])[..., 0]
+    residual = target - (q @ projected[..., None])[..., 0]
+    found = _amplitudes(r, projected)
+    moves = np.einsum("pnk,ck->cpn", slopes, found)
     if weight.mixes:
-        moved = [weight.along(np.array([move, move]))[channel] for channel, move in enumerate(moves)]
+        moved = np.array([weight.along(np.array([move, move]))[channel] for channel, move in enumerate(moves)])
     else:
-        moved = weight.along(np.array(moves))
-    jacobian = [-(move.T - q @ (q.T @ move.T)) for q, move in zip(bases, moved, strict=True)]
-    found = np.array(amplitudes)
-    return basis @ found.T, found, np.concatenate(residual), np.concatenate(jacobian)
+        moved = weight.along(moves)
+    moved = moved.transpose(0, 2, 1)
+    jacobian = q @ (across @ moved) - moved
+    return basis @ found.T, found, residual.ravel(), jacobian.reshape(-1, jacobian.shape[2])
+
+
+def _amplitudes(r: Array, projected: Array) -> Array:
+    """(2, k) from the triangles (2, k, k) of either channel; the smallest ones where columns resemble each other too much."""
+    size = np.abs(np.diagonal(r, axis1=1, axis2=2))
+    if (size.min(axis=1) > ALIKE * size.max(axis=1)).all():
+        return np.linalg.solve(r, projected[..., None])[..., 0]
+    return np.array([np.linalg.lstsq(a, b, rcond=1e-13)[0] for a, b in zip(r, projected, strict=True)])
 
 
 def search(

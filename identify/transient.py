@@ -36,8 +36,8 @@ LEAST_FREEDOM = 10.0
 """Of a covariance, however slow the noise: with fewer no swing would ever be significant."""
 ROUNDS = 2
 """Fits after the first, with the noise measured from what the last one left: a choice."""
-TOLERANCE = 1e-8
-"""Relative, of the search's steps."""
+TOLERANCE, ROUGH = 1e-8, 1e-4
+"""Relative, of the search's steps; and from each start, of which the best goes on."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def fit_transient(t_s: Array, angles: Array, slowest_s: float) -> Transient:
     scatter = np.maximum(np.std(np.diff(means, axis=0), axis=0), 1e-9)
     weight = stated(np.broadcast_to(np.diag(scatter**2), (len(t), 2, 2)), t)
     best = min(
-        (search(t, means, weight, start, limits, True, TOLERANCE) for start in _starts(t, means / scatter, limits)),
+        (search(t, means, weight, start, limits, True, ROUGH) for start in _starts(t, means / scatter, limits)),
         key=lambda found: found.cost,
     ).x
     for _ in range(ROUNDS):

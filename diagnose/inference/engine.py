@@ -43,6 +43,8 @@ SMALL_FORCES = 0.05
 """A refinement also starts from random forces of this share of those estimated."""
 SCANNED, SCANNED_BELOW = 4, 12.0
 """So many effects have their residuals searched for something left over, if log evidence and prior are within this of the best."""
+SHORT_STEPS = 10
+"""Of a refinement whose steps only lose: each is three tenths of the last."""
 GROSS = 200.0
 """Scores above this are very large: a choice."""
 LEFT_OVER_BY, TRIED_FREE = 2, 2
@@ -202,11 +204,12 @@ def _first_fit(simulator: Simulator, spread: Spread) -> tuple[Hypothesis, Forces
 
 
 def _settled(inference: Inference, base: Fitted) -> Fitted:
-    """The same, refined until its next step promises nothing, or no longer."""
+    """The same, refined until its next step promises nothing, or no step gains any more."""
     for _ in range(BASE_REFINEMENTS):
-        if base.promised < CONVERGED_GAIN:
+        better = _refined(inference, [base])[0] if base.promised >= CONVERGED_GAIN else base
+        if better is base:
             break
-        base = _refined(inference, [base])[0]
+        base = better
     return base
 
 
@@ -275,12 +278,21 @@ def _refined(inference: Inference, fitted: Sequence[Fitted]) -> list[Fitted]:
     """A few more steps from each fit, once with its random forces and once with far smaller ones; the best of the three.
 
     Large random forces explain what the numbers could explain as well, and wrong numbers ask for large forces: a local optimum that
-    only a start with small forces leaves.
+    only a start with small forces leaves. A fit whose steps only lose, though they promise much, takes far shorter ones.
     """
+    answers = _further(inference, fitted, REFIT_STEPS)
+    stuck = [k for k, f in enumerate(fitted) if answers[k] is f and f.promised >= CONVERGED_GAIN]
+    for k, better in zip(stuck, _further(inference, [fitted[k] for k in stuck], SHORT_STEPS), strict=True):
+        answers[k] = better
+    return answers
+
+
+def _further(inference: Inference, fitted: Sequence[Fitted], steps: int) -> list[Fitted]:
+    """At most so many steps from each fit, as ``_refined`` does them."""
     shares = (1.0, SMALL_FORCES)
     starts = [(f, share) for f in fitted for share in shares]
     forces = [f.forces.scaled(share) for f, share in starts]
-    ends = inference.fit([f.hypothesis for f, _ in starts], forces, REFIT_STEPS, (), begun=[f for f, _ in starts])
+    ends = inference.fit([f.hypothesis for f, _ in starts], forces, steps, (), begun=[f for f, _ in starts])
     answers = []
     for k, old in enumerate(fitted):
         both = [old, *ends[k * len(shares) : (k + 1) * len(shares)]]

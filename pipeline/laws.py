@@ -71,8 +71,9 @@ def law_of(found: Diagnosed, progress: Progress | None = None) -> LawAnswer:
     """
     file, best = found.diagnosis.file, found.diagnosis.best
     named = best.effects if best is not None else ()
-    if file.verdict == "effect" and (foreign := [effect for effect in named if _seen_only(effect)]):
-        return LawAnswer("not_searched", f"{_titled(foreign)}: no force on the hull, and no law of it")
+    # beside a force, what is seen otherwise may be what the force's form leaves: then a law is held against both
+    if file.verdict == "effect" and all(map(_seen_only, named)):
+        return LawAnswer("not_searched", f"{_titled(named)}: no force on the hull, and no law of it")
     simulator = found.diagnosis.inference.simulator
     assert isinstance(simulator, TowSimulator)
     say = None if progress is None else lambda text, done, total: progress(f"law: {text}", done, total)

@@ -16,6 +16,7 @@ from towline.diagnose.law.choose import MOVED, Start, elsewhere, fits
 from towline.diagnose.law.functions import Range, State, term
 from towline.diagnose.law.terms import effect_of, text_of
 from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
+from towline.record.errors import EstimationError
 
 T_S = 0.1 * np.arange(72)
 NOISE = 0.02
@@ -80,11 +81,27 @@ def test_what_saturates_is_found_from_a_start_at_another_place() -> None:
     effect = effect_of("tanh(v/0.003)", "Y", (0.2, 0.2))
     start = with_effects(inference.simulator.starts()[0], [effect])
     begun = [Start((effect,), start, Forces(), 0.0, 0.0)]
-    ended = fits(inference, begun)
+    begun, ended = fits(inference, begun)
     more = elsewhere(inference, begun, ended, seen)
     assert all(text_of(one.effects[0]).startswith("tanh(v/") for one in more)
     near = [one for one in more if abs(np.log(term(text_of(one.effects[0])).shapes[0].value / place)) < np.log(MOVED)]
     assert near
-    best = max(fits(inference, more), key=lambda f: f.log_evidence)
+    best = max(fits(inference, more)[1], key=lambda f: f.log_evidence)
     assert best.hypothesis.numbers[0][-1] == pytest.approx(place, rel=0.2)
     assert best.log_evidence > ended[0].log_evidence
+
+
+def test_a_start_whose_motion_runs_off_is_left_out_and_the_others_are_fitted() -> None:
+    inference = inference_of(
+        lambda t: 0.1 * t**2, lambda name, n, t: n[0] * (np.exp(1e4 * t) if name == "off" else t**2)
+    )
+    starts = []
+    for name in ("square", "off"):
+        effect = Effect(name, "tank", (Parameter("size", "", 0.1),), "", "", sizes=(1.0,))
+        starts.append(Start((effect,), with_effects(inference.simulator.starts()[0], [effect]), Forces(), 0.0, 0.0))
+    with np.errstate(all="ignore"):
+        with pytest.raises(EstimationError, match="beyond bounds"):
+            fitted(inference, starts[1].effects)
+        kept, ended = fits(inference, starts)
+    assert [one.effects[0].name for one in kept] == ["square"]
+    assert ended[0].hypothesis.numbers[0][0] == pytest.approx(0.1, abs=0.01)

@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
+from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..effects import Effect
 from ..inference.engine import P_PAIR, P_SINGLE, P_UNKNOWN
@@ -247,15 +248,19 @@ def _start(laws: LawTable, members: Sequence[int], choice: Choice, forces: Force
     return Start(tuple(effects), replace(h, effects=tuple(effects), numbers=tuple(values)), forces, prior, score)
 
 
-def fits(inference: Inference, starts: Sequence[Start]) -> list[Fitted]:
-    """These in full, taken up again while a step promises anything.
+def fits(inference: Inference, starts: Sequence[Start]) -> tuple[list[Start], list[Fitted]]:
+    """These in full, taken up again while a step promises anything; those whose motion runs off are left out.
 
     Parameters
     ----------
     inference : of the diagnosis
     starts : of ``chosen``
     """
-    found = inference.fit([s.hypothesis for s in starts], [s.forces for s in starts], STEPS, (TURN,))
+    try:
+        starts, found = list(starts), _begun(inference, starts)
+    except EstimationError:
+        alone = [(start, end) for start in starts if (end := _alone(inference, start)) is not None]
+        starts, found = [start for start, _ in alone], [end for _, end in alone]
     for _ in range(AGAIN):
         moving = [k for k, f in enumerate(found) if f.promised > REST]
         if not moving:
@@ -265,7 +270,19 @@ def fits(inference: Inference, starts: Sequence[Start]) -> list[Fitted]:
         for k, end in zip(moving, ends, strict=True):
             if end.log_evidence - end.promised >= found[k].log_evidence - found[k].promised:
                 found[k] = end
-    return found
+    return starts, found
+
+
+def _begun(inference: Inference, starts: Sequence[Start]) -> list[Fitted]:
+    return inference.fit([s.hypothesis for s in starts], [s.forces for s in starts], STEPS, (TURN,))
+
+
+def _alone(inference: Inference, start: Start) -> Fitted | None:
+    """Of one start; None: its motion runs off."""
+    try:
+        return _begun(inference, [start])[0]
+    except EstimationError:
+        return None
 
 
 def _best(starts: Sequence[Start], fitted: Sequence[Fitted]) -> list[tuple[Start, Fitted]]:

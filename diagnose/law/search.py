@@ -284,14 +284,16 @@ def searched(
     table = LawTable(inference, near, base, effects, fields_of(seen, size, ahead, sway))
     starts = chosen(table, names)
     say("fitting " + "; ".join(start.text for start in starts))
-    fitted = fits(inference, starts)
+    starts, fitted = fits(inference, starts)
     if more := elsewhere(inference, starts, fitted, seen):
         say("at another place: " + "; ".join(start.text for start in more))
-        starts, fitted = [*starts, *more], [*fitted, *fits(inference, more)]
+        more, ends = fits(inference, more)
+        starts, fitted = [*starts, *more], [*fitted, *ends]
     more = simpler(starts, fitted, priors(table, names)[0])
     if more:
         say("simpler: " + "; ".join(start.text for start in more))
-        starts, fitted = [*starts, *more], [*fitted, *fits(inference, more)]
+        more, ends = fits(inference, more)
+        starts, fitted = [*starts, *more], [*fitted, *ends]
     candidates = [
         Candidate(s.effects, f, _worth(f) - base.log_evidence, s.log_prior) for s, f in zip(starts, fitted, strict=True)
     ]

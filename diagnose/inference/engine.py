@@ -455,9 +455,10 @@ def _pairs(
 
 def _priced(inference: Inference, first: Candidate, pair: Candidate) -> Candidate:
     """The pair without what the first one's form may have left over for the second to take; where beside both next to nothing is
-    left, it was no form's, nor is what shows in runs in which the first is not at work.
+    left, it was no form's, nor is what shows in runs in which the first is not at work (if the second was not read off residuals).
     """
-    gain = pair.log_evidence - first.log_evidence - told_apart(inference, first.fitted, pair.fitted)
+    gain = pair.log_evidence - first.log_evidence
+    gain -= 0.0 if pair.effects[-1].bound else told_apart(inference, first.fitted, pair.fitted)
     price = min(first.second, could_gain(inference, pair.fitted), max(gain, 0.0))
     return replace(pair, log_prior=pair.log_prior - price)
 

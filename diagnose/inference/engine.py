@@ -435,7 +435,10 @@ def _pairs(
         if first.log_evidence < max(CLEAR, singles[0].log_evidence - WORTH_PAIRS_BELOW):
             continue
         ruled = any(e.rules_line for e in first.effects)
-        seen = {e.label: e for e in (*usable, *(suggested(first.fitted) if first.log_evidence > GROSS else ()))}
+        # what is read off where the first one is at work itself is what its form leaves
+        stages = {e.stage for e in first.effects}
+        anew = suggested(first.fitted) if first.log_evidence > GROSS else []
+        seen = {e.label: e for e in (*usable, *(e for e in anew if e.stage not in stages))}
         rest = [e for e in seen.values() if e.name not in first.names and not (ruled and e.rules_line)]
         scores = screened(inference, first.fitted, rest, (1.0,))
         forms = _of_forms(scores, rest) | forms
@@ -455,11 +458,13 @@ def _pairs(
 
 def _priced(inference: Inference, first: Candidate, pair: Candidate) -> Candidate:
     """The pair without what the first one's form may have left over for the second to take; where beside both next to nothing is
-    left, it was no form's, nor is what shows in runs in which the first is not at work (if the second was not read off residuals).
+    left, it was no form's, nor is what shows in runs in which the first is not at work. A second one that was read off residuals
+    follows whatever the first leaves: neither tells anything of it.
     """
-    gain = pair.log_evidence - first.log_evidence
-    gain -= 0.0 if pair.effects[-1].bound else told_apart(inference, first.fitted, pair.fitted)
-    price = min(first.second, could_gain(inference, pair.fitted), max(gain, 0.0))
+    price = first.second
+    if not pair.effects[-1].bound:
+        gain = pair.log_evidence - first.log_evidence - told_apart(inference, first.fitted, pair.fitted)
+        price = min(price, could_gain(inference, pair.fitted), max(gain, 0.0))
     return replace(pair, log_prior=pair.log_prior - price)
 
 

@@ -87,14 +87,11 @@ def answered(out: Path, case: Case, count: int) -> dict[str, Any]:
     except ValueError:  # with memory: no true law has any
         terms = []
     # of the list's first, told or a candidate
-    answer["first_form"] = bool(terms) and right_form(terms, seen, true)
+    answer["form"] = bool(terms) and right_form(terms, seen, true)
     if file.verdict == "law" and law.searched is not None:
         best = law.searched.laws[0]
         answer["told"] = sorted({v for one in terms for v in one.variables})
-        answer["force_error"] = apart(
-            np.sum([np.zeros_like(true), *(one.force(seen) for one in terms)], axis=0), true, seen
-        )
-        answer["form"] = answer["first_form"]
+        answer["force_error"] = apart(sum((one.force(seen) for one in terms), np.zeros_like(true)), true, seen)
     if len(folders) > count:
         chosen = [ranking.base, fits["form"], *([best.fitted] if best is not None else [])]
         with one_thread():
@@ -120,7 +117,7 @@ def line_of(a: dict[str, Any]) -> str:
         )
     oracles = f"{a['oracle']['coefficients']:.3f}/{a['oracle']['form']:.3f}"
     error = f"{a['force_error']:.3f}" if law_told(a) else "-"
-    form = "yes" if a.get("first_form", a.get("form")) else "no"
+    form = "yes" if a.get("form") else "no"
     text += f"true {' '.join(a['true']):9} told {_told(a):9} form {form if law_told(a) else f'({form})':6}"
     text += f"error {error:6} oracle {oracles:13}"
     for what, gaps in a.get("beyond", {}).items():
@@ -154,7 +151,7 @@ def summary(answers: list[dict[str, Any]]) -> list[str]:
         right = sum(a.get("acts_with") == a["true"] for a in where)
         lines.append(
             f"told without a form, or with candidates only: {len(where)}, variables right {right}, the first candidate's form "
-            f"{sum(a.get('first_form', False) for a in where)}"
+            f"{sum(a.get('form', False) for a in where)}"
         )
     if said:
         errors = np.array([a["force_error"] for a in said])

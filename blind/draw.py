@@ -172,7 +172,7 @@ def fainter(case: Case, rng: np.random.Generator) -> Case:
     if not keys or here <= target:
         return case
     by = float(np.sqrt(target / here))
-    return replace(case, numbers={k: v * (by if k.split("@")[0] in keys else 1) for k, v in case.numbers.items()})
+    return replace(case, numbers=_scaled(case.numbers, keys, by))
 
 
 def gentle(case: Case) -> Case:
@@ -201,10 +201,15 @@ def gentle(case: Case) -> Case:
         numbers = case.numbers
         if turn > 3:
             sized = {f"{effect}.{name}" for effect in case.effects for name in _sizes(case, effect)}
-            numbers = {k: v * (0.7 if k.split("@")[0] in sized else 1) for k, v in numbers.items()}
+            numbers = _scaled(numbers, sized, 0.7)
         laid = {k: v * (0.7 if k.startswith("rudder.angle_rad") else 1) for k, v in case.told.items()}
         case = replace(case, runs=runs, numbers=numbers, told=laid)
     raise EstimationError(f"{case.name}: no release keeps {case.effects} towing")
+
+
+def _scaled(numbers: dict[str, float], keys: set[str], by: float) -> dict[str, float]:
+    """Numbers with these times ``by``: of all runs, or (``name@run``) of one."""
+    return {k: v * (by if k in keys or k.split("@")[0] in keys else 1) for k, v in numbers.items()}
 
 
 def _sizes(case: Case, effect: str) -> tuple[str, ...]:
@@ -228,15 +233,14 @@ def slackened(case: Case) -> Case:
     """
     if SLACK not in case.effects:
         return case
-    (strength,) = (f"{SLACK}.{name}" for name in _sizes(case, SLACK))
+    strength = f"{SLACK}.{_sizes(case, SLACK)[0]}"
+    befallen = [i for i in range(len(case.runs)) if f"{strength}@{i}" in case.numbers]
     for _ in range(HARDER_TIMES):
-        lanes = [lane_of(case, i) for i in range(len(case.runs))]
-        pull = swim(lanes, case.duration_s).tension_n.min(axis=0)
-        taut = [i for i, lane in enumerate(lanes) if lane.get(strength, 0.0) and pull[i] > 0]
+        pull = swim([lane_of(case, i) for i in befallen], case.duration_s).tension_n.min(axis=0)
+        taut = {f"{strength}@{i}" for i, least in zip(befallen, pull, strict=True) if least > 0}
         if not taut:
             return case
-        harder = {f"{strength}@{i}" for i in taut}
-        case = replace(case, numbers={k: v * (HARDER if k in harder else 1) for k, v in case.numbers.items()})
+        case = replace(case, numbers=_scaled(case.numbers, taut, HARDER))
     raise EstimationError(f"{case.name}: its line never falls slack")
 
 

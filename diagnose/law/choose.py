@@ -256,11 +256,8 @@ def fits(inference: Inference, starts: Sequence[Start]) -> tuple[list[Start], li
     inference : of the diagnosis
     starts : of ``chosen``
     """
-    try:
-        starts, found = list(starts), _begun(inference, starts)
-    except EstimationError:
-        alone = [(start, end) for start in starts if (end := _alone(inference, start)) is not None]
-        starts, found = [start for start, _ in alone], [end for _, end in alone]
+    begun = _begun(inference, starts)
+    starts, found = [start for start, _ in begun], [end for _, end in begun]
     for _ in range(AGAIN):
         moving = [k for k, f in enumerate(found) if f.promised > REST]
         if not moving:
@@ -273,16 +270,13 @@ def fits(inference: Inference, starts: Sequence[Start]) -> tuple[list[Start], li
     return starts, found
 
 
-def _begun(inference: Inference, starts: Sequence[Start]) -> list[Fitted]:
-    return inference.fit([s.hypothesis for s in starts], [s.forces for s in starts], STEPS, (TURN,))
-
-
-def _alone(inference: Inference, start: Start) -> Fitted | None:
-    """Of one start; None: its motion runs off."""
+def _begun(inference: Inference, starts: Sequence[Start]) -> list[tuple[Start, Fitted]]:
+    """First fits, all together; where one runs off, of each alone."""
     try:
-        return _begun(inference, [start])[0]
+        ends = inference.fit([s.hypothesis for s in starts], [s.forces for s in starts], STEPS, (TURN,))
     except EstimationError:
-        return None
+        return [] if len(starts) == 1 else [kept for start in starts for kept in _begun(inference, [start])]
+    return list(zip(starts, ends, strict=True))
 
 
 def _best(starts: Sequence[Start], fitted: Sequence[Fitted]) -> list[tuple[Start, Fitted]]:

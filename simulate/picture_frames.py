@@ -57,7 +57,8 @@ def film_frames(file: ScenarioFile, motion: pd.DataFrame) -> Iterator[tuple[int,
     Parameters
     ----------
     file : the scenario as read
-    motion : t_s, x_cg_m, y_cg_m, beta_rad, as ``simulate_scenario`` returns it
+    motion : t_s, x_cg_m, y_cg_m, beta_rad, as ``simulate_scenario`` returns it; marks follow roll_rad, pitch_rad and heave_m, too,
+        where these are there (``mark_places``), deck and hull do not
 
     Yields
     ------

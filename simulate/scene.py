@@ -116,18 +116,32 @@ def mark_places(file: ScenarioFile, motion: pd.DataFrame) -> Array:
     Parameters
     ----------
     file : the scenario as read
-    motion : t_s, x_cg_m, y_cg_m, beta_rad
+    motion : t_s, x_cg_m, y_cg_m, beta_rad; where there, roll_rad (starboard down), pitch_rad (bow up) and heave_m (down), of a
+        body that turns by heading, then pitch, then roll about the point of its LCG at the water line
     """
     x, y, beta = (motion[name].to_numpy(dtype=float) for name in ("x_cg_m", "y_cg_m", "beta_rad"))
     post = post_places(file, motion["t_s"].to_numpy(dtype=float))
+    water_m = film_of(file).water_depth_m
     places = np.empty((len(motion), len(file.marker), 3))
     for i, marker in enumerate(file.marker):
         if marker.on == "post":
             places[:, i, :2] = post + np.array(marker.body_m)
-        else:
-            places[:, i, 0], places[:, i, 1] = to_tank(np.array(marker.body_m), x, y, beta)
-        places[:, i, 2] = marker.depth_m
+            places[:, i, 2] = marker.depth_m
+            continue
+        ahead, side, down = _afloat(motion, *marker.body_m, marker.depth_m - water_m)
+        places[:, i, 0], places[:, i, 1] = to_tank(np.column_stack([ahead, side]), x, y, beta)
+        places[:, i, 2] = down + water_m
     return places
+
+
+def _afloat(motion: pd.DataFrame, ahead: float, side: float, down: float) -> tuple[Array, Array, Array]:
+    """A point of the body, from its place at rest, as it rolls, pitches and heaves: ahead, to starboard, down, each (n,) m."""
+    roll, pitch, heave = (
+        motion[name].to_numpy(dtype=float) if name in motion else np.zeros(len(motion))
+        for name in ("roll_rad", "pitch_rad", "heave_m")
+    )
+    aside, low = side * np.cos(roll) - down * np.sin(roll), side * np.sin(roll) + down * np.cos(roll)
+    return ahead * np.cos(pitch) + low * np.sin(pitch), aside, low * np.cos(pitch) - ahead * np.sin(pitch) + heave
 
 
 def shown(file: ScenarioFile, t_s: Array, pixel_px: Array) -> NDArray[np.bool_]:

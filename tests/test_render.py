@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from towline.record import InputError, read_result, read_run, read_tracks
 from towline.record.files import sha256_of_file
@@ -88,6 +89,23 @@ def test_true_tracks_are_the_projected_rigid_body():
         np.testing.assert_allclose(mine[["u_px", "v_px"]], expected, atol=1e-9)
         np.testing.assert_array_equal(mine.t_s, motion.t_s)
         np.testing.assert_array_equal(mine.frame, np.arange(len(motion)))
+
+
+def test_marks_follow_roll_pitch_and_heave():
+    # scipy turns the body by heading, then pitch, then roll, about the LCG at the water line, 0.25 m below the tank top
+    file = scenario(duration_s=1.0)
+    motion, camera = simulate_scenario(file, Path()), camera_of(file)
+    t_s = motion.t_s.to_numpy()
+    roll, pitch, heave = 0.04 * np.sin(3 * t_s), 0.02 * np.cos(2 * t_s), 0.005 * np.sin(4 * t_s)
+    motion = motion.assign(roll_rad=roll, pitch_rad=pitch, heave_m=heave)
+    tracks = true_tracks(file, motion, camera)
+    turned = Rotation.from_euler("ZYX", np.column_stack([motion.beta_rad, pitch, roll])).as_matrix()
+    for marker in file.marker:
+        place = turned @ np.array([*marker.body_m, marker.depth_m - 0.25]) + np.column_stack(
+            [motion.x_cg_m, motion.y_cg_m, 0.25 + heave]
+        )
+        mine = tracks[tracks.marker == marker.name]
+        np.testing.assert_allclose(mine[["u_px", "v_px"]], camera.project(place), atol=1e-9)
 
 
 def test_line_keeps_its_length_in_the_drawn_motion():

@@ -1,9 +1,10 @@
 """Two cameras over one tow, not synchronised: clocks, motion, hand-over, roll and heave against truth.
 
-    python benchmarks/two_cameras.py [OUT] [--tows 60] [--only level rolling films flash]
+    python benchmarks/two_cameras.py [OUT] [--tows 60] [--only level rolling rendered films flash]
 
 Writes a table to standard output; benchmarks/two_cameras.txt is a run of it. The tows are pixel tracks of known noise through two
-cameras of OpenCV's (two_cameras_cases.py); the films are rendered, coded and tracked (two_cameras_films.py), into OUT.
+cameras of OpenCV's (two_cameras_cases.py); the films are rendered, coded and tracked, into OUT: random tows
+(two_cameras_rendered.py), and those of the sample recordings (two_cameras_films.py).
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from two_cameras_cases import AXIS_M, MARKS, NAMES, Case, random_case
+from two_cameras_cases import MARKS, NAMES, Case, random_case
 from two_cameras_films import film_two
 from two_cameras_flash import flash_rows, tied_rows
+from two_cameras_rendered import rendered
 
 from towline.geometry.cameras.flash import Lit
 from towline.geometry.cameras.motion import AFLOAT, JointMotion, joint_motion
@@ -32,6 +34,7 @@ PULLS_PX_RAD = (0.0, 0.2, 0.4)
 BOTH = "+".join(NAMES)
 STEP_S = 0.5
 ENDS_S = (18.0, 22.0)
+PARTS = ("level", "rolling", "rendered", "films", "flash")
 DEGREE = float(np.degrees(1.0))
 ROOT = Path(__file__).resolve().parent.parent
 FILMS = (("x1446", 1.337, 8e-5), ("x1548", -1.604, 1e-4), ("x1649", -0.812, -1e-4), ("x1751", 1.93, -6e-5))
@@ -54,7 +57,7 @@ def joined(case: Case, lit: tuple[list[Lit], list[Lit]] = ((), ())) -> JointMoti
 def quoted(case: Case, t_s: np.ndarray, marks: tuple[str, ...]) -> np.ndarray:
     """The truth of the point that the product quotes: the LCG at the depth of the lowest mark, (n, 6)."""
     pose = case.truth(t_s)
-    down = max(MARKS[name][2] for name in marks) - AXIS_M
+    down = max(MARKS[name][2] for name in marks) - case.axis_m
     moved = Rotation.from_euler("ZYX", pose[:, [2, 5, 4]]).as_matrix()[:, :, 2] * down
     pose[:, :2] += moved[:, :2]
     pose[:, 3] += moved[:, 2] - down
@@ -115,12 +118,26 @@ def rolling(tows: int) -> None:
     groups(tows, 2000, ROLLING)
 
 
-def groups(tows: int, seed: int, marks: tuple[str, ...]) -> None:
-    """A third of the tows with each size of pulls, and all together."""
+def rendered_tows(tows: int, out: Path) -> None:
+    """Half of them level with two marks, half rolling with four, all through pictures and H.264."""
+    print(f"\n== rendered: {tows} tows of 30 to 45 s, two films of 1280x720 each, H.264 crf 17 to 28, tracked")
+    header()
+    for marks, seed in ((LEVEL, 5000), (ROLLING, 6000)):
+        cases = [rendered(seed + k, marks == ROLLING, out) for k in range(tows // 2)]
+        show("rolling, four marks" if marks == ROLLING else "level, two marks", tally(cases, marks))
+
+
+def header() -> None:
+    """Of the rows that ``show`` writes."""
     print(
         f"{'':22}{'offset rms':>11}{'within 1 ms':>13}{'most':>7}{'stated':>8}{'z':>6}{'rate z':>8}{'y rms':>8}{'z':>6}"
         f"{'heading':>10}{'z':>6}{'hand-over z':>13}{'beyond 2':>11}{'disagree':>10}{'s each':>8}"
     )
+
+
+def groups(tows: int, seed: int, marks: tuple[str, ...]) -> None:
+    """A third of the tows with each size of pulls, and all together."""
+    header()
     every: dict[str, list] = {}
     for share, pull in enumerate(PULLS_PX_RAD):
         some = range(share * tows // len(PULLS_PX_RAD), (share + 1) * tows // len(PULLS_PX_RAD))
@@ -232,14 +249,16 @@ def main() -> None:
     parser.add_argument(
         "--only",
         nargs="+",
-        choices=("level", "rolling", "films", "flash"),
-        default=["level", "rolling", "films", "flash"],
+        choices=PARTS,
+        default=list(PARTS),
     )
     given = parser.parse_args()
     if "level" in given.only:
         level(given.tows)
     if "rolling" in given.only:
         rolling(given.tows)
+    if "rendered" in given.only:
+        rendered_tows(given.tows, given.out)
     if "films" in given.only:
         films(given.out)
     if "flash" in given.only:

@@ -71,6 +71,7 @@ class Case:
     tracks : of each
     offset_s, rate : of the second clock: t_first = offset_s + (1 + rate) t_second
     truth : of times on the first clock: (n,) -> (n, 6)
+    axis_m : depth of the point of the body that the truth is of
     """
 
     run: Run
@@ -79,6 +80,7 @@ class Case:
     offset_s: float
     rate: float
     truth: Callable[[np.ndarray], np.ndarray]
+    axis_m: float = AXIS_M
 
 
 def random_tow(rng: np.random.Generator, rolls: bool = False) -> Tow:

@@ -27,6 +27,7 @@ DENSE_HZ = 200.0
 """The motion is simulated so often and taken between by a spline: exact to far below a micrometre."""
 X264 = "aq-mode=0:no-dct-decimate=1:deblock=-2,-2"
 NAMES = ("port", "starboard")
+POSE = ["x_cg_m", "y_cg_m", "beta_rad", "heave_m", "roll_rad", "pitch_rad"]
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,8 @@ class Filmed:
     motion: pd.DataFrame
 
     def truth(self, t_s: np.ndarray) -> np.ndarray:
-        """x, y, heading (n, 3) at times of the first clock."""
-        columns = self.motion[["x_cg_m", "y_cg_m", "beta_rad"]].to_numpy()
+        """x, y, heading, heave, roll, pitch (n, 6) at times of the first clock."""
+        columns = self.motion.reindex(columns=POSE, fill_value=0.0).to_numpy()
         return CubicSpline(self.motion["t_s"].to_numpy(), columns)(t_s)
 
 
@@ -78,13 +79,30 @@ def film_two(
     crf : of H.264
     """
     file = read_scenario(scenario)
-    begin, end = min(0.0, offset_s), max(ends_s)
-    dense = file.model_copy(
-        update={"time": file.time.model_copy(update={"rate_hz": DENSE_HZ, "duration_s": end - begin})}
-    )
-    motion = simulate_scenario(dense, scenario.parent)
-    motion = motion.assign(t_s=motion["t_s"] + begin)
+    motion = dense_motion(file, scenario.parent, min(0.0, offset_s), max(ends_s))
     filmed = Filmed(folder, offset_s, rate, motion)
+    return film_motion(filmed, file, poses, ends_s, rates_hz, seed, size_px, crf)
+
+
+def dense_motion(file: ScenarioFile, where: Path, begin_s: float, end_s: float) -> pd.DataFrame:
+    """What the model does from one time of the first clock to another, released at the first."""
+    time = file.time.model_copy(update={"rate_hz": DENSE_HZ, "duration_s": end_s - begin_s})
+    motion = simulate_scenario(file.model_copy(update={"time": time}), where)
+    return motion.assign(t_s=motion["t_s"] + begin_s)
+
+
+def film_motion(
+    filmed: Filmed,
+    file: ScenarioFile,
+    poses: tuple[dict[str, Any], dict[str, Any]],
+    ends_s: tuple[float, float],
+    rates_hz: tuple[float, float],
+    seed: int,
+    size_px: tuple[int, int] | None = None,
+    crf: int = 20,
+) -> Filmed:
+    """Render a motion before two cameras; the rest as ``film_two``."""
+    folder, offset_s, rate = filmed.folder, filmed.offset_s, filmed.rate
     if (folder / RUN_FILE).is_file():
         return filmed
     folder.mkdir(parents=True, exist_ok=True)
@@ -93,8 +111,7 @@ def film_two(
         zero, step = (0.0, 1.0) if index == 0 else (offset_s, 1.0 + rate)
         own_s = np.arange(np.floor((ends_s[index] - zero) / step * rates_hz[index])) / rates_hz[index]
         first_s = zero + step * own_s
-        x, y, beta = filmed.truth(first_s).T
-        seen = pd.DataFrame({"t_s": first_s, "x_cg_m": x, "y_cg_m": y, "beta_rad": beta})
+        seen = pd.DataFrame(filmed.truth(first_s), columns=pd.Index(POSE)).assign(t_s=first_s)
         own = _as_filmed(file, poses[index], seed + index, size_px, crf)
         name = f"{NAMES[index]}.mp4"
         _encode(folder / name, film_frames(own, seen), own, rates_hz[index])

@@ -56,6 +56,11 @@ WORTH_PAIRS_BELOW = 30.0
 MOST_REFINEMENTS, BASE_REFINEMENTS, CONVERGED_GAIN = 5, 15, 3.0
 """A fit is refined at most so often, and the base, which all others are held against; a fit counts as converged when a refinement
 raises its log evidence, or a step promises to raise it, by less than this."""
+HOPELESS = 2000.0
+"""A fit from the measured motion that is this far behind the best when its path shall be closed is not gone on with: the right ones
+stand within 500 of their end there, the others' motion mostly runs away, which takes long to integrate."""
+RUNS_AWAY = "no motion with it follows these runs"
+"""Of an effect that was begun from the measured motion and is far behind."""
 STILL_GOING = 2
 """So many fits that are not at their end are gone on with beside the best few."""
 WORTH_REFINING = 0.3
@@ -104,7 +109,8 @@ def ranked(
     say("fitting " + ", ".join(e.name for e in singles))
     gross = max(scores.values(), default=0.0) > GROSS
     starts = [] if base.forces.follow(simulator.most_force) else simulator.starts()
-    fitted = _fit_all(inference, base, [(e,) for e in (*singles, *best_free)], gross, starts)
+    ahead = unlike[0][0] if unlike else -np.inf
+    fitted = _fit_all(inference, base, [(e,) for e in (*singles, *best_free)], gross, starts, ahead)
     single_prior, forms = np.log(P_SINGLE / max(len(names), 1)), _of_forms(scores, usable)
     candidates = [
         Candidate(effects, f, _worth(f) - base.log_evidence, single_prior + forms[effects[0].name])
@@ -112,6 +118,8 @@ def ranked(
         if effects[0] not in free
     ]
     candidates += _as_candidates(inference, base, unlike, single_prior)
+    followed = {name for c in candidates for name in c.names}
+    excluded |= {n: RUNS_AWAY for _, h, _ in unlike for n in (h.effects[0].name,) if n not in followed}
     free_found = [
         Candidate(effects, f, _worth(f) - base.log_evidence, np.log(P_UNKNOWN))
         for effects, f in fitted
@@ -153,7 +161,10 @@ def extended(inference: Inference, ranking: Ranking, candidates: Sequence[Candid
 
 def _unlike(simulator: Diagnosable, base: Fitted, spread: Spread) -> list[tuple[float, Hypothesis, Forces]]:
     """The best end of every effect that no step from the base leads to, the best first."""
-    found = [end for end in spread(partial(_ended, simulator), simulator.unlike(base)) if end is not None]
+    opened = [f for f in spread(partial(_opened, simulator), simulator.unlike(base)) if f is not None]
+    going = _hopeful(opened, base.log_evidence)
+    found = [_end_of(f) for f in opened if all(f is not one for one in going)]
+    found += [end for end in spread(partial(_closed, simulator), going) if end is not None]
     best: dict[str, tuple[float, Hypothesis, Forces]] = {}
     for end in sorted(found, key=lambda end: -end[0]):
         best.setdefault(end[1].effects[0].label, end)
@@ -163,9 +174,11 @@ def _unlike(simulator: Diagnosable, base: Fitted, spread: Spread) -> list[tuple[
 def _as_candidates(
     inference: Inference, base: Fitted, unlike: Sequence[tuple[float, Hypothesis, Forces]], single_prior: float
 ) -> list[Candidate]:
-    """These with the noise of all others."""
-    found = []
-    for _, h, forces in unlike:
+    """These with the noise of all others, without those that are far behind, and behind the base."""
+    found, behind = [], max([base.log_evidence, *(end[0] for end in unlike)]) - HOPELESS
+    for reached, h, forces in unlike:
+        if reached < min(behind, base.log_evidence):
+            continue
         try:
             fitted = inference.fit([h], [forces], REFIT_STEPS, (1,))[0]
         except EstimationError:
@@ -178,12 +191,38 @@ def _as_candidates(
 
 def _ended(simulator: Simulator, start: Hypothesis) -> tuple[float, Hypothesis, Forces] | None:
     """Where a fit from the measured motion ends, at first without asking that it is one motion; with its log evidence."""
+    opened = _opened(simulator, start)
+    return None if opened is None else _closed(simulator, opened)
+
+
+def _opened(simulator: Simulator, start: Hypothesis) -> Fitted | None:
+    """The first steps of a fit from the measured motion, in which paths stay open; None: it gets nowhere."""
     try:
-        found = Inference(simulator, None).fit([start], [Forces()], BASE_STEPS, (OPEN_STEPS,), OPEN_STEPS)[0]
+        return Inference(simulator, None).fit([start], [Forces()], OPEN_STEPS - 1, None, OPEN_STEPS)[0]
     except (EstimationError, np.linalg.LinAlgError):
         return None
-    # of where it stands, not of where its next step points to: an end that is still on its way is none
+
+
+def _closed(simulator: Simulator, opened: Fitted) -> tuple[float, Hypothesis, Forces] | None:
+    """Where it ends."""
+    steps = BASE_STEPS - OPEN_STEPS + 1
+    try:
+        return _end_of(
+            Inference(simulator, None).fit([opened.hypothesis], [opened.forces], steps, (1,), 0, [opened])[0]
+        )
+    except (EstimationError, np.linalg.LinAlgError):
+        return None
+
+
+def _end_of(found: Fitted) -> tuple[float, Hypothesis, Forces]:
+    """Of where it stands, not of where its next step points to: an end that is still on its way is none."""
     return found.log_evidence - found.promised, found.hypothesis, found.forces
+
+
+def _hopeful(opened: Sequence[Fitted], best: float) -> list[Fitted]:
+    """Those that are worth going on with, beside something of log evidence ``best``."""
+    best = max([best, *(f.log_evidence for f in opened)])
+    return [f for f in opened if f.log_evidence > best - HOPELESS]
 
 
 def _first_fit(simulator: Simulator, spread: Spread) -> tuple[Hypothesis, Forces]:
@@ -399,7 +438,9 @@ def _fit_all(
     sets: Sequence[tuple[Effect, ...]],
     gross: bool,
     starts: Sequence[Hypothesis] = (),
+    ahead: float = -np.inf,
 ) -> list[tuple[tuple[Effect, ...], Fitted]]:
+    """Fits of ``sets`` of effects from the base, and from ``starts`` if they may come near to the log evidence ``ahead``."""
     hypotheses = [with_effects(base.hypothesis, list(effects)) for effects in sets]
     share, steps, turns = (SMALL_FORCES, GROSS_STEPS, (GROSS_STEPS - 1,)) if gross else (1.0, REFIT_STEPS, (1,))
     found = inference.fit(hypotheses, [base.forces.scaled(share)] * len(sets), steps, turns)
@@ -407,10 +448,15 @@ def _fit_all(
         # a base that does not follow its runs has numbers that make up for what is missing: no place to begin from
         again = [with_effects(start, list(effects)) for effects in sets]
         try:
-            ends = inference.fit(again, [Forces()] * len(sets), BASE_STEPS, (OPEN_STEPS,), OPEN_STEPS)
+            opened = inference.fit(again, [Forces()] * len(sets), OPEN_STEPS - 1, None, OPEN_STEPS)
+            going = _hopeful(opened, max([ahead, *(f.log_evidence for f in found)]))
+            steps = BASE_STEPS - OPEN_STEPS + 1
+            ends = inference.fit([f.hypothesis for f in going], [f.forces for f in going], steps, (1,), 0, going)
         except (EstimationError, np.linalg.LinAlgError):
             continue
-        found = [max(pair, key=_worth) for pair in zip(found, ends, strict=True)]
+        for end in ends:
+            at = next(k for k, effects in enumerate(sets) if effects == end.hypothesis.effects)
+            found[at] = max(found[at], end, key=_worth)
     return list(zip(sets, found, strict=True))
 
 

@@ -331,7 +331,7 @@ class Inference:
         hypotheses: Sequence[Hypothesis],
         forces: Sequence[Forces],
         steps: int,
-        noise_turns: Sequence[int] = (),
+        noise_turns: Sequence[int] | None = (),
         open_turns: int = 0,
         begun: Sequence[Fitted] = (),
     ) -> list[Fitted]:
@@ -342,7 +342,7 @@ class Inference:
         forces : start of the noise
         steps : Gauss-Newton steps, at most
         noise_turns : steps after which the noise is estimated anew, or sooner where a fit is at its end; it is again at the end,
-            for all that come near the best
+            for all that come near the best; None: it stays as it is given
         open_turns : the first steps, in which paths stay open and every step is taken
         begun : fits of these hypotheses, whose linear problems are the first turn's; none: it makes them
         """
@@ -350,13 +350,22 @@ class Inference:
         if not count:
             return []
         groups = [
-            (hypotheses[k::GROUPS], forces[k::GROUPS], steps, noise_turns, open_turns, count == 1, begun[k::GROUPS])
+            (
+                hypotheses[k::GROUPS],
+                forces[k::GROUPS],
+                steps,
+                noise_turns or (),
+                open_turns,
+                count == 1,
+                begun[k::GROUPS],
+            )
             for k in range(min(GROUPS, count))
         ]
         known = [self._noise, *(e for h in hypotheses for e in h.effects)]
         known += [part for f in begun for part in (f.hypothesis, f.linear, f.grams)]
         found = self.spread(lambda group: self._turns(*group), groups, known)
-        return self._with_noise([found[k % GROUPS][k // GROUPS] for k in range(count)])
+        ends = [found[k % GROUPS][k // GROUPS] for k in range(count)]
+        return ends if noise_turns is None else self._with_noise(ends)
 
     def _turns(
         self,

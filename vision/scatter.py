@@ -18,6 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from ..geometry.lag import mark_rate
 from ..geometry.mapping import Mapping
@@ -25,6 +26,7 @@ from ..geometry.poses import LAG_COLUMN
 from ..geometry.robust import MAD_TO_SD
 from ..record.corrections import Placed
 from ..record.schema import Marker
+from .attitude import distance_slopes, view_slopes
 from .spots.candidates import Array
 from .spots.stretch import GROUND_COLUMNS, LIMIT_COLUMN
 
@@ -72,6 +74,10 @@ LEAST_OWN = 0.25
 """Share of pictures of their own from which on these alone say how far a codec is off."""
 RIGID_GATE = 4.0
 """A ratio of variances counts when it stands this many of its own standard deviations above 1."""
+LEAST_SLOPE = 0.02
+"""Roll or pitch that does less to all distances than this share of what the other one does is told by none: a choice."""
+LEAST_LEFT = 0.05
+"""A distance of whose variance less than this share is left beside roll and pitch tells no errors: a choice."""
 MOST_RIGID = 9.0
 """Most by which the rigid body's distances widen a variance: a factor of three in sigma. A choice."""
 
@@ -271,7 +277,8 @@ def _left_over(t_s: Array, values: Array, frames: int) -> float | None:
 def rigid_ratio(table: pd.DataFrame, markers: Sequence[Marker], mapping: Mapping) -> float:
     """Variance of the marks' distances over what the sigmas let expect; 1 where it is not significantly larger.
 
-    Camera errors change the distance slowly over the tank: a quadratic in the place and the heading is taken out.
+    Camera errors change the distance slowly over the tank: a quadratic in the place and the heading is taken out. So is what roll
+    and pitch do to the distances of three marks and more, frame by frame; of two they cannot be told from errors.
 
     Parameters
     ----------
@@ -279,37 +286,82 @@ def rigid_ratio(table: pd.DataFrame, markers: Sequence[Marker], mapping: Mapping
     markers : of run.toml
     mapping : pixel -> tank
     """
-    ratios = []
     model = [m for m in markers if m.on == "model"]
     every = max(
         1, len(table) // max(len(model), 1) // MOST_SAMPLES
     )  # an hour's frames tell no more, and fill the memory
     places = {m.name: _in_tank(table[table["marker"] == m.name].iloc[::every], m, mapping) for m in model}
-    for j in range(len(model)):
-        for i in range(j):
-            (one, one_sd), (two, two_sd) = places[model[i].name], places[model[j].name]
-            if len(one) != len(two):
-                continue
-            gap = one - two
-            apart = np.linalg.norm(gap, axis=1)
-            unit = gap / apart[:, None]
-            variance = np.einsum("ni,nij,nj->n", unit, one_sd + two_sd, unit)
-            good = np.isfinite(apart) & np.isfinite(variance) & (variance > 0)
-            if good.sum() < LEAST_KNOT_FRAMES * LEAST_SPANS:
-                continue
-            state = np.column_stack([(one + two)[good] / 2, np.arctan2(unit[good, 1], unit[good, 0])])
-            scale = np.maximum(state.std(axis=0), 1e-9)
-            x, y, b = ((state - state.mean(axis=0)) / scale).T
-            basis = np.column_stack([np.ones_like(x), x, y, b, x * y, x * b, y * b, x**2, y**2, b**2])
-            rest = apart[good] - basis @ np.linalg.lstsq(basis, apart[good], rcond=None)[0]
-            limit = CLIP_SD * MAD_TO_SD * np.median(np.abs(rest))
-            rest = np.clip(rest, -limit, limit)
-            ratio = float((rest**2).sum() / (len(rest) - basis.shape[1]) / variance[good].mean())
-            lag = float((rest[1:] * rest[:-1]).sum() / max((rest**2).sum(), 1e-30))
-            independent = len(rest) * (1 - min(max(lag, 0.0), 0.98)) / (1 + min(max(lag, 0.0), 0.98))
-            if ratio > 1 + RIGID_GATE * np.sqrt(2 / independent):
-                ratios.append(ratio)
+    together = _all_seen(list(places.values()))
+    if len(model) > 2 and together.sum() >= LEAST_KNOT_FRAMES * LEAST_SPANS:
+        pixels = [table.loc[table["marker"] == m.name, ["u_px", "v_px"]].to_numpy()[::every][together] for m in model]
+        views = [view_slopes(mapping, pixel, m.depth_m) for pixel, m in zip(pixels, model, strict=True)]
+        found = _level([places[m.name] for m in model], together, model, views)
+    else:
+        pairs = [(places[one.name], places[two.name]) for j, two in enumerate(model) for one in model[:j]]
+        found = [_apart(one, two) for one, two in pairs if len(one[0]) == len(two[0])]
+    ratios = [ratio for pair in found if (ratio := _ratio(*pair)) is not None]
     return float(np.median(ratios)) if ratios else 1.0
+
+
+def _all_seen(places: dict[str, tuple[Array, Array]]) -> NDArray[np.bool_]:
+    return np.all([np.isfinite(xy).all(axis=1) & np.isfinite(sd).all(axis=(1, 2)) for xy, sd in places], axis=0)
+
+
+def _apart(one: tuple[Array, Array], two: tuple[Array, Array]) -> tuple[Array, Array, Array]:
+    """Distances (n,) of two marks, their variances (n,), and where and how the pair lies (n, 3)."""
+    gap = one[0] - two[0]
+    apart = np.linalg.norm(gap, axis=1)
+    unit = gap / apart[:, None]
+    variance = np.einsum("ni,nij,nj->n", unit, one[1] + two[1], unit)
+    return apart, variance, np.column_stack([(one[0] + two[0]) / 2, np.arctan2(unit[:, 1], unit[:, 0])])
+
+
+def _level(
+    places: Sequence[tuple[Array, Array]],
+    seen: NDArray[np.bool_],
+    markers: Sequence[Marker],
+    views: Sequence[Array],
+) -> list[tuple[Array, Array, Array]]:
+    """As ``_apart`` of every pair, without what roll and pitch could have done: what all distances together leave of it."""
+    pairs = [(i, j) for j in range(len(places)) for i in range(j)]
+    apart, state, slopes = [], [], []
+    to_marks = np.zeros((int(seen.sum()), len(pairs), len(places), 2))
+    for k, (i, j) in enumerate(pairs):
+        one, two = ((places[m][0][seen], places[m][1][seen]) for m in (i, j))
+        distance, _, lies = _apart(one, two)
+        gap = one[0] - two[0]
+        to_marks[:, k, i] = gap / distance[:, None]
+        to_marks[:, k, j] = -to_marks[:, k, i]
+        apart.append(distance - np.median(distance))
+        state.append(lies)
+        slopes.append(distance_slopes(markers[i], markers[j], gap, (views[i], views[j])))
+    turn = np.stack(slopes, axis=1)
+    still = np.eye(len(pairs)) - turn @ np.linalg.pinv(turn, rcond=LEAST_SLOPE)
+    from_marks = np.einsum("nkl,nlmi->nkmi", still, to_marks)
+    spread = np.stack([sd[seen] for _, sd in places], axis=1)
+    variance = np.einsum("nkmi,nmij,nkmj->nk", from_marks, spread, from_marks)
+    whole = np.einsum("nkmi,nmij,nkmj->nk", to_marks, spread, to_marks)
+    left = np.einsum("nkl,nl->nk", still, np.stack(apart, axis=1))
+    told = [k for k in range(len(pairs)) if variance[:, k].mean() > LEAST_LEFT * whole[:, k].mean()]
+    return [(left[:, k], variance[:, k], state[k]) for k in told]
+
+
+def _ratio(apart: Array, variance: Array, state: Array) -> float | None:
+    """Variance of distances over what is expected of it; None where it is not significantly larger."""
+    good = np.isfinite(apart) & np.isfinite(variance) & (variance > 0)
+    if good.sum() < LEAST_KNOT_FRAMES * LEAST_SPANS:
+        return None
+    state = state[good]
+    scale = np.maximum(state.std(axis=0), 1e-9)
+    x, y, b = ((state - state.mean(axis=0)) / scale).T
+    basis = np.column_stack([np.ones_like(x), x, y, b, x * y, x * b, y * b, x**2, y**2, b**2])
+    rest = apart[good] - basis @ np.linalg.lstsq(basis, apart[good], rcond=None)[0]
+    limit = CLIP_SD * MAD_TO_SD * np.median(np.abs(rest))
+    rest = np.clip(rest, -limit, limit)
+    ratio = float((rest**2).sum() / (len(rest) - basis.shape[1]) / variance[good].mean())
+    lag = float((rest[1:] * rest[:-1]).sum() / max((rest**2).sum(), 1e-30))
+    independent = len(rest) * (1 - min(max(lag, 0.0), 0.98)) / (1 + min(max(lag, 0.0), 0.98))
+    return ratio if ratio > 1 + RIGID_GATE * np.sqrt(2 / independent) else None
 
 
 def _in_tank(rows: pd.DataFrame, marker: Marker, mapping: Mapping) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...geometry.mapping import Mapping
 from ...record.schema import Marker
+from ..attitude import distance_slopes, view_slopes
 from .candidates import Array
 from .identity import DISTANCE_SD_M, DISTANCE_SD_SHARE
 from .live import COAST_FRAMES
@@ -43,6 +44,8 @@ DISTANCE_MEMORY = 0.3
 """Share of a new stretch in what is known of the distance of two marks: a choice."""
 DISTANCE_GATE = 6.0
 """A distance off by more than this many standard deviations, beside identity's tolerance, is not the body's."""
+TURNED_RAD = np.radians([3.0, 0.5])
+"""A model may roll and pitch by so much: more than one on a line does in calm water. Choices."""
 
 
 def judge(marks: Sequence[Mark | None], found: Found, width: Array, excess: Array, flux: Array) -> Array:
@@ -187,9 +190,10 @@ class Rigid:
                 rows = found.both(i, j)
                 if not len(rows):
                     continue
-                apart, sd = self._apart(i, j, found, rows)
+                gap, sd = self._apart(i, j, found, rows)
+                apart = np.linalg.norm(gap, axis=1)
                 stated = self.distances.get((i, j), float(np.median(apart)))
-                off = rows[np.abs(apart - stated) > self._gate((i, j), sd)]
+                off = rows[np.abs(apart - stated) > self._gate((i, j), gap, sd, found.place[[i, j], rows[0]])]
                 wrong[i, off] = wrong[j, off] = True
             if not wrong.any():
                 return
@@ -205,8 +209,9 @@ class Rigid:
         for pair in self._pairs():
             other = pair[0] if pair[1] == index else pair[1]
             if index in pair and pair in self.distances and trial.reason[other, 0] == "":
-                apart, sd = self._apart(*pair, trial, np.array([0]))
-                if abs(apart[0] - self.distances[pair]) > self._gate(pair, sd)[0]:
+                gap, sd = self._apart(*pair, trial, np.array([0]))
+                off = abs(float(np.linalg.norm(gap)) - self.distances[pair])
+                if off > self._gate(pair, gap, sd, trial.place[list(pair), 0])[0]:
                     return False
         return True
 
@@ -215,7 +220,7 @@ class Rigid:
         for i, j in self._pairs():
             rows = found.both(i, j)
             if len(rows):
-                apart = float(np.median(self._apart(i, j, found, rows)[0]))
+                apart = float(np.median(np.linalg.norm(self._apart(i, j, found, rows)[0], axis=1)))
                 before = self.distances.get((i, j), apart)
                 self.distances[(i, j)] = before + DISTANCE_MEMORY * (apart - before)
 
@@ -226,17 +231,21 @@ class Rigid:
         return seen.xy_m, spread @ spread.swapaxes(1, 2)
 
     def _apart(self, i: int, j: int, found: Found, rows: Array) -> tuple[Array, Array]:
-        """Distances of two marks in the tank and their standard deviations from the pixels, m."""
+        """From one mark to another in the tank (n, 2), and the standard deviation of their distance from the pixels, m."""
         (one, one_sd), (two, two_sd) = (self._tank(k, found.place[k, rows], found.sigma[k, rows]) for k in (i, j))
         gap = one - two
-        apart = np.linalg.norm(gap, axis=1)
-        unit = gap / np.maximum(apart, 1e-12)[:, None]
-        return apart, np.sqrt(np.einsum("ni,nij,nj->n", unit, one_sd + two_sd, unit))
+        unit = gap / np.maximum(np.linalg.norm(gap, axis=1), 1e-12)[:, None]
+        return gap, np.sqrt(np.einsum("ni,nij,nj->n", unit, one_sd + two_sd, unit))
 
-    def _gate(self, key: tuple[int, int], sd: Array) -> Array:
-        body = np.array(self.markers[key[0]].body_m) - np.array(self.markers[key[1]].body_m)
+    def _gate(self, key: tuple[int, int], gap: Array, sd: Array, place: Array) -> Array:
+        one, two = (self.markers[k] for k in key)
+        body = np.subtract(one.body_m, two.body_m)
         # the camera's common errors change slowly over the picture: one standard deviation of identity's tolerance
-        return DISTANCE_GATE * sd + DISTANCE_SD_M + DISTANCE_SD_SHARE * float(np.hypot(*body))
+        gate = DISTANCE_GATE * sd + DISTANCE_SD_M + DISTANCE_SD_SHARE * float(np.hypot(*body))
+        if one.on != "model":
+            return gate
+        by_down = [view_slopes(self.mapping, p[None], m.depth_m) for p, m in zip(place, (one, two), strict=True)]
+        return gate + np.abs(distance_slopes(one, two, gap, (by_down[0], by_down[1]))) @ TURNED_RAD
 
     def _pairs(self):
         count = len(self.markers)

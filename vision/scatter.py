@@ -303,7 +303,10 @@ def rigid_ratio(table: pd.DataFrame, markers: Sequence[Marker], mapping: Mapping
     return float(np.median(ratios)) if ratios else 1.0
 
 
-def _all_seen(places: dict[str, tuple[Array, Array]]) -> NDArray[np.bool_]:
+def _all_seen(places: Sequence[tuple[Array, Array]]) -> NDArray[np.bool_]:
+    """Frames in which every mark is seen; none where they are not of the same frames."""
+    if len({len(xy) for xy, _ in places}) != 1:
+        return np.zeros(0, dtype=bool)
     return np.all([np.isfinite(xy).all(axis=1) & np.isfinite(sd).all(axis=(1, 2)) for xy, sd in places], axis=0)
 
 

@@ -169,6 +169,7 @@ def tally(cases: list[Case], marks: tuple[str, ...]) -> dict[str, list]:
         found["apart"].append(not one.match.agree)
         if marks == ROLLING:
             found["silent"].append(not one.rolls)
+        if marks == ROLLING and AFLOAT[0] in motion:
             both = (motion["camera"] == BOTH).to_numpy()
             off = (motion[list(AFLOAT)].to_numpy() - truth[:, 3:])[both]
             own, common = (motion[[f"{kind}_{n}" for n in AFLOAT]].to_numpy()[both] for kind in ("sigma", "common"))

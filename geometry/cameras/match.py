@@ -24,9 +24,8 @@ from scipy.special import chdtrc
 
 from ...record.errors import GeometryError
 from ..camera import Array
-from ..lag import RATE_S
 from .clock import LEAST_TOGETHER_S, Clock, Start, starts
-from .view import Between, View, between, between_variance, rates
+from .view import Between, View, between, between_variance, rate_noise, rates
 
 RATE_SDS = (1e-4, 1e-3)
 """What is known of a camera's rate before anything is seen, relative: crystals are good to 1e-4, a file that says 30 for 29.97 is
@@ -350,7 +349,7 @@ def _moves(view: View, rows: NDArray[np.int_]) -> Array:
     share of its mean square that is beyond that noise, and beyond what chance makes of it.
     """
     square = (rates(view, view.t_s[rows]) ** 2).mean(axis=0)
-    noise = 2 * np.einsum("ndd->nd", view.covariance[rows]).mean(axis=0) / (2 * RATE_S) ** 2
+    noise = rate_noise(view) * np.einsum("ndd->nd", view.covariance[rows]).mean(axis=0)
     chance = 1.0 + STILL_SD * 2.0 / np.sqrt(len(rows))  # of squares of which neighbours in pairs share a frame
     return np.clip(1.0 - np.divide(chance * noise, square, out=np.ones_like(noise), where=square > 0), STILL, 1.0)
 

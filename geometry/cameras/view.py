@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...record.run import Run
 from ..camera import Array
-from ..lag import OF_A_MARK, mark_rate
+from ..lag import OF_A_MARK, RATE_S, mark_rate
 from ..poses import Poses
 
 POINTS = 4
@@ -18,6 +18,10 @@ POINTS = 4
 of a swing of 4 s and 0.3 m filmed 30 times a second 0.0002 mm."""
 FRAMES_APART = 1.5
 """Such frames follow one another within so many usual steps: over a gap nothing is put."""
+LEVEL, CUBIC = 3, 3
+"""Numbers of a pose that neither rolls nor heaves; degree of the curve that tells rates of one that does."""
+ON_EITHER_SIDE = 0.5
+"""A cubic needs frames further away than this share of RATE_S before and after: a choice."""
 ENOUGH_FRAMES = 60
 """Frames from which the fourth difference is judged against its noise: a choice."""
 
@@ -153,9 +157,10 @@ def between(view: View, at_s: Array) -> Between:
 
 
 def rates(view: View, at_s: Array) -> Array:
-    """(n, D) rates of x, y and heading about times ``at_s (n,)`` of the view's own clock, over some 0.6 s (``mark_rate``).
+    """(n, D) rates of all numbers about times ``at_s (n,)`` of the view's own clock, over some 0.6 s.
 
-    Those of heave, roll and pitch, which one camera tells badly, are left 0: their noise would pass for motion.
+    Of x, y and heading alone by ``mark_rate``. A model that rolls or heaves does so within some two seconds: its rates are those
+    of a cubic through the frames within 0.3 s, at a period of 1.7 s right to a hundredth, where a chord is a fifth too low.
 
     Parameters
     ----------
@@ -166,9 +171,42 @@ def rates(view: View, at_s: Array) -> Array:
     found = np.zeros((len(at_s), view.pose.shape[1]))
     if not seen.any():
         return found
-    for column in range(3):
-        found[:, column] = mark_rate(view.t_s[seen], view.pose[seen, column], at_s)
-    return found
+    t_s, pose = view.t_s[seen], view.pose[seen]
+    for column in range(found.shape[1]):
+        found[:, column] = mark_rate(t_s, pose[:, column], at_s)
+    return found if view.pose.shape[1] == LEVEL else _by_cubics(t_s, pose, at_s, found)
+
+
+def _by_cubics(t_s: Array, pose: Array, at_s: Array, else_: Array) -> Array:
+    """Rates (n, D) by cubics through what was seen within RATE_S; ``else_`` where that is too little, or on one side only."""
+    first, last = np.searchsorted(t_s, at_s - RATE_S), np.searchsorted(t_s, at_s + RATE_S, side="right")
+    at = first[:, None] + np.arange(max(int((last - first).max(initial=0)), 1))
+    here = at < last[:, None]
+    at = np.minimum(at, len(t_s) - 1)
+    away = np.where(here, (t_s[at] - at_s[:, None]) / RATE_S, 0.0)
+    enough = ((here & (away < -ON_EITHER_SIDE)).sum(axis=1) > 0) & ((here & (away > ON_EITHER_SIDE)).sum(axis=1) > 0)
+    enough &= here.sum(axis=1) > CUBIC
+    powers = away[..., None] ** np.arange(CUBIC + 1) * here[..., None]
+    powers, at = powers[enough], at[enough]
+    answer = else_.copy()
+    normal = powers.transpose(0, 2, 1) @ powers
+    answer[enough] = np.linalg.solve(normal, powers.transpose(0, 2, 1) @ pose[at])[:, 1] / RATE_S
+    return answer
+
+
+def rate_noise(view: View) -> float:
+    """Variance of a rate, 1/s^2, over that of a frame, where all frames about it are seen.
+
+    Parameters
+    ----------
+    view : whose
+    """
+    if view.pose.shape[1] == LEVEL or not view.step_s < RATE_S / CUBIC:
+        return 2 / (2 * RATE_S) ** 2
+    half = int(RATE_S / view.step_s)
+    away = np.arange(-half, half + 1) * view.step_s
+    powers = away[:, None] ** np.arange(CUBIC + 1)
+    return float(np.linalg.inv(powers.T @ powers)[1, 1])
 
 
 def between_variance(view: View) -> Array:
@@ -197,4 +235,15 @@ def between_variance(view: View) -> Array:
     return (3 / 128) ** 2 * np.where(beyond > chance, beyond, 0.0)
 
 
-__all__ = ["POINTS", "Between", "View", "between", "between_variance", "pulls_of", "rates", "shared_modes", "view_of"]
+__all__ = [
+    "POINTS",
+    "Between",
+    "View",
+    "between",
+    "between_variance",
+    "pulls_of",
+    "rate_noise",
+    "rates",
+    "shared_modes",
+    "view_of",
+]

@@ -59,7 +59,7 @@ TABLES = {
     "geometry": Table("benchmarks/geometry.py", "geometry.txt", 15, "random cameras, planted faults"),
     "graphics_card": Table("benchmarks/graphics_card.py", "graphics_card.txt", 2, "tracks and the chain on a CUDA device"),
     "mistakes": Table("benchmarks/mistakes.py", "mistakes.txt", 6, "gross mistakes of a run.toml, planted in random set-ups"),
-    "two_cameras": Table("benchmarks/two_cameras.py {out}/two-cameras", "two_cameras.txt", 20, "two cameras over one tow"),
+    "two_cameras": Table("benchmarks/two_cameras.py {out}/two-cameras", "two_cameras.txt", 110, "two cameras over one tow"),
     "trapezoid": Table("benchmarks/trapezoid.py", "trapezoid.txt", 1, "the thesis's trapezoid against the exact form"),
     "identify": Table("benchmarks/identify.py", "identify.txt", 90, "the joint fit, its bound, scipy, CasADi, jax-sysid, pysindy"),
     "surge_peers": Table("benchmarks/surge_peers.py", "surge_peers.txt", 2, "four tows with surge beside scipy"),

@@ -112,7 +112,7 @@ def film_motion(
         own_s = np.arange(np.floor((ends_s[index] - zero) / step * rates_hz[index])) / rates_hz[index]
         first_s = zero + step * own_s
         seen = pd.DataFrame(filmed.truth(first_s), columns=pd.Index(POSE)).assign(t_s=first_s)
-        own = _as_filmed(file, poses[index], seed + index, size_px, crf)
+        own = as_filmed(file, poses[index], seed + index, size_px, crf)
         name = f"{NAMES[index]}.mp4"
         _encode(folder / name, film_frames(own, seen), own, rates_hz[index])
         cameras.append(_camera(own, NAMES[index], name, seed + index))
@@ -136,7 +136,7 @@ def film_motion(
     return filmed
 
 
-def _as_filmed(
+def as_filmed(
     file: ScenarioFile, pose: dict[str, Any], seed: int, size_px: tuple[int, int] | None, crf: int
 ) -> ScenarioFile:
     """The scenario as one of the cameras sees it."""

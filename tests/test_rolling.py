@@ -100,7 +100,7 @@ def test_marks_of_a_rolling_model_are_followed(films: ModuleType, samples: Path,
     view = cameras_of(read_run(tmp_path / "tow"))[0]
     tracks = track_run(view, None, True).table
     assert set(tracks["status"]) == {"measured"}
-    own = films._as_filmed(file, POSES[0], 3, (640, 480), 18)
+    own = films.as_filmed(file, POSES[0], 3, (640, 480), 18)
     times = np.unique(tracks["t_s"])
     truth = pd.DataFrame(filmed.truth(times), columns=pd.Index(films.POSE)).assign(t_s=times)
     pixel = camera_of(own).project(mark_places(own, truth).reshape(-1, 3)).reshape(len(times), -1, 2)

@@ -22,6 +22,8 @@ LEVEL, CUBIC = 3, 3
 """Numbers of a pose that neither rolls nor heaves; degree of the curve that tells rates of one that does."""
 ON_EITHER_SIDE = 0.5
 """A cubic needs frames further away than this share of RATE_S before and after: a choice."""
+AT_ONCE = 4096
+"""So many cubics are fitted at once: an hour's would fill the memory."""
 ENOUGH_FRAMES = 60
 """Frames from which the fourth difference is judged against its noise: a choice."""
 
@@ -174,11 +176,15 @@ def rates(view: View, at_s: Array) -> Array:
     t_s, pose = view.t_s[seen], view.pose[seen]
     for column in range(found.shape[1]):
         found[:, column] = mark_rate(t_s, pose[:, column], at_s)
-    return found if view.pose.shape[1] == LEVEL else _by_cubics(t_s, pose, at_s, found)
+    if view.pose.shape[1] > LEVEL:
+        for k in range(0, len(at_s), AT_ONCE):
+            some = slice(k, k + AT_ONCE)
+            found[some] = _by_cubics(t_s, pose, at_s[some], found[some])
+    return found
 
 
-def _by_cubics(t_s: Array, pose: Array, at_s: Array, else_: Array) -> Array:
-    """Rates (n, D) by cubics through what was seen within RATE_S; ``else_`` where that is too little, or on one side only."""
+def _by_cubics(t_s: Array, pose: Array, at_s: Array, otherwise: Array) -> Array:
+    """Rates (n, D) by cubics through what was seen within RATE_S; ``otherwise`` where that is too little, or on one side only."""
     first, last = np.searchsorted(t_s, at_s - RATE_S), np.searchsorted(t_s, at_s + RATE_S, side="right")
     at = first[:, None] + np.arange(max(int((last - first).max(initial=0)), 1))
     here = at < last[:, None]
@@ -188,7 +194,7 @@ def _by_cubics(t_s: Array, pose: Array, at_s: Array, else_: Array) -> Array:
     enough &= here.sum(axis=1) > CUBIC
     powers = away[..., None] ** np.arange(CUBIC + 1) * here[..., None]
     powers, at = powers[enough], at[enough]
-    answer = else_.copy()
+    answer = otherwise.copy()
     normal = powers.transpose(0, 2, 1) @ powers
     answer[enough] = np.linalg.solve(normal, powers.transpose(0, 2, 1) @ pose[at])[:, 1] / RATE_S
     return answer

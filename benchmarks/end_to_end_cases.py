@@ -195,14 +195,14 @@ def filmed(
         here = folder / run["name"]
         # drawn for runs that stand already, too: the next one's errors are the same
         pull, place = (float(z) for z in rng.normal(size=2))
-        if not _told(here / "run.toml"):
+        if not is_told(here / "run.toml"):
             render_scenario(_scenario(run), folder, here, progress)
             _believed(here / "run.toml", common, marks, pull, place, run["hull"])
         made.append(here)
     return made
 
 
-def _told(path: Path) -> bool:
+def is_told(path: Path) -> bool:
     """The run stands, and its run.toml says what was measured: one that was stopped before is made again."""
     return path.is_file() and "[priors]" in path.read_text(encoding="utf-8")
 
@@ -227,4 +227,4 @@ def _believed(
     path.write_text(tomlkit.dumps(told), encoding="utf-8")
 
 
-__all__ = ["PRIORS", "campaign", "filmed"]
+__all__ = ["PRIORS", "campaign", "filmed", "is_told"]

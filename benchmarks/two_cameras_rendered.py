@@ -9,13 +9,12 @@ picks are wrong by what the run's [priors] and picks state.
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tomlkit
-from end_to_end_cases import PRIORS, campaign
+from end_to_end_cases import PRIORS, campaign, is_told
 from two_cameras_cases import MARKS, Case
 from two_cameras_films import Filmed, dense_motion, film_motion
 
@@ -57,9 +56,8 @@ def rendered(seed: int, rolls: bool, out: Path) -> Case:
     filmed = Filmed(out / f"{'rolling' if rolls else 'level'}-{seed}", offset_s, rate, motion)
     rates = tuple(float(v) for v in rng.choice(RATES_HZ, 2))
     crf = int(rng.integers(17, 29))
-    new = not (filmed.folder / RUN_FILE).is_file()
     film_motion(filmed, file, poses, ends_s, (rates[0], rates[1]), 2 * seed, crf=crf)
-    if new:
+    if not is_told(filmed.folder / RUN_FILE):
         _believed(filmed.folder / RUN_FILE, rng)
     run = read_run(filmed.folder)
     first, second = (compute_camera_motion(view).tracks for view in cameras_of(run))
@@ -113,10 +111,9 @@ def _sees(camera: Camera, points_m: np.ndarray) -> bool:
 def _believed(path: Path, rng: Rng) -> None:
     """The places of the marks as they were measured."""
     told: Any = tomlkit.parse(path.read_text(encoding="utf-8"))
-    drawn = partial(rng.normal, 0.0)
     for marker in told["marker"]:
-        marker["body_m"] = [round(float(v + drawn(PRIORS["marker_place_sd_m"])), 5) for v in marker["body_m"]]
-        marker["depth_m"] = round(float(marker["depth_m"] + drawn(PRIORS["marker_depth_sd_m"])), 5)
+        marker["body_m"] = [round(float(v + rng.normal(0, PRIORS["marker_place_sd_m"])), 5) for v in marker["body_m"]]
+        marker["depth_m"] = round(float(marker["depth_m"] + rng.normal(0, PRIORS["marker_depth_sd_m"])), 5)
     told["priors"] = {key: PRIORS[key] for key in TOLD}
     path.write_text(tomlkit.dumps(told), encoding="utf-8")
 

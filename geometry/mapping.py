@@ -9,6 +9,9 @@ import numpy as np
 
 from .camera import Array, Lens, inverse_2x2
 
+_DEPTH_STEP_M = 1e-4
+"""Of the difference that tells how a place changes with its depth: small against any tank, large against rounding."""
+
 
 @dataclass(frozen=True)
 class Places:
@@ -102,6 +105,23 @@ class ProjectiveMapping:
             _, per_ideal, per_lens = self.lens.slopes(ideal)
             moved += np.einsum("nij,njl,kl->kni", inverse_2x2(per_ideal), per_lens, self.lens_modes)
         return Places(xy, inverse @ ideal_per_px, -np.einsum("nij,knj->kni", inverse, moved))
+
+
+def ray_slopes(mapping: Mapping, pixel_px: Array, depth_m: float) -> Array:
+    """How far a pixel's ray goes aside for a metre of depth, m/m.
+
+    Parameters
+    ----------
+    mapping : pixel -> tank
+    pixel_px : (n, 2); NaN in, NaN out
+    depth_m : below the datum plane, about which
+
+    Returns
+    -------
+    (n, 2)
+    """
+    lower, higher = (mapping.to_tank(pixel_px, depth_m + by).xy_m for by in (_DEPTH_STEP_M, -_DEPTH_STEP_M))
+    return (lower - higher) / (2 * _DEPTH_STEP_M)
 
 
 def _homogeneous(points: Array) -> Array:

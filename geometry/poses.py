@@ -17,7 +17,7 @@ from .camera import Array
 from .datum import DatumFit
 from .lag import lag_modes
 from .line import alpha_of
-from .mapping import Mapping
+from .mapping import Mapping, ray_slopes
 from .phase import phase_modes
 from .pull import pull_modes
 from .rigid import RigidFit, fit_rigid
@@ -27,9 +27,6 @@ DEFAULT_SIGMA_PX = 0.1
 """Assumed for tracks without a sigma (a good centroid after H.264)."""
 LAG_COLUMN = "sigma_lag_px"
 """Of the tracks: how far a codec that makes a picture from the one before may hold a mark back (standard deviation)."""
-_DEPTH_STEP_M = 1e-4
-"""Of the difference that tells how a mark's place changes with its depth: small against any tank, large against
-rounding."""
 
 
 @dataclass(frozen=True)
@@ -315,9 +312,8 @@ def _places(
         if len(lags):
             lagging[:, :, index] = np.einsum("nij,knj->kni", found.per_px, lags[:, :, index])
         if depth_sd:
-            lower = mapping.to_tank(pixel[:, index], marker.depth_m + _DEPTH_STEP_M).xy_m
             mode = np.zeros((1, n, len(markers), 2))
-            mode[0, :, index] = (lower - found.xy_m) / _DEPTH_STEP_M * depth_sd
+            mode[0, :, index] = ray_slopes(mapping, pixel[:, index], marker.depth_m) * depth_sd
             own.append(mode)
     return place, covariance, np.concatenate([lagging, np.stack(shared, axis=2), *own]), per_px
 

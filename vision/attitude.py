@@ -9,40 +9,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.mapping import Mapping
 from ..record.schema import Marker
 
 Array = NDArray[np.float64]
 
-DEEPER_M = 0.01
-"""The view is nearly straight within this depth."""
 
-
-def view_slopes(mapping: Mapping, place_px: Array, depth_m: float) -> Array:
-    """How a mark's apparent place in the plane of its depth changes as it moves down.
-
-    Parameters
-    ----------
-    mapping : pixel -> tank
-    place_px : (n, 2)
-    depth_m : of the plane
-
-    Returns
-    -------
-    (n, 2) m/m
-    """
-    high, low = (mapping.to_tank(place_px, depth_m + d).xy_m for d in (0.0, DEEPER_M))
-    return (high - low) / DEEPER_M
-
-
-def distance_slopes(one: Marker, two: Marker, gap_m: Array, by_down: tuple[Array, Array]) -> Array:
+def distance_slopes(one: Marker, two: Marker, gap_m: Array, aside: tuple[Array, Array]) -> Array:
     """Change of a pair's apparent distance by roll (starboard down) and pitch (bow up) about the LCG.
 
     Parameters
     ----------
     one, two : on the model
     gap_m : (n, 2) apparent place of one from two
-    by_down : ``view_slopes`` of both, (n, 2) or (1, 2)
+    aside : ``ray_slopes`` of both, (n, 2) or (1, 2)
 
     Returns
     -------
@@ -53,11 +32,13 @@ def distance_slopes(one: Marker, two: Marker, gap_m: Array, by_down: tuple[Array
     unit = gap_m / np.maximum(np.linalg.norm(gap_m, axis=1), 1e-12)[:, None]
     turned = np.arctan2(gap_m[:, 1], gap_m[:, 0]) - np.arctan2(side, ahead)
     forward = (unit * np.column_stack([np.cos(turned), np.sin(turned)])).sum(axis=1)
-    aside = (unit * np.column_stack([-np.sin(turned), np.cos(turned)])).sum(axis=1)
-    (first, second), (along, across) = by_down, zip(one.body_m, two.body_m, strict=True)
-    by_roll = (unit * (across[0] * first - across[1] * second)).sum(axis=1)
-    by_pitch = (unit * (along[0] * first - along[1] * second)).sum(axis=1)
-    return np.column_stack([by_roll - down * aside, down * forward - by_pitch])
+    across = (unit * np.column_stack([-np.sin(turned), np.cos(turned)])).sum(axis=1)
+    # a mark that moves down, to starboard of the axis by roll and astern of it by pitch, appears back along its ray
+    by_pitch, by_roll = (
+        (unit * (here * aside[0] - there * aside[1])).sum(axis=1)
+        for here, there in zip(one.body_m, two.body_m, strict=True)
+    )
+    return np.column_stack([-by_roll - down * across, down * forward + by_pitch])
 
 
-__all__ = ["distance_slopes", "view_slopes"]
+__all__ = ["distance_slopes"]

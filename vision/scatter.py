@@ -21,12 +21,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ..geometry.lag import mark_rate
-from ..geometry.mapping import Mapping
+from ..geometry.mapping import Mapping, ray_slopes
 from ..geometry.poses import LAG_COLUMN
 from ..geometry.robust import MAD_TO_SD
 from ..record.corrections import Placed
 from ..record.schema import Marker
-from .attitude import distance_slopes, view_slopes
+from .attitude import distance_slopes
 from .spots.candidates import Array
 from .spots.stretch import GROUND_COLUMNS, LIMIT_COLUMN
 
@@ -294,8 +294,8 @@ def rigid_ratio(table: pd.DataFrame, markers: Sequence[Marker], mapping: Mapping
     together = _all_seen(list(places.values()))
     if len(model) > 2 and together.sum() >= LEAST_KNOT_FRAMES * LEAST_SPANS:
         pixels = [table.loc[table["marker"] == m.name, ["u_px", "v_px"]].to_numpy()[::every][together] for m in model]
-        views = [view_slopes(mapping, pixel, m.depth_m) for pixel, m in zip(pixels, model, strict=True)]
-        found = _level([places[m.name] for m in model], together, model, views)
+        aside = [ray_slopes(mapping, pixel, m.depth_m) for pixel, m in zip(pixels, model, strict=True)]
+        found = _level([places[m.name] for m in model], together, model, aside)
     else:
         pairs = [(places[one.name], places[two.name]) for j, two in enumerate(model) for one in model[:j]]
         found = [_apart(one, two) for one, two in pairs if len(one[0]) == len(two[0])]
@@ -323,29 +323,29 @@ def _level(
     places: Sequence[tuple[Array, Array]],
     seen: NDArray[np.bool_],
     markers: Sequence[Marker],
-    views: Sequence[Array],
+    aside: Sequence[Array],
 ) -> list[tuple[Array, Array, Array]]:
     """As ``_apart`` of every pair, without what roll and pitch could have done: what all distances together leave of it."""
     pairs = [(i, j) for j in range(len(places)) for i in range(j)]
-    apart, state, slopes = [], [], []
+    apart, alone, state, slopes = [], [], [], []
     to_marks = np.zeros((int(seen.sum()), len(pairs), len(places), 2))
     for k, (i, j) in enumerate(pairs):
         one, two = ((places[m][0][seen], places[m][1][seen]) for m in (i, j))
-        distance, _, lies = _apart(one, two)
+        distance, variance, lies = _apart(one, two)
         gap = one[0] - two[0]
         to_marks[:, k, i] = gap / distance[:, None]
         to_marks[:, k, j] = -to_marks[:, k, i]
         apart.append(distance - np.median(distance))
+        alone.append(variance.mean())
         state.append(lies)
-        slopes.append(distance_slopes(markers[i], markers[j], gap, (views[i], views[j])))
+        slopes.append(distance_slopes(markers[i], markers[j], gap, (aside[i], aside[j])))
     turn = np.stack(slopes, axis=1)
     still = np.eye(len(pairs)) - turn @ np.linalg.pinv(turn, rcond=LEAST_SLOPE)
     from_marks = np.einsum("nkl,nlmi->nkmi", still, to_marks)
     spread = np.stack([sd[seen] for _, sd in places], axis=1)
     variance = np.einsum("nkmi,nmij,nkmj->nk", from_marks, spread, from_marks)
-    whole = np.einsum("nkmi,nmij,nkmj->nk", to_marks, spread, to_marks)
     left = np.einsum("nkl,nl->nk", still, np.stack(apart, axis=1))
-    told = [k for k in range(len(pairs)) if variance[:, k].mean() > LEAST_LEFT * whole[:, k].mean()]
+    told = [k for k in range(len(pairs)) if variance[:, k].mean() > LEAST_LEFT * alone[k]]
     return [(left[:, k], variance[:, k], state[k]) for k in told]
 
 

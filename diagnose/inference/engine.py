@@ -56,7 +56,7 @@ WORTH_PAIRS_BELOW = 30.0
 MOST_REFINEMENTS, BASE_REFINEMENTS, CONVERGED_GAIN = 5, 15, 3.0
 """A fit is refined at most so often, and the base, which all others are held against; a fit counts as converged when a refinement
 raises its log evidence, or a step promises to raise it, by less than this."""
-HOPELESS = 2000.0
+FAR_BEHIND = 2000.0
 """A fit from the measured motion that is this far behind the best when its path shall be closed is not gone on with: the right ones
 stand within 500 of their end there, the others' motion mostly runs away, which takes long to integrate."""
 RUNS_AWAY = "no motion with it follows these runs"
@@ -163,8 +163,8 @@ def _unlike(simulator: Diagnosable, base: Fitted, spread: Spread) -> list[tuple[
     """The best end of every effect that no step from the base leads to, the best first."""
     opened = [f for f in spread(partial(_opened, simulator), simulator.unlike(base)) if f is not None]
     going = _hopeful(opened, base.log_evidence)
-    found = [_end_of(f) for f in opened if all(f is not one for one in going)]
-    found += [end for end in spread(partial(_closed, simulator), going) if end is not None]
+    found = [_end_of(f) for k, f in enumerate(opened) if k not in going]
+    found += [end for end in spread(partial(_closed, simulator), [opened[k] for k in going]) if end is not None]
     best: dict[str, tuple[float, Hypothesis, Forces]] = {}
     for end in sorted(found, key=lambda end: -end[0]):
         best.setdefault(end[1].effects[0].label, end)
@@ -175,7 +175,7 @@ def _as_candidates(
     inference: Inference, base: Fitted, unlike: Sequence[tuple[float, Hypothesis, Forces]], single_prior: float
 ) -> list[Candidate]:
     """These with the noise of all others, without those that are far behind, and behind the base."""
-    found, behind = [], max([base.log_evidence, *(end[0] for end in unlike)]) - HOPELESS
+    found, behind = [], max([base.log_evidence, *(end[0] for end in unlike)]) - FAR_BEHIND
     for reached, h, forces in unlike:
         if reached < min(behind, base.log_evidence):
             continue
@@ -198,20 +198,28 @@ def _ended(simulator: Simulator, start: Hypothesis) -> tuple[float, Hypothesis, 
 def _opened(simulator: Simulator, start: Hypothesis) -> Fitted | None:
     """The first steps of a fit from the measured motion, in which paths stay open; None: it gets nowhere."""
     try:
-        return Inference(simulator, None).fit([start], [Forces()], OPEN_STEPS - 1, None, OPEN_STEPS)[0]
+        return _open(Inference(simulator, None), [start])[0]
     except (EstimationError, np.linalg.LinAlgError):
         return None
 
 
 def _closed(simulator: Simulator, opened: Fitted) -> tuple[float, Hypothesis, Forces] | None:
     """Where it ends."""
-    steps = BASE_STEPS - OPEN_STEPS + 1
     try:
-        return _end_of(
-            Inference(simulator, None).fit([opened.hypothesis], [opened.forces], steps, (1,), 0, [opened])[0]
-        )
+        return _end_of(_close(Inference(simulator, None), [opened])[0])
     except (EstimationError, np.linalg.LinAlgError):
         return None
+
+
+def _open(inference: Inference, starts: Sequence[Hypothesis]) -> list[Fitted]:
+    """The first steps of fits from the measured motion, in which paths stay open."""
+    return inference.fit(starts, [Forces()] * len(starts), OPEN_STEPS - 1, None, OPEN_STEPS)
+
+
+def _close(inference: Inference, opened: Sequence[Fitted]) -> list[Fitted]:
+    """The rest of them."""
+    hypotheses, forces = [f.hypothesis for f in opened], [f.forces for f in opened]
+    return inference.fit(hypotheses, forces, BASE_STEPS - OPEN_STEPS + 1, (1,), 0, opened)
 
 
 def _end_of(found: Fitted) -> tuple[float, Hypothesis, Forces]:
@@ -219,10 +227,10 @@ def _end_of(found: Fitted) -> tuple[float, Hypothesis, Forces]:
     return found.log_evidence - found.promised, found.hypothesis, found.forces
 
 
-def _hopeful(opened: Sequence[Fitted], best: float) -> list[Fitted]:
-    """Those that are worth going on with, beside something of log evidence ``best``."""
+def _hopeful(opened: Sequence[Fitted], best: float) -> list[int]:
+    """Which of them are worth going on with, beside something of log evidence ``best``."""
     best = max([best, *(f.log_evidence for f in opened)])
-    return [f for f in opened if f.log_evidence > best - HOPELESS]
+    return [k for k, f in enumerate(opened) if f.log_evidence > best - FAR_BEHIND]
 
 
 def _first_fit(simulator: Simulator, spread: Spread) -> tuple[Hypothesis, Forces]:
@@ -448,15 +456,13 @@ def _fit_all(
         # a base that does not follow its runs has numbers that make up for what is missing: no place to begin from
         again = [with_effects(start, list(effects)) for effects in sets]
         try:
-            opened = inference.fit(again, [Forces()] * len(sets), OPEN_STEPS - 1, None, OPEN_STEPS)
+            opened = _open(inference, again)
             going = _hopeful(opened, max([ahead, *(f.log_evidence for f in found)]))
-            steps = BASE_STEPS - OPEN_STEPS + 1
-            ends = inference.fit([f.hypothesis for f in going], [f.forces for f in going], steps, (1,), 0, going)
+            ends = _close(inference, [opened[k] for k in going])
         except (EstimationError, np.linalg.LinAlgError):
             continue
-        for end in ends:
-            at = next(k for k, effects in enumerate(sets) if effects == end.hypothesis.effects)
-            found[at] = max(found[at], end, key=_worth)
+        for k, end in zip(going, ends, strict=True):
+            found[k] = max(found[k], end, key=_worth)
     return list(zip(sets, found, strict=True))
 
 

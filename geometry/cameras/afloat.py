@@ -16,7 +16,7 @@ import numpy as np
 
 from ...record.run import Run
 from ..camera import Array
-from ..mapping import Mapping
+from ..mapping import Mapping, ray_slopes
 from ..poses import Poses
 from .view import View, pulls_of, shared_modes
 
@@ -30,8 +30,6 @@ STEPS = 8
 """Of Gauss-Newton from the pose without roll: angles are small, and three or four do."""
 SMALLEST = 1e-11
 """m and rad: the next step would be its square."""
-_DEPTH_STEP_M = 1e-4
-"""Of the difference that tells how far a ray goes aside: small against any tank, large against rounding."""
 
 
 def tells_roll(run: Run) -> str | None:
@@ -100,11 +98,7 @@ def afloat_view(run: Run, poses: Poses, mapping: Mapping) -> View:
 
 def _aside(pixel: Array, mapping: Mapping, depth: Array) -> Array:
     """(n, m, 2) how far a mark's ray goes aside for a metre of depth."""
-    answer = np.full(pixel.shape, np.nan)
-    for index, at in enumerate(depth):
-        ends = [mapping.to_tank(pixel[:, index], at + by).xy_m for by in (_DEPTH_STEP_M, -_DEPTH_STEP_M)]
-        answer[:, index] = (ends[0] - ends[1]) / (2 * _DEPTH_STEP_M)
-    return answer
+    return np.stack([ray_slopes(mapping, pixel[:, index], at) for index, at in enumerate(depth)], axis=1)
 
 
 def _normal(

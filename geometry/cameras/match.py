@@ -25,7 +25,7 @@ from scipy.special import chdtrc
 from ...record.errors import GeometryError
 from ..camera import Array
 from .clock import LEAST_TOGETHER_S, Clock, Start, starts
-from .view import Between, View, between, between_variance, rate_noise, rates
+from .view import Between, View, between, between_variance, rate_noise
 
 RATE_SDS = (1e-4, 1e-3)
 """What is known of a camera's rate before anything is seen, relative: crystals are good to 1e-4, a file that says 30 for 29.97 is
@@ -333,7 +333,7 @@ def _differences(first: View, second: View, offset_s: float, rate: float, extra:
     others = (
         np.moveaxis(np.stack([beside.of(mode) for mode in second.modes]), 0, 2) if len(second.modes) else own[..., :0]
     )
-    path = rates(first, first.t_s[rows]) * _moves(first, rows)
+    path = first.rates[rows] * _moves(first, rows)
     middle, span = _middle(second_s)
     clock = -path[..., None] * np.stack([np.ones_like(second_s), (second_s - middle) / span], axis=-1)[:, None]
     shared = own[..., first.own :] - others[..., second.own :]
@@ -348,7 +348,7 @@ def _moves(view: View, rows: NDArray[np.int_]) -> Array:
     What two frames' noise feigns of a rate would tell the clock all the better the longer a model stands: every rate counts by the
     share of its mean square that is beyond that noise, and beyond what chance makes of it.
     """
-    square = (rates(view, view.t_s[rows]) ** 2).mean(axis=0)
+    square = (view.rates[rows] ** 2).mean(axis=0)
     noise = rate_noise(view) * np.einsum("ndd->nd", view.covariance[rows]).mean(axis=0)
     chance = 1.0 + STILL_SD * 2.0 / np.sqrt(len(rows))  # of squares of which neighbours in pairs share a frame
     return np.clip(1.0 - np.divide(chance * noise, square, out=np.ones_like(noise), where=square > 0), STILL, 1.0)

@@ -63,6 +63,11 @@ class View:
         """The usual time from frame to frame."""
         return float(np.median(np.diff(self.t_s))) if len(self.t_s) > 1 else float("nan")
 
+    @cached_property
+    def rates(self) -> Array:
+        """(n, D) of its own frames (``rates``): every step of a clock's search asks for them."""
+        return rates(self, self.t_s)
+
     @property
     def own(self) -> int:
         """Modes that no other camera has."""

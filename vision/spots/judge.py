@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry.mapping import Mapping
+from ...geometry.mapping import Mapping, ray_slopes
 from ...record.schema import Marker
-from ..attitude import distance_slopes, view_slopes
+from ..attitude import distance_slopes
 from .candidates import Array
 from .identity import DISTANCE_SD_M, DISTANCE_SD_SHARE
 from .live import COAST_FRAMES
@@ -193,7 +193,7 @@ class Rigid:
                 gap, sd = self._apart(i, j, found, rows)
                 apart = np.linalg.norm(gap, axis=1)
                 stated = self.distances.get((i, j), float(np.median(apart)))
-                off = rows[np.abs(apart - stated) > self._gate((i, j), gap, sd, found.place[[i, j], rows[0]])]
+                off = rows[self._beyond((i, j), np.abs(apart - stated), gap, sd, found.place[[i, j], rows[0]])]
                 wrong[i, off] = wrong[j, off] = True
             if not wrong.any():
                 return
@@ -210,8 +210,8 @@ class Rigid:
             other = pair[0] if pair[1] == index else pair[1]
             if index in pair and pair in self.distances and trial.reason[other, 0] == "":
                 gap, sd = self._apart(*pair, trial, np.array([0]))
-                off = abs(float(np.linalg.norm(gap)) - self.distances[pair])
-                if off > self._gate(pair, gap, sd, trial.place[list(pair), 0])[0]:
+                off = np.abs(np.linalg.norm(gap, axis=1) - self.distances[pair])
+                if self._beyond(pair, off, gap, sd, trial.place[list(pair), 0])[0]:
                     return False
         return True
 
@@ -237,15 +237,19 @@ class Rigid:
         unit = gap / np.maximum(np.linalg.norm(gap, axis=1), 1e-12)[:, None]
         return gap, np.sqrt(np.einsum("ni,nij,nj->n", unit, one_sd + two_sd, unit))
 
-    def _gate(self, key: tuple[int, int], gap: Array, sd: Array, place: Array) -> Array:
+    def _beyond(self, key: tuple[int, int], off: Array, gap: Array, sd: Array, place: Array) -> NDArray[np.bool_]:
+        """Whether a pair's distances (n,) are off by more than noise, the camera, and roll and pitch let them be; the pair is about
+        at ``place (2, 2)`` px.
+        """
         one, two = (self.markers[k] for k in key)
         body = np.subtract(one.body_m, two.body_m)
         # the camera's common errors change slowly over the picture: one standard deviation of identity's tolerance
         gate = DISTANCE_GATE * sd + DISTANCE_SD_M + DISTANCE_SD_SHARE * float(np.hypot(*body))
-        if one.on != "model":
-            return gate
-        by_down = [view_slopes(self.mapping, p[None], m.depth_m) for p, m in zip(place, (one, two), strict=True)]
-        return gate + np.abs(distance_slopes(one, two, gap, (by_down[0], by_down[1]))) @ TURNED_RAD
+        beyond = off > gate
+        if one.on != "model" or not beyond.any():
+            return beyond
+        aside = [ray_slopes(self.mapping, p[None], m.depth_m) for p, m in zip(place, (one, two), strict=True)]
+        return off > gate + np.abs(distance_slopes(one, two, gap, (aside[0], aside[1]))) @ TURNED_RAD
 
     def _pairs(self):
         count = len(self.markers)

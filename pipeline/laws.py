@@ -254,6 +254,8 @@ def _of_the_law(laws: Sequence[Law], answer: LawAnswer) -> list[str]:
     elif answer.instead_of:
         told.append(f"That explains these runs better than what the library has: {answer.instead_of}.")
     told += _shrinks(first.shrink)
+    if first.same:
+        told.append(f"As good over what these runs have seen: {', '.join(first.same)}.")
     others = [f"{law.text} ({law.probability:.2f})" for law in laws[1:] if law.probability > 0.05]
     if others:
         told.append(f"Nearly as good: {', '.join(others)}.")

@@ -30,9 +30,14 @@ class LawRow(_Part):
     """One law."""
 
     text: str = Field(description="its terms")
-    probability: float = Field(description="posterior, with all that is the same force over the range seen")
+    probability: float = Field(
+        description="posterior, with all that is the same force over the range seen, or the same form with its power fixed"
+    )
     terms: list[LawTerm] = Field(description="one or two")
-    same: list[str] = Field(default_factory=list, description="other texts of the same force over the range seen")
+    same: list[str] = Field(
+        default_factory=list,
+        description="other texts of the same force over the range seen, and of the same form with its power fixed",
+    )
     shrink: float | None = Field(default=None, description="of the gap on runs kept aside; null: not worked out")
 
 

@@ -396,7 +396,11 @@ def test_what_heels_the_model_is_told_and_handed_on(tmp_path: Path) -> None:
     file = read_result(out / "law.json", LawFile)
     assert file.verdict == "law"
     (found,) = file.laws[0].terms
-    assert (found.acts, found.text) == ("K", "v|v|")
+    power = found.numbers["power"]
+    assert (found.acts, found.text.split("^")[0]) == ("K", "sign |v|")
+    assert abs(power.value - 2.0) < 3 * power.std
+    assert power.std < 0.3
+    assert "K: v|v|" in file.laws[0].same
     period = found.numbers["period_s"]
     assert abs(period.value - 1.3) < 4 * period.std
     assert period.std < 0.05
@@ -407,9 +411,9 @@ def test_what_heels_the_model_is_told_and_handed_on(tmp_path: Path) -> None:
     assert abs(k.value * case.hull["speed_ref"] ** 2 / 9.81 - truth) < 4 * k.std * case.hull["speed_ref"] ** 2 / 9.81
     assert "Where marks above the roll axis would stand" in (out / "gap.html").read_text()
     (effect,) = load_effects(out / "law.py")
-    assert (effect.name, effect.variant) == ("law v|v|", "K")
+    assert (effect.name.split("^")[0], effect.variant) == ("law sign |v|", "K")
     with pytest.raises(InputError, match="shows in the marks and does not move the model"):
-        effects_of(LawScenario(effect=(EffectTable(name="law v|v|", form="K"),)), out / "law.toml", [effect])
+        effects_of(LawScenario(effect=(EffectTable(name=effect.name, form="K"),)), out / "law.toml", [effect])
 
 
 def test_a_law_is_handed_on_to_the_simulator_with_its_range(

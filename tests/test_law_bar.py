@@ -11,8 +11,9 @@ from towline.diagnose.effects import Effect, Parameter
 from towline.diagnose.inference.evidence import Fitted, Inference
 from towline.diagnose.inference.hypothesis import with_effects
 from towline.diagnose.inference.noise import Forces
+from towline.diagnose.law.around import MOVED, elsewhere, fits
 from towline.diagnose.law.bar import CLEARLY, worse_aside
-from towline.diagnose.law.choose import MOVED, Start, elsewhere, fits
+from towline.diagnose.law.choose import Start
 from towline.diagnose.law.functions import Range, State, term
 from towline.diagnose.law.terms import effect_of, text_of
 from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
@@ -88,6 +89,31 @@ def test_what_saturates_is_found_from_a_start_at_another_place() -> None:
     assert near
     best = max(fits(inference, more)[1], key=lambda f: f.log_evidence)
     assert best.hypothesis.numbers[0][-1] == pytest.approx(place, rel=0.2)
+    assert best.log_evidence > ended[0].log_evidence
+
+
+@pytest.mark.parametrize(("text", "free"), [("v|v|", "sign |v|^"), ("v^3", "sign |v|^"), ("sign |v|^4", "sign |v|^")])
+def test_a_power_is_found_from_a_fixed_one_and_from_one_that_is_far_off(text: str, free: str) -> None:
+    """sign |v|^2.4 is missing, along v = sin t / 10; its coefficient by another power is another by powers of ten."""
+    power, seen = 2.4, Range({"v": -0.1}, {"v": 0.1}, {"v": 0.07})
+
+    def states(t: np.ndarray) -> State:
+        return State(0.1 * np.sin(t), *[0.0 * t] * 7)
+
+    def part(name: str, numbers: tuple[np.ndarray, ...], t: np.ndarray) -> np.ndarray:
+        return numbers[0] * term(name.removeprefix("law ")).basis(states(t), *numbers[1:])[0]
+
+    inference = inference_of(lambda t: 0.2 * np.sign(np.sin(t)) * np.abs(np.sin(t)) ** power, part)
+    effect = effect_of(
+        text, "Y", (0.2 / float(term(text).basis(states(np.array(1.0)), *[4.0][: "^4" in text])[0]),) * 2
+    )
+    start = with_effects(inference.simulator.starts()[0], [effect])
+    begun, ended = fits(inference, [Start((effect,), start, Forces(), 0.0, 0.0)])
+    more = elsewhere(inference, begun, ended, seen)
+    assert all(text_of(one.effects[0]).startswith(free) for one in more)
+    best = max(fits(inference, more)[1], key=lambda f: f.log_evidence)
+    solved, at = best.solved, inference.fixed(best.hypothesis) + 1
+    assert best.hypothesis.numbers[0][-1] == pytest.approx(power, abs=3 * np.sqrt(solved.covariance[at, at]))
     assert best.log_evidence > ended[0].log_evidence
 
 

@@ -566,7 +566,7 @@ def _ranking(
     scanned = [(base, known[0]), *((c.fitted, k) for c, k in zip(kept[:SCANNED], known[1:], strict=False))]
     rests = [(leftover(inference, fitted), log) for fitted, log in scanned if log > max(known) - SCANNED_BELOW]
     rest, left_by = max(rests, key=lambda found: found[0].log_evidence + found[1])
-    unknown = [rest.log_evidence + left_by, *([free.log_evidence] if free is not None else [])]
+    unknown = [rest.log_evidence + left_by, *([free.weight - np.log(P_UNKNOWN)] if free is not None else [])]
     unknown += [beside.weight] if beside is not None else []
     form = max(kept, key=lambda c: c.log_evidence).form if kept else 0.0
     logs = [known[0], np.log(P_UNKNOWN) + max(unknown) - form, *known[1:]]

@@ -19,6 +19,8 @@ from ...simulate.model import Array
 
 WIDE = "wide"
 """Name of a bump's width, which has no sign."""
+POWER = "power"
+"""Name of a power that is fitted."""
 AT = "at"
 """Name of the one number of what saturates or begins somewhere."""
 WALL = 0.9
@@ -288,7 +290,7 @@ def _power(text: str, found: re.Match[str]) -> Term:
         return (np.sign(x) * size if odd else size,)
 
     form = f"{found[1] or ''}|{found[2]}|^{{:.4g}}"
-    return Term(text, (found[2],), 3, basis, (Shape("power", float(found[3]), 0.7),), form=form)
+    return Term(text, (found[2],), 3, basis, (Shape(POWER, float(found[3]), 0.7),), form=form)
 
 
 def _scaled(text: str, found: re.Match[str]) -> Term:
@@ -343,7 +345,7 @@ def _across(text: str, found: re.Match[str]) -> Term:
         across = s.v + x * s.r
         return (np.sign(across) * _size(across, power),)
 
-    shapes = (Shape("x", float(found[1]), 0.3), Shape("power", float(found[2]), 0.7))
+    shapes = (Shape("x", float(found[1]), 0.3), Shape(POWER, float(found[2]), 0.7))
     return Term(text, ("v", "r"), 5, basis, shapes, form="sign |v+{:.4g} r|^{:.4g}")
 
 
@@ -352,7 +354,7 @@ def _times(text: str, found: re.Match[str]) -> Term:
     form = f"{found[1]} |{found[2]}|^{{:.4g}}"
     variables = tuple(dict.fromkeys((found[1], found[2])))
     return Term(
-        text, variables, 4, lambda s, p: (of(s) * _size(by(s), p),), (Shape("power", float(found[3]), 0.7),), form=form
+        text, variables, 4, lambda s, p: (of(s) * _size(by(s), p),), (Shape(POWER, float(found[3]), 0.7),), form=form
     )
 
 
@@ -362,7 +364,7 @@ def _both(text: str, found: re.Match[str]) -> Term:
     def basis(s: State, power: Any, other: Any) -> tuple[Any]:
         return (np.sign(of(s)) * _size(of(s), power) * _size(by(s), other),)
 
-    shapes = (Shape("power", float(found[2]), 0.7), Shape("other", float(found[4]), 0.7))
+    shapes = (Shape(POWER, float(found[2]), 0.7), Shape("other", float(found[4]), 0.7))
     form = f"sign |{found[1]}|^{{:.4g}} |{found[3]}|^{{:.4g}}"
     return Term(text, tuple(dict.fromkeys((found[1], found[3]))), 5, basis, shapes, form=form)
 
@@ -392,6 +394,40 @@ def written(text: str, shapes: Sequence[float] | Array) -> str:
     return found.form.format(*told)
 
 
+def freed_text(text: str) -> str | None:
+    """A term of a fixed power with the power free; None: it has none, or it is free.
+
+    What is linear in a variable is of a power, too. The numbers in the answer are where a fit of it begins.
+
+    Parameters
+    ----------
+    text : of the term, its numbers written
+
+    Examples
+    --------
+    >>> freed_text("v|v|"), freed_text("v y^2"), freed_text("(v+0.3 r)|v+0.3 r|"), freed_text("|v|^1.5")
+    ('sign |v|^2', 'v |y|^2', 'sign |v+0.3 r|^2', None)
+    """
+    return next((made(found) for pattern, made in _FREED if (found := pattern.fullmatch(text))), None)
+
+
+_X, _P = "(v|r|y|beta|alpha)", "([0-9])"
+_FREED: tuple[tuple[re.Pattern[str], Callable[[re.Match[str]], str]], ...] = (
+    (re.compile(r"(v|r|y|beta)"), lambda m: f"sign |{m[1]}|^1"),
+    (re.compile(rf"{_X}\|\1\|"), lambda m: f"sign |{m[1]}|^2"),
+    (re.compile(r"sign\((v)\) sqrt\|v\|"), lambda m: f"sign |{m[1]}|^0.5"),
+    (re.compile(rf"\|{_X}\|"), lambda m: f"|{m[1]}|^1"),
+    (re.compile(rf"{_X}\^{_P}"), lambda m: f"{'sign ' * (int(m[2]) % 2)}|{m[1]}|^{m[2]}"),
+    (re.compile(r"(v|r)\|(v|r|y)\|"), lambda m: f"{m[1]} |{m[2]}|^1"),
+    (re.compile(r"\|(v)\|(r)"), lambda m: f"{m[2]} |{m[1]}|^1"),
+    (re.compile(rf"(v|r) (r|y)\^{_P}"), lambda m: f"{m[1]} |{m[2]}|^{m[3]}"),
+    (re.compile(rf"(v)\^{_P} (r)"), lambda m: f"{m[3]} |{m[1]}|^{m[2]}"),
+    (re.compile(r"\(v(\+|-)r/2\)\|v[+-]r/2\|"), lambda m: f"sign |v+{'-' * (m[1] == '-')}0.5 r|^2"),
+    (re.compile(r"\(v\+(-?[0-9.]+) r\)\|v\+-?[0-9.]+ r\|"), lambda m: f"sign |v+{m[1]} r|^2"),
+)
+"""Terms of a fixed power -> the same with the power free."""
+
+
 def family(text: str) -> str:
     """What terms have in common that differ by the numbers inside alone: a fit of one may end at another.
 
@@ -408,5 +444,6 @@ def family(text: str) -> str:
 
 
 __all__ = [
-    "AT", "DRY", "PLAIN", "WIDE", "Range", "Shape", "State", "Term", "beyond", "dimensionless", "family", "term", "written",
+    "AT", "DRY", "PLAIN", "POWER", "WIDE", "Range", "Shape", "State", "Term", "beyond", "dimensionless", "family", "freed_text",
+    "term", "written",
 ]  # fmt: skip

@@ -16,28 +16,17 @@ from ...simulate.model import GRAVITY_M_S2, Array
 from ..effects import Effect
 from ..gap import Diagnosis
 from ..inference.engine import CONVERGED_GAIN, extended
-from ..inference.evidence import Fitted
+from ..inference.evidence import Fitted, Inference
+from ..inference.hypothesis import Hypothesis
 from ..inference.ranking import Candidate, Ranking
 from ..tow.towed import TowSimulator
+from .around import distinct, elsewhere, fits, force_of, simpler
 from .bar import CLEARLY, TOLD, worse_aside
-from .choose import (
-    ARM,
-    Groups,
-    LawTable,
-    chosen,
-    distinct,
-    elsewhere,
-    fields_of,
-    fits,
-    force_of,
-    free_path,
-    priors,
-    simpler,
-)
+from .choose import ARM, Groups, LawTable, Start, chosen, fields_of, free_path, priors
 from .field import FIELD, groups_of
 from .functions import Range, State, Term, dimensionless, term, written
 from .grammar import grammar, heels, resistances
-from .terms import AHEAD, HEEL, NAME, effect_of, inside_of, text_of, values_of
+from .terms import AHEAD, HEEL, NAME, ROLLS, effect_of, inside_of, text_of, values_of
 
 SIDE_SHARE = 0.1
 """Usual force of a missing term: this share of the line's pull; sizes down to a thirtieth are as likely (``Effect.sizes``)."""
@@ -50,6 +39,8 @@ SAME_FORCE = 0.03
 law."""
 AS_WELL = 0.1
 """A force on the hull of the library's, and a law of at least this share of its probability, are told beside one another."""
+WORTH_TELLING = 3.0
+"""A form with its power fixed is told beside the free one unless it is so much log evidence behind."""
 LISTED = 5
 """Laws that are told."""
 Shrinks = dict[tuple[tuple[str, ...], str], float]
@@ -280,25 +271,29 @@ def searched(
     sway = HEEL_M * GRAVITY_M_S2 / simulator.speed_m_s**2
     effects += law_effects(sway, states, seen, heels(seen), HEEL)
     say(f"{len(effects)} terms and their pairs")
-    near = _nearest(free, found.ranking)
-    table = LawTable(inference, near, base, effects, fields_of(seen, size, ahead, sway))
-    starts = chosen(table, names)
-    say("fitting " + "; ".join(start.text for start in starts))
-    starts, fitted = fits(inference, starts)
-    if more := elsewhere(inference, starts, fitted, seen):
-        say("at another place: " + "; ".join(start.text for start in more))
-        more, ends = fits(inference, more)
-        starts, fitted = [*starts, *more], [*fitted, *ends]
-    more = simpler(starts, fitted, priors(table, names)[0])
-    if more:
-        say("simpler: " + "; ".join(start.text for start in more))
-        more, ends = fits(inference, more)
-        starts, fitted = [*starts, *more], [*fitted, *ends]
+    fields = fields_of(seen, size, ahead, sway)
+    single, pair = priors(effects, names)
+    fit = _Fits(inference, say)
+    table = LawTable(inference, _nearest(base, free, found.ranking), base, effects, fields)
+    reached = fit.all("fitting", chosen(table, single, pair))
+    if table.promises < base.log_evidence:
+        # what made that path gains little, and moved it by much to gain it: no term goes on from there
+        other = LawTable(inference, base, base, effects, fields)
+        if fit.all("fitting", fit.new(chosen(other, single, pair))) > reached:
+            table = other
+    if (best := fit.best_law) is not None and (roll := _roll_of(best.hypothesis)) is not None:
+        # a table of heels holds for one roll: of the best
+        heeling = [effect for effect in effects if effect.variant == HEEL]
+        fit.all("rolling as the best", chosen(LawTable(inference, best, base, heeling, [], roll), single, pair))
+    fit.all("at another place, with another power", elsewhere(inference, fit.starts, fit.fitted, seen))
+    fit.all("simpler", simpler(fit.starts, fit.fitted, single))
     candidates = [
-        Candidate(s.effects, f, _worth(f) - base.log_evidence, s.log_prior) for s, f in zip(starts, fitted, strict=True)
+        Candidate(s.effects, f, _worth(f) - base.log_evidence, s.log_prior)
+        for s, f in zip(fit.starts, fit.fitted, strict=True)
     ]
-    every = distinct(candidates)
-    ranking = extended(inference, found.ranking, every)
+    forms = distinct(candidates)
+    every = [one for one, _ in forms]
+    ranking = extended(inference, _shared(found.ranking, len(table.sets)), every)
     answer = conclude(ranking)
     laws: list[tuple[Candidate, float]] = []
     fields: list[tuple[Candidate, float]] = []
@@ -316,7 +311,7 @@ def searched(
             surest = "law"  # a force of the library's is an equation, too: both are told
         verdict = surest if p_of["law"] + p_of["field"] + p_of["other"] > ranking.p_unknown else "unknown"
     shrinks = {(tuple(row.effects), row.form): row.shrink for row in answer.file.ranking}
-    told = _merged(answer, laws, states, shrinks) if verdict in ("law", "field") else []
+    told = _merged(answer, laws, states, shrinks, forms) if verdict in ("law", "field") else []
     worse = float("nan")
     if verdict == "law":
         if fields:
@@ -337,15 +332,91 @@ def searched(
     )
 
 
-def _nearest(free: Fitted, ranking: Ranking) -> Fitted:
+def _shared(ranking: Ranking, fields: int) -> Ranking:
+    """The ranking whose free force, where it has one, shares the prior of what is unknown with forces without a form: it is one.
+
+    Parameters
+    ----------
+    ranking : of the diagnosis
+    fields : how many forces without a form there are
+    """
+    free = ranking.free
+    if free is None or not all(effect.force is not None and not effect.bound for effect in free.effects):
+        return ranking
+    return replace(ranking, free=replace(free, log_prior=free.log_prior - float(np.log(fields))))
+
+
+class _Fits:
+    """Laws and forces without a form that were fitted in full, in turn.
+
+    Parameters
+    ----------
+    inference : of the diagnosis
+    say : is told what is fitted
+    """
+
+    def __init__(self, inference: Inference, say: Callable[[str], None]) -> None:
+        self._inference, self._say = inference, say
+        self.starts: list[Start] = []
+        self.fitted: list[Fitted] = []
+
+    def new(self, starts: Sequence[Start]) -> list[Start]:
+        """Those of which none of the same terms and numbers inside was fitted.
+
+        Parameters
+        ----------
+        starts : where fits begin
+        """
+        done = {start.names for start in self.starts}
+        return [start for start in starts if start.names not in done]
+
+    def all(self, why: str, starts: Sequence[Start]) -> float:
+        """Fit these, too; the most evidence and prior that one has.
+
+        Parameters
+        ----------
+        why : in words
+        starts : where fits begin
+        """
+        if not starts:
+            return -np.inf
+        self._say(f"{why}: " + "; ".join(start.text for start in starts))
+        starts, ends = fits(self._inference, starts)
+        self.starts += starts
+        self.fitted += ends
+        return max((_worth(f) + s.log_prior for s, f in zip(starts, ends, strict=True)), default=-np.inf)
+
+    @property
+    def best_law(self) -> Fitted | None:
+        """The equation with the most evidence and prior; None: none was fitted."""
+        laws = [(f, s) for s, f in zip(self.starts, self.fitted, strict=True) if all(map(is_term, s.effects))]
+        laws = [(f, s) for f, s in laws if _has_path(f)]
+        return max(laws, key=lambda one: _worth(one[0]) + one[1].log_prior)[0] if laws else None
+
+
+def _nearest(base: Fitted, free: Fitted, ranking: Ranking) -> Fitted:
     """Whose path through the runs is nearest to the true one: of the fit with the most evidence.
 
     A force without a form follows marks that a rolling model moves, too; what the library explains better has the better path.
     """
-    fits = [ranking.base, free, *(c.fitted for c in ranking.candidates)]
-    return max(
-        (f for f in fits if not f.hypothesis.lawful and not any(e.lag_s for e in f.hypothesis.effects)), key=_worth
+    return max((f for f in (base, free, *(c.fitted for c in ranking.candidates)) if _has_path(f)), key=_worth)
+
+
+def _roll_of(h: Hypothesis) -> Array | None:
+    """Period, damping and turning of the model where a law heels it; None: none does.
+
+    Parameters
+    ----------
+    h : of a law
+    """
+    return next(
+        (n[-len(ROLLS) :] for e, n in zip(h.effects, h.numbers, strict=True) if is_term(e) and e.variant == HEEL), None
     )
+
+
+def _has_path(fitted: Fitted) -> bool:
+    """Whether a table can begin along its path: that of a lawful line, or of a lag, has other states."""
+    return not fitted.hypothesis.lawful and not any(e.lag_s for e in fitted.hypothesis.effects)
 
 
 def is_field(candidate: Candidate) -> bool:
@@ -401,6 +472,7 @@ def _merged(
     laws: Sequence[tuple[Candidate, float]],
     states: State,
     shrinks: Shrinks,
+    forms: Sequence[tuple[Candidate, Sequence[Candidate]]],
 ) -> list[Law]:
     """The laws, those that are one force over the range seen told as one, by the simplest of them."""
     groups: list[tuple[Array, list[tuple[Candidate, float]]]] = []
@@ -414,18 +486,22 @@ def _merged(
                 break
         else:
             groups.append((force, [(candidate, probability)]))
+    alike = {id(one): others for one, others in forms}
     told = []
     for _, members in groups[:LISTED]:
         simplest = min(members, key=lambda m: (sum(e.cost for e in m[0].effects), -m[1]))[0]
         fitted, at = simplest.fitted, found.inference.fixed(simplest.fitted.hypothesis)
         count = fitted.hypothesis.size
+        same = [m for m, _ in members if m is not simplest]
+        for member, _ in members:
+            same += [c for c in alike.get(id(member), ()) if c.weight > member.weight - WORTH_TELLING]
         told.append(
             Law(
                 fitted,
                 fitted.solved.covariance[at : at + count, at : at + count],
                 sum(p for _, p in members),
                 shrinks.get((simplest.names, simplest.variant), float("nan")),
-                tuple(_written(m.fitted) for m, _ in members if m is not simplest),
+                tuple(_written(m.fitted) for m in same),
             )
         )
     return told

@@ -60,17 +60,28 @@ class Table:
     start : a hypothesis without effects, along a path near to the truth's
     effects : whose numbers are nothing at first and the force is linear in
     forces : random forces of the fit without effects
+    begin : where the numbers of each begin that are no coefficients; None: at their priors' means
     """
 
-    def __init__(self, inference: Inference, start: Hypothesis, effects: Sequence[Effect], forces: Forces) -> None:
+    def __init__(
+        self,
+        inference: Inference,
+        start: Hypothesis,
+        effects: Sequence[Effect],
+        forces: Forces,
+        begin: Sequence[Array] | None = None,
+    ) -> None:
         self.effects, self._inference = list(effects), inference
         self._h = with_effects(start, self.effects)
+        if begin is not None:
+            every = zip(self._h.numbers, begin, strict=True)
+            self._h = replace(self._h, numbers=tuple(np.concatenate([n[: len(n) - len(b)], b]) for n, b in every))
         self._linear: Linear = inference.linear([self._h], 0)[0]
         self._grams = Grams(self._linear.columns, inference.noise)
         self._fixed = inference.fixed(start)
         self._begin = np.cumsum([0, *(len(e.parameters) for e in self.effects)])
         self.sd = np.array([p.sd for e in self.effects for p in e.parameters])
-        self._at = [self._reduced(f) for f in _grid(forces)]
+        self._at = list(inference.spread(self._reduced, _grid(forces)))
 
     def columns(self, effect: int) -> range:
         """Of an effect's numbers.

@@ -15,7 +15,7 @@ import numpy as np
 from ...record.errors import TowlineError
 from ...simulate.model import GRAVITY_M_S2, Array
 from ..effects import Effect, Parameter, Seen, Situation, rolled
-from .functions import Shape, State, Term, dimensionless, term
+from .functions import Shape, State, Term, dimensionless, family, term
 
 NAME = "law"
 """First word of the name of a law's effect; its term follows."""
@@ -96,6 +96,20 @@ def shapes_of(effect: Effect) -> tuple[Shape, ...]:
     effect : of ``effect_of``
     """
     return term(text_of(effect)).shapes + _shapes_at(effect.variant)
+
+
+def shapes_from(effect: Effect, roll: Array | None = None) -> Array:
+    """Where the numbers of ``shapes_of`` begin.
+
+    Parameters
+    ----------
+    effect : of ``effect_of``
+    roll : those of ROLLS, where it heels the model; None: usual ones
+    """
+    begin = np.array([shape.value for shape in shapes_of(effect)])
+    if roll is not None and effect.variant == HEEL:
+        begin[-len(ROLLS) :] = roll
+    return begin
 
 
 def _shapes_at(acts: str) -> tuple[Shape, ...]:
@@ -205,6 +219,40 @@ def whole(s: Situation) -> Any:
     return 0.5 * s.density_kg_m3 * s.speed_m_s**2 * s.length_pp_m**2
 
 
+def family_of(effect: Effect) -> str:
+    """What laws' effects have in common that differ by the numbers inside alone; what acts ahead is another force than what acts
+    aside, and a heel is none.
+
+    Parameters
+    ----------
+    effect : of ``effect_of``
+    """
+    own = family(text_of(effect))
+    return f"{effect.variant} {own}" if effect.variant in APART else own
+
+
+def sizes_of(effect: Effect) -> tuple[float, ...]:
+    """Usual sizes of a law's effect's coefficients, as ``effect_of`` takes them; where it does not act, those of where it does.
+
+    Parameters
+    ----------
+    effect : of ``effect_of``
+    """
+    by = {p.name[0]: p.sd for p in coefficients_of(effect)}
+    some = next(iter(by.values()))
+    return tuple(by.get(channel, some) for channel in "ynxk")
+
+
+def reach_of(effect: Effect) -> dict[str, tuple[float, float]]:
+    """Variable -> smallest and largest value where a law's effect was found.
+
+    Parameters
+    ----------
+    effect : of ``effect_of``
+    """
+    return {name: (low, high) for name, low, high in effect.reach}
+
+
 def values_of(text: str, acts: str, numbers: Sequence[float] | Array, states: State) -> Array:
     """(3, ...) side force and moment coefficients of a term in states, and the marks' place aside; a lagged one is not counted (0).
 
@@ -251,6 +299,7 @@ def _coefficients(
 
 
 __all__ = [
-    "ACTING", "ACTS", "AHEAD", "APART", "HEEL", "NAME", "ROLLS", "coefficients_of", "effect_of", "heeled", "inside_of",
-    "parts_of", "shapes_of", "state_of", "state_seen", "text_of", "values_of", "whole",
+    "ACTING", "ACTS", "AHEAD", "APART", "HEEL", "NAME", "ROLLS", "coefficients_of", "effect_of", "family_of",
+    "heeled", "inside_of", "parts_of", "reach_of", "shapes_from", "shapes_of", "sizes_of", "state_of", "state_seen", "text_of",
+    "values_of", "whole",
 ]  # fmt: skip

@@ -1,0 +1,259 @@
+"""Full fits of laws, and what stands around the best of them: at other places, with other powers, simpler."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...record.errors import EstimationError
+from ...simulate.model import Array
+from ..effects import Effect
+from ..inference.evidence import Fitted, Inference
+from ..inference.ranking import Candidate
+from .choose import Start
+from .field import FIELD
+from .functions import AT, POWER, Range, State, family, freed_text, term, written
+from .table import Choice, Table
+from .terms import ACTS, coefficients_of, effect_of, inside_of, reach_of, shapes_from, sizes_of, text_of, values_of
+
+Form = frozenset[tuple[str, str]]
+"""Terms without the numbers inside, each with where it acts."""
+SIMPLER = 2
+"""Of so many of the best laws everything simpler is fitted, too."""
+ELSEWHERE = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 1.7, 3.0)
+"""Where a term may saturate or begin, in usual sizes of its variable: looked at anew along a fitted law's own path."""
+POWERS, SAME_POWER = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0, 3.5, 4.0, 5.0), 0.12
+"""Of a variable, looked at as well; within so much of a fitted one they are the same."""
+POWER_COSTS = 3.0
+"""A free power is told unless it is so much log evidence behind the fixed one: more than a number costs, it has not been found."""
+MOVED, RESTARTED = 1.4, 2
+"""A place counts as another one from this factor on; so many of them are fitted for each term. Choices."""
+STEPS, TURN = 5, 2
+"""Of a law's fit: steps, after which the random forces are estimated anew."""
+AGAIN, REST = 3, 1.0
+"""A fit is taken up again at most so often, while its next step promises more log evidence than this."""
+OTHER = {"Y": "N", "N": "Y"}
+"""Where a term acts instead."""
+
+
+def fits(inference: Inference, starts: Sequence[Start]) -> tuple[list[Start], list[Fitted]]:
+    """These in full, taken up again while a step promises anything; those whose motion runs off are left out.
+
+    Parameters
+    ----------
+    inference : of the diagnosis
+    starts : of ``chosen``
+    """
+    begun = _begun(inference, starts)
+    starts, found = [start for start, _ in begun], [end for _, end in begun]
+    for _ in range(AGAIN):
+        moving = [k for k, f in enumerate(found) if f.promised > REST]
+        if not moving:
+            break
+        again = [found[k] for k in moving]
+        ends = inference.fit([f.hypothesis for f in again], [f.forces for f in again], STEPS, (), begun=again)
+        for k, end in zip(moving, ends, strict=True):
+            if end.log_evidence - end.promised >= found[k].log_evidence - found[k].promised:
+                found[k] = end
+    return starts, found
+
+
+def _begun(inference: Inference, starts: Sequence[Start]) -> list[tuple[Start, Fitted]]:
+    """First fits, all together; where one runs off, of each alone."""
+    try:
+        ends = inference.fit([s.hypothesis for s in starts], [s.forces for s in starts], STEPS, (TURN,))
+    except EstimationError:
+        return [] if len(starts) == 1 else [kept for start in starts for kept in _begun(inference, [start])]
+    return list(zip(starts, ends, strict=True))
+
+
+def _best(starts: Sequence[Start], fitted: Sequence[Fitted]) -> list[tuple[Start, Fitted]]:
+    """The best laws with their fits."""
+    laws = [(s, f) for s, f in zip(starts, fitted, strict=True) if not s.effects[0].name.startswith(FIELD)]
+    return sorted(laws, key=lambda one: -(one[1].log_evidence + one[0].log_prior))[:SIMPLER]
+
+
+def elsewhere(inference: Inference, starts: Sequence[Start], fitted: Sequence[Fitted], seen: Range) -> list[Start]:
+    """The best laws with what saturates or begins at another place, and with other powers: a fit ends at the optimum nearest to its
+    start, and a power takes its coefficient along by orders of magnitude.
+
+    Along a law's own path all places (powers) are one table, its other term beside them; the best of them are starts. A fixed power
+    becomes a free one: v|v|, v^3 and what lies between are one form, whose power the runs tell.
+
+    Parameters
+    ----------
+    inference, starts, fitted : of ``fits``
+    seen : of the runs
+    """
+    found: list[Start] = []
+    for start, end in _best(starts, fitted):
+        parts = list(zip(end.hypothesis.effects, end.hypothesis.numbers, strict=True))
+        for k, (effect, numbers) in enumerate(parts):
+            if not (moved := _moved(effect, numbers, seen)):
+                continue
+            beside = [_at(e, inside_of(e, n)) for j, (e, n) in enumerate(parts) if j != k]
+            rolls = [_roll_of(effect, numbers)] * len(moved)
+            rolls += [_roll_of(e, n) for j, (e, n) in enumerate(parts) if j != k]
+            shapes = [shapes_from(e, roll) for e, roll in zip((*moved, *beside), rolls, strict=True)]
+            along = replace(end.hypothesis, effects=(), numbers=())
+            table = Table(inference, along, [*moved, *beside], end.forces, shapes)
+            rest = [len(moved) + j for j in range(len(beside))]
+            choices = [_chosen(table, [j, *rest]) for j in range(len(moved))]
+            scores, forces = table.scores(choices)
+            for j in np.argsort(-scores)[:RESTARTED].tolist():
+                h, solved = table.solved(choices[j], forces[j])
+                effects, values, at = [moved[j], *beside], [], 0
+                for one, own in zip(effects, (shapes[j], *shapes[len(moved) :]), strict=True):
+                    count = len(coefficients_of(one))
+                    values.append(np.concatenate([solved[at : at + count], own]))
+                    at += count
+                begun = replace(h, effects=tuple(effects), numbers=tuple(values))
+                found.append(Start(tuple(effects), begun, forces[j], start.log_prior, float(scores[j])))
+    return found
+
+
+def _moved(effect: Effect, numbers: Array, seen: Range) -> list[Effect]:
+    """A term that begins at other places, or with other powers, than it has; none where it has neither."""
+    inside = inside_of(effect, numbers)
+    text = written(text_of(effect), inside)
+    free = term(freed_text(text) or text)
+    names = [shape.name for shape in free.shapes]
+    here = np.array([shape.value for shape in free.shapes]) if free.text != text_of(effect) else inside
+    if names == [AT]:
+        places = (share * seen.usual[free.variables[0]] for share in ELSEWHERE)
+        return [_at(effect, [x]) for x in places if not 1 / MOVED < x / abs(here[0]) < MOVED]
+    if POWER not in names:
+        return []
+    at = names.index(POWER)
+    powers = [p for p in POWERS if free.text != text or abs(p - here[at]) > SAME_POWER]
+    texts = [written(free.text, [*here[:at], p, *here[at + 1 :]]) for p in powers]
+    return [effect_of(one, effect.variant, sizes_of(effect), reach_of(effect)) for one in texts]
+
+
+def _roll_of(effect: Effect, numbers: Array) -> Array:
+    """Numbers of a law's effect that stand behind those inside its term: of a roll, where it heels the model."""
+    return numbers[len(coefficients_of(effect)) + len(term(text_of(effect)).shapes) :]
+
+
+def _chosen(table: Table, members: Sequence[int]) -> Choice:
+    """The coefficients of these effects; the numbers inside stay."""
+    columns: list[int] = []
+    for member in members:
+        effect = table.effects[member]
+        columns += list(table.columns(member))[: len(coefficients_of(effect))]
+    return Choice(tuple(members), tuple(columns), sum(table.effects[m].cost for m in members))
+
+
+def _at(effect: Effect, shapes: Sequence[float] | Array) -> Effect:
+    """A term's effect that begins with other numbers inside."""
+    return effect_of(written(text_of(effect), shapes), effect.variant, sizes_of(effect), reach_of(effect))
+
+
+def simpler(starts: Sequence[Start], fitted: Sequence[Fitted], single: float) -> list[Start]:
+    """What the best laws are without one of their terms, with a term in side force or moment alone, or in the other of the two.
+
+    One step about a path that is not quite the law's own makes more of a second term than there is; and side force and moment at
+    one place of the tank resemble each other more than one step can tell.
+
+    Parameters
+    ----------
+    starts, fitted : of ``fits``
+    single : log prior of one term
+    """
+    known = {form_of(s.effects) for s in starts}
+    found: list[Start] = []
+    for start, end in _best(starts, fitted):
+        parts = list(zip(end.hypothesis.effects, end.hypothesis.numbers, strict=True))
+        ways = [[part for k, part in enumerate(parts) if k != gone] for gone in range(len(parts)) if len(parts) > 1]
+        for k, (effect, numbers) in enumerate(parts):
+            if len(ACTS[effect.variant]) > 1:
+                ways += [[*parts[:k], _acting(effect, numbers, acts), *parts[k + 1 :]] for acts in ("Y", "N")]
+            elif effect.variant in OTHER:
+                ways.append([*parts[:k], _instead(effect, numbers), *parts[k + 1 :]])
+        for way in ways:
+            effects, numbers = tuple(e for e, _ in way), tuple(n for _, n in way)
+            if (form := form_of(effects)) not in known:
+                known.add(form)
+                h = replace(end.hypothesis, effects=effects, numbers=numbers)
+                prior = start.log_prior if len(way) == len(parts) else single
+                found.append(Start(effects, h, end.forces, prior, end.log_evidence))
+    return found
+
+
+def _acting(effect: Effect, numbers: Array, acts: str) -> tuple[Effect, Array]:
+    """A term that acts in both, in one of them alone."""
+    count = term(text_of(effect)).functions
+    first = 0 if acts == "Y" else count
+    own = np.concatenate([numbers[first : first + count], numbers[2 * count :]])
+    return effect_of(text_of(effect), acts, sizes_of(effect), reach_of(effect)), own
+
+
+def _instead(effect: Effect, numbers: Array) -> tuple[Effect, Array]:
+    """A side force as a moment, or the other way round, none at first."""
+    other = effect_of(text_of(effect), OTHER[effect.variant], sizes_of(effect), reach_of(effect))
+    count = term(text_of(effect)).functions
+    return other, np.concatenate([np.zeros(count), numbers[count:]])
+
+
+def form_of(effects: Sequence[Effect]) -> Form:
+    """What fits of laws from several starts have in common.
+
+    Parameters
+    ----------
+    effects : of a law, or a force without a form
+    """
+    return frozenset((e.name if e.name.startswith(FIELD) else family(text_of(e)), e.variant) for e in effects)
+
+
+def distinct(candidates: Sequence[Candidate]) -> list[tuple[Candidate, list[Candidate]]]:
+    """Those whose numbers are numbers, one of each form with what else of that form was fitted.
+
+    Several starts of one form end at one optimum: the best stands for it. A form of a fixed power and the same of a free one are
+    one, too, and its weight is that of both together; it is told with the power that the runs tell.
+
+    Parameters
+    ----------
+    candidates : laws and forces without a form, fitted
+    """
+    best: dict[Form, Candidate] = {}
+    for one in sorted(candidates, key=lambda c: -c.log_evidence):
+        if np.isfinite(one.log_evidence):
+            best.setdefault(form_of(one.effects), one)
+    alike: dict[Form, list[Candidate]] = {}
+    for one in best.values():
+        alike.setdefault(_powers_free(one.effects), []).append(one)
+    found = []
+    for form, members in alike.items():
+        surest = max(members, key=lambda c: c.weight)
+        free = next(
+            (c for c in members if form_of(c.effects) == form and c.weight > surest.weight - POWER_COSTS), surest
+        )
+        together = float(np.logaddexp.reduce([c.weight for c in members]))
+        one = replace(free, log_prior=together - free.log_evidence)
+        found.append((one, [c for c in members if c is not free]))
+    return found
+
+
+def _powers_free(effects: Sequence[Effect]) -> Form:
+    """What laws have in common that differ by the numbers inside, powers among them."""
+    return frozenset(
+        (e.name if e.name.startswith(FIELD) else family(freed_text(text_of(e)) or text_of(e)), e.variant)
+        for e in effects
+    )
+
+
+def force_of(effects: Sequence[Effect], numbers: Sequence[Array], states: State) -> Array:
+    """(3, n) coefficients of side force and moment in states, and a heeling model's marks aside.
+
+    Parameters
+    ----------
+    effects, numbers : of a law
+    states : where
+    """
+    parts = [values_of(text_of(e), e.variant, n, states) for e, n in zip(effects, numbers, strict=True)]
+    return np.sum(parts, axis=0)
+
+
+__all__ = ["Form", "distinct", "elsewhere", "fits", "force_of", "form_of", "simpler"]

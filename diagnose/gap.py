@@ -35,6 +35,8 @@ NAMED: tuple[Verdict, ...] = ("effect", "form_not_exact")
 """Verdicts that say which effect is there."""
 SHOWN = 8
 """Rows of the ranking that are worked out in full."""
+HARDLY_D = 2.0
+"""A next tow that is expected to tell less moves the odds by less than a factor of e: that is said."""
 LARGEST_D = 1000.0
 """Beyond this a distance is said as "over": a choice."""
 DOUBT = 0.2
@@ -370,6 +372,8 @@ def _next(inference: Inference, ranking: Ranking, best: Candidate | None) -> Nex
         return None
     rival, against = (" + ".join(c.names) if c is not None else "no gap" for c in (second, best))
     why = f"{design.differs}: {_tells(design.distance)} {against} from {rival} {_expected(design.distance)}"
+    if design.distance < HARDLY_D:
+        why += ", nor would any other of the tows that were looked at"
     return NextRun(
         tow_point_m=design.tow_point_m,
         line_length_m=design.line_length_m,
@@ -382,11 +386,14 @@ def _next(inference: Inference, ranking: Ranking, best: Candidate | None) -> Nex
 
 
 def _tells(distance: float) -> str:
+    if distance < HARDLY_D:
+        return "would hardly tell"
     return "tells" if distance >= 20 else "tells best, though not surely,"
 
 
 def _expected(distance: float) -> str:
-    return f"(expected D {f'{distance:.0f}' if distance < LARGEST_D else f'over {LARGEST_D:.0f}'}; 20 is enough)"
+    told = f"{distance:.0f}" if 1 <= distance < LARGEST_D else f"over {LARGEST_D:.0f}" if distance >= 1 else "below 1"
+    return f"(expected D {told}; 20 is enough)"
 
 
 def best_measurement(ranking: Ranking, best: Candidate | None, known: Mapping[str, Apart]) -> NextMeasurement | None:

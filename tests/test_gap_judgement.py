@@ -395,6 +395,13 @@ SLACKER = named("sag", "line", Parameter("stretch", "m", 1.0, apart=0.01), Param
         ((0.03, 0.004), 2e-4, (), ("sag", 13.0, "tells best, though not surely, whether it is sag (expected D 13; ")),
         ((0.03, 0.004), 2e-3, ("frame_rate.rate",), ("sag", 13.0, "sag.stretch to 0.01, sag.sag to 0.002: ")),
         ((0.0, 0.0), 5e-3, (), ("frame_rate", 2500.0, "(expected D over 1000; 20 is enough)")),
+        # half of what a rule tells: D = 0.25, odds by a tenth
+        (
+            (0.005, 0.0),
+            0.0,
+            ("frame_rate.rate",),
+            ("sag", 0.25, "would hardly tell whether it is sag (expected D below 1; "),
+        ),
         ((0.0, 0.0), 0.0, ("frame_rate.rate", "sag.stretch", "sag.sag"), None),
     ],
 )

@@ -81,6 +81,7 @@ def serve_jpegs(
     seconds: float,
     sent: Callable[[int], None] = lambda _: None,
     spans: tuple[tuple[float, float], ...] = (),
+    zero_s: float | None = None,
 ) -> ThreadingHTTPServer:
     """A server of an MJPEG stream, running; every reader gets the film from its beginning.
 
@@ -91,8 +92,9 @@ def serve_jpegs(
     seconds : of the stream
     sent : told each picture's number when its last byte is sent
     spans : times, s, in which the line is cut: a reader is closed at a beginning and sees pictures again after the end
+    zero_s : monotonic time of the first picture, which a reader may miss; None: when the first reader asks
     """
-    began: list[float] = []
+    began: list[float] = [] if zero_s is None else [zero_s]
 
     class Stream(BaseHTTPRequestHandler):
         def log_message(self, format: str, *args: object) -> None:
@@ -103,7 +105,7 @@ def serve_jpegs(
             self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
             self.end_headers()
             began[:] = began or [time.monotonic()]
-            first = round((time.monotonic() - began[0]) * rate_hz)
+            first = max(round((time.monotonic() - began[0]) * rate_hz), 0)
             with suppress(OSError):
                 for number in range(first, round(seconds * rate_hz)):
                     time.sleep(max(began[0] + number / rate_hz - time.monotonic(), 0.0))

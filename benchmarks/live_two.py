@@ -5,7 +5,7 @@
 The tows are those of ``two_cameras_rendered`` (two films of 1280x720, 30-45 s, offsets to 2 s), each film sent as MJPEG over HTTP
 in real time on one clock of the tow, by a server of its own. The sources send no stamps: frames are stamped when they come.
 Latency: from a picture's last byte to what both cameras say of it. Offset: the second clock against the first as the recordings
-have it, from when their pictures were taken (median: what a picture's way takes shifts its stamp, and differs from one to the next).
+have it, from when their pictures were taken (median: what a picture's way takes shifts its stamp, and is not always the same).
 """
 
 from __future__ import annotations
@@ -93,10 +93,10 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=5000)
     given = parser.parse_args()
     print(
-        "tow; first camera's pictures sent, recorded, looked at; second's; latency of what both say, ms: median, 99 %, largest; of a"
+        "tow; first camera's pictures sent, recorded, looked at; second's; latency of what both say, ms: median, 99 %, largest;"
     )
     print(
-        "core; when the second clock was told, s; how far off it was, ms, with its stated standard deviation: then, and at the end"
+        "of a core; when the second clock was told, s; how far off it was, ms, with its stated sd: then, and at the end"
     )
     for seed in range(given.first, given.first + given.tows):
         case = rendered(seed, False, given.out)

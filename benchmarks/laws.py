@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 from laws_cases import fault_case, law_case, null_case, with_more
-from laws_oracle import gaps_beyond, oracle, removed_share
-from laws_truth import apart, right_form, seen_by, told, true_force, true_variables
+from laws_oracle import gaps_beyond, oracle, reader, removed_share
+from laws_truth import apart, right_form, seen_by, told, true_force, true_variables, variables_of
 
 from towline.blind.seal import CASES, write_cases
 from towline.blind.truth.cases import Case
@@ -35,6 +35,8 @@ from towline.record.threads import one_thread
 
 NULLS_FROM, FAULTS_FROM = 2000, 1000
 """Second numbers of their seeds begin here."""
+SINGLE, PAIR = -5.9, -11.7
+"""Log priors that the search gives a law of one term, and of two (what it competes with changes them by a tenth)."""
 OFF = 0.1
 """A gap that the oracle shrinks by less says nothing of shrinking."""
 
@@ -79,6 +81,8 @@ def answered(out: Path, case: Case, count: int) -> dict[str, Any]:
     inference, ranking = found.diagnosis.inference, found.diagnosis.ranking
     with one_thread():
         fits, numbers = oracle(case, inference, ranking.base)
+        terms_told = reader(case, inference, ranking.base, SINGLE, PAIR)
+    answer["reader"] = None if terms_told is None else variables_of(case, seen, terms_told)
     answer["oracle"] = {name: apart(true_force(seen, n), true, seen) for name, n in numbers.items()}
     answer["oracle_log"] = {name: fit.log_evidence - ranking.base.log_evidence for name, fit in fits.items()}
     best = None
@@ -147,6 +151,9 @@ def summary(answers: list[dict[str, Any]]) -> list[str]:
             f"laws {len(laws)}: a law told {len(said)}, variables right {sum(a['told'] == a['true'] for a in said)}, "
             f"form right {sum(a['form'] for a in said)}"
         )
+    if able := [a for a in laws if "reader" in a]:
+        right = sum(a["reader"] == a["true"] for a in able)
+        lines.append(f"one who knows the true forms tells the right variables of {right} of {len(able)}")
     if where:
         right = sum(a.get("acts_with") == a["true"] for a in where)
         lines.append(

@@ -17,6 +17,7 @@ from laws_truth import sways_m
 from towline.blind.truth.cases import Case, lane_of
 from towline.blind.truth.laws import TERMS, law_ahead, law_force, law_lean
 from towline.diagnose.effects import Effect, Parameter, Seen, Situation, rolled
+from towline.diagnose.inference.engine import P_NO_GAP
 from towline.diagnose.inference.evidence import Fitted, Inference
 from towline.diagnose.inference.grams import Grams
 from towline.diagnose.inference.held_out import removed_share
@@ -138,6 +139,37 @@ def oracle(case: Case, inference: Inference, base: Fitted) -> tuple[dict[str, Fi
     return fits, numbers
 
 
+def reader(case: Case, inference: Inference, base: Fitted, single: float, pair: float) -> list[int] | None:
+    """Which of the truth's terms one who knows their forms would tell from these runs: none, one, or both.
+
+    The forms are the truth's with all their numbers refitted, sizes about the true ones; the log priors are the search's. What such
+    a reader does not tell no search can.
+
+    Parameters
+    ----------
+    case : as drawn
+    inference, base : of the diagnosis
+    single, pair : log priors of a law of one term and of two; that of no gap is P_NO_GAP's
+
+    Returns
+    -------
+    terms : positions; None: nothing
+    """
+    there = [k for k in range(TERMS) if f"law.kind{k}" in case.numbers]
+    ways = [[k] for k in there] + ([there] if len(there) > 1 else [])
+    best, told = float(np.log(P_NO_GAP)), None
+    for way in ways:
+        gone = tuple(str(k) for k in there if k not in way)
+        numbers = {n: v for n, v in case.numbers.items() if not (n.startswith("law.") and n.endswith(gone))}
+        effect, values = true_effect(replace(case, numbers=numbers), inside=True)
+        h = replace(base.hypothesis, effects=(effect,), numbers=(values,))
+        fit = inference.fit([h], [base.forces.scaled(FEW_FORCES)], STEPS, TURNS)[0]
+        weight = fit.log_evidence - base.log_evidence + (single if len(way) == 1 else pair)
+        if weight > best:
+            best, told = weight, way
+    return told
+
+
 def gaps_beyond(simulator: TowSimulator, count: int, fits: Sequence[Fitted], forces: Forces) -> np.ndarray:
     """Gaps on tows that took no part in a fit: root mean square of what is left of y and heading over the noise.
 
@@ -199,4 +231,4 @@ def _gaps(simulator: TowSimulator, first: list[int], fitted: Fitted, forces: For
     return row
 
 
-__all__ = ["gaps_beyond", "oracle", "removed_share", "true_effect"]
+__all__ = ["gaps_beyond", "oracle", "reader", "removed_share", "true_effect"]

@@ -133,8 +133,13 @@ def true_terms(case: Case, seen: Seen) -> list[int]:
 
 def true_variables(case: Case, seen: Seen) -> list[str]:
     """What the truth's law depends on."""
+    return variables_of(case, seen, true_terms(case, seen))
+
+
+def variables_of(case: Case, seen: Seen, terms: Sequence[int]) -> list[str]:
+    """What some terms of the truth's law depend on."""
     whole, found = true_force(seen), set[str]()
-    for k in true_terms(case, seen):
+    for k in terms:
         kind = int(case.numbers[f"law.kind{k}"])
         found |= set(VARIABLES[kind].split())
         if kind == 8 and apart(true_force(seen, {f"law.b{k}": 0.0}), whole, seen) < SMALL:
@@ -349,5 +354,5 @@ def nearest(terms: Sequence[Told], seen: Seen, target: Array) -> float:
 
 __all__ = [
     "SMALL", "Seen", "Told", "apart", "nearest", "right_form", "seen_by", "sways_m", "told", "told_term", "true_force",
-    "true_terms", "true_variables", "without_linear",
+    "true_terms", "true_variables", "variables_of", "without_linear",
 ]  # fmt: skip

@@ -17,6 +17,7 @@ from towline.diagnose.effects import LIBRARY, Effect, Parameter
 from towline.diagnose.effects.hull import CURRENT
 from towline.diagnose.gap import Diagnosis, best_measurement, called, diagnosed, rests_on, rival_of, twins_of
 from towline.diagnose.inference.apart import Apart
+from towline.diagnose.inference.engine import P_UNKNOWN, extended
 from towline.diagnose.inference.evidence import LARGEST_SD, LARGEST_SHARE, Fitted, Inference, within
 from towline.diagnose.inference.grams import Grams
 from towline.diagnose.inference.held_out import removed_share, shrink, taken
@@ -216,6 +217,21 @@ def test_a_gap_is_called_where_one_is_almost_sure(
     p_no_gap: float, p_unknown: float, p_effects: float, verdict: str
 ) -> None:
     assert called(p_no_gap, p_unknown, p_effects) == verdict
+
+
+def test_a_free_force_weighs_by_the_prior_that_it_has(base: tuple[Inference, Fitted]) -> None:
+    """A law of evidence 118 and prior e^-5.9, a free force of 115.5: with all of the unknown's prior it stands against the law, as
+    one of thirty forces without a form it does not. Odds by hand; nothing is left over, and no gap is out of the question."""
+    inference, fit = base
+    law = replace(candidate(fit, 118.0, replace(named("law"), form=0.0)), log_prior=-5.9)
+    shares = {}
+    for fields in (1, 30):
+        prior = float(np.log(P_UNKNOWN / fields))
+        free = replace(candidate(fit, 115.5, replace(named("unknown"), form=0.0)), log_prior=prior)
+        shares[fields] = extended(inference, ranking_of(fit, free=free), [law]).p_unknown
+        odds = np.exp(115.5 + prior - (118.0 - 5.9))
+        assert shares[fields] == pytest.approx(odds / (1 + odds), abs=1e-6)
+    assert shares[1] > 0.5 > 0.2 > shares[30]
 
 
 @pytest.mark.parametrize(

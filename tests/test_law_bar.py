@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from towline.diagnose.effects import Effect, Parameter
 from towline.diagnose.inference.evidence import Fitted, Inference
 from towline.diagnose.inference.hypothesis import with_effects
 from towline.diagnose.inference.noise import Forces
-from towline.diagnose.law.around import MOVED, elsewhere, fits
+from towline.diagnose.inference.ranking import Candidate
+from towline.diagnose.law.around import MOVED, distinct, elsewhere, fits
 from towline.diagnose.law.bar import CLEARLY, worse_aside
 from towline.diagnose.law.choose import Start
 from towline.diagnose.law.functions import Range, State, term
@@ -115,6 +117,36 @@ def test_a_power_is_found_from_a_fixed_one_and_from_one_that_is_far_off(text: st
     solved, at = best.solved, inference.fixed(best.hypothesis) + 1
     assert best.hypothesis.numbers[0][-1] == pytest.approx(power, abs=3 * np.sqrt(solved.covariance[at, at]))
     assert best.log_evidence > ended[0].log_evidence
+
+
+def tried(text: str, evidence: float, acts: str = "Y") -> Candidate:
+    nothing: Any = None
+    return Candidate((effect_of(text, acts, (0.1, 0.1)),), nothing, evidence, -5.9)
+
+
+def test_a_fixed_power_and_a_free_one_are_one_law_of_both_weights() -> None:
+    """Told with the free power, from whichever start it is the best; a moment and a saturation are others."""
+    fixed, cubed, free, worse = (
+        tried("v|v|", 20.0), tried("v^3", 17.0), tried("sign |v|^2.5", 19.0), tried("sign |v|^4", 18.0)
+    )  # fmt: skip
+    moment, tanh, nothing = tried("v|v|", 21.0, "N"), tried("tanh(v/0.05)", 15.0), tried("v r", np.nan)
+    found = {
+        one.effects[0].label: (one, others)
+        for one, others in distinct([fixed, cubed, free, worse, moment, tanh, nothing])
+    }
+    assert set(found) == {c.effects[0].label for c in (free, moment, tanh)}
+    one, others = found[free.effects[0].label]
+    assert one.log_evidence == free.log_evidence
+    assert one.weight == pytest.approx(np.log(np.exp(20.0) + np.exp(17.0) + np.exp(19.0)) - 5.9)
+    assert {c.effects for c in others} == {fixed.effects, cubed.effects}
+    assert found[tanh.effects[0].label] == (tanh, [])
+
+
+def test_a_power_that_was_not_found_is_not_told() -> None:
+    """Where a fit from another power stays far behind the fixed one, the fixed one is told."""
+    fixed, stuck = tried("r^2", 54.8), tried("|r|^1.5", -15.2)
+    ((one, others),) = distinct([stuck, fixed])
+    assert (one.effects, others) == (fixed.effects, [stuck])
 
 
 def test_a_start_whose_motion_runs_off_is_left_out_and_the_others_are_fitted() -> None:

@@ -15,8 +15,8 @@ from ..record.threads import one_thread
 from .effects import Effect
 from .inference.apart import Apart, measurement
 from .inference.diagnosable import Diagnosable
-from .inference.engine import CONVERGED_GAIN, TWINS, Progress, ranked
-from .inference.evidence import Fitted, Inference
+from .inference.engine import TWINS, Progress, ranked
+from .inference.evidence import CONVERGED_GAIN, Fitted, Inference
 from .inference.held_out import Shrink, none_left, shrink
 from .inference.noise import TIMES_S
 from .inference.ranking import Candidate, Ranking

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from ..record.gap_file import GapFile, RankedEffects
 from .effects import Effect
-from .inference.engine import CONVERGED_GAIN
+from .inference.evidence import CONVERGED_GAIN
 from .inference.held_out import Shrink
 from .inference.scan import Leftover
 from .sizes import sizes_of, symbol

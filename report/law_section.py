@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..diagnose.law.answer import Field, Law, Searched
 from ..diagnose.law.field import basis_of
 from ..diagnose.law.functions import State, term
-from ..diagnose.law.search import Field, Law, Searched
 from ..diagnose.law.terms import AHEAD, HEEL, parts_of, text_of
 from ..diagnose.sizes import size_of
 from ..diagnose.tow.towed import TowSimulator

@@ -23,10 +23,10 @@ from towline.diagnose.inference.evidence import Inference
 from towline.diagnose.inference.grams import Grams
 from towline.diagnose.inference.hypothesis import with_effects
 from towline.diagnose.inference.noise import Forces
+from towline.diagnose.law.answer import without_linear
 from towline.diagnose.law.field import SMOOTH, basis_of, field_effect, field_force
 from towline.diagnose.law.functions import Range, State, term, written
 from towline.diagnose.law.grammar import grammar, heels, resistances
-from towline.diagnose.law.search import without_linear
 from towline.diagnose.law.table import Choice, Table
 from towline.diagnose.law.terms import ACTS, AHEAD, HEEL, effect_of, state_of, values_of
 from towline.diagnose.simulated import effects_of

@@ -18,7 +18,7 @@ from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..effects import Effect
 from .diagnosable import Diagnosable
-from .evidence import Fitted, Inference
+from .evidence import CONVERGED_GAIN, Fitted, Inference
 from .grams import Grams
 from .hypothesis import Hypothesis, form_of, with_effects
 from .inexact import could_gain, shared_out, told_apart
@@ -53,9 +53,8 @@ WORTH_PAIRS = 3.0
 """A second effect is fitted only if its score promises more log evidence than this."""
 WORTH_PAIRS_BELOW = 30.0
 """Pairs are tried on the second best effect only if it comes this near to the best."""
-MOST_REFINEMENTS, BASE_REFINEMENTS, CONVERGED_GAIN = 5, 15, 3.0
-"""A fit is refined at most so often, and the base, which all others are held against; a fit counts as converged when a refinement
-raises its log evidence, or a step promises to raise it, by less than this."""
+MOST_REFINEMENTS, BASE_REFINEMENTS = 5, 15
+"""A fit is refined at most so often, and the base, which all others are held against."""
 FAR_BEHIND = 2000.0
 """A fit from the measured motion that is this far behind the best when its path shall be closed is not gone on with: the right ones
 stand within 500 of their end there, the others' motion mostly runs away, which takes long to integrate."""
@@ -113,7 +112,7 @@ def ranked(
     fitted = _fit_all(inference, base, [(e,) for e in (*singles, *best_free)], gross, starts, ahead)
     single_prior, forms = np.log(P_SINGLE / max(len(names), 1)), _of_forms(scores, usable)
     candidates = [
-        Candidate(effects, f, _worth(f) - base.log_evidence, single_prior + forms[effects[0].name])
+        Candidate(effects, f, f.worth - base.log_evidence, single_prior + forms[effects[0].name])
         for effects, f in fitted
         if effects[0] not in free
     ]
@@ -121,7 +120,7 @@ def ranked(
     followed = {name for c in candidates for name in c.names}
     excluded |= {n: RUNS_AWAY for _, h, _ in unlike for n in (h.effects[0].name,) if n not in followed}
     free_found = [
-        Candidate(effects, f, _worth(f) - base.log_evidence, np.log(P_UNKNOWN))
+        Candidate(effects, f, f.worth - base.log_evidence, np.log(P_UNKNOWN))
         for effects, f in fitted
         if effects[0] in free
     ]
@@ -184,8 +183,8 @@ def _as_candidates(
         except EstimationError:
             continue
         # one that has run off beyond all numbers is none
-        if np.isfinite(_worth(fitted)):
-            found.append(Candidate(h.effects, fitted, _worth(fitted) - base.log_evidence, single_prior))
+        if np.isfinite(fitted.worth):
+            found.append(Candidate(h.effects, fitted, fitted.worth - base.log_evidence, single_prior))
     return found
 
 
@@ -260,12 +259,6 @@ def _settled(inference: Inference, base: Fitted) -> Fitted:
     return base
 
 
-def _worth(fitted: Fitted) -> float:
-    """Its log evidence, without what a step promises that is not taken yet."""
-    worth = fitted.log_evidence - max(fitted.promised - CONVERGED_GAIN, 0.0)
-    return worth if np.isfinite(worth) else -np.inf
-
-
 def _siblings(
     inference: Inference,
     base: Fitted,
@@ -286,7 +279,7 @@ def _siblings(
             others[effect.label] = effect, best.log_prior
     fitted = _fit_all(inference, base, [(e,) for e, _ in others.values()], gross) if others else []
     return [
-        Candidate(effects, f, _worth(f) - base.log_evidence, prior)
+        Candidate(effects, f, f.worth - base.log_evidence, prior)
         for (effects, f), (_, prior) in zip(fitted, others.values(), strict=True)
     ]
 
@@ -309,9 +302,7 @@ def _converged(inference: Inference, candidates: list[Candidate], base: Fitted) 
         moving = [k for k in moving if fitted[k].log_evidence - before[k].log_evidence >= CONVERGED_GAIN]
         if not moving:
             break
-    better = [
-        replace(c, fitted=f, log_evidence=_worth(f) - base.log_evidence) for c, f in zip(few, fitted, strict=True)
-    ]
+    better = [replace(c, fitted=f, log_evidence=f.worth - base.log_evidence) for c, f in zip(few, fitted, strict=True)]
     rest = [c for c in candidates if all(c is not one for one in few)]
     return sorted((*better, *rest), key=lambda c: -c.log_evidence)
 
@@ -343,7 +334,7 @@ def _further(inference: Inference, fitted: Sequence[Fitted], steps: int) -> list
     answers = []
     for k, old in enumerate(fitted):
         both = [old, *ends[k * len(shares) : (k + 1) * len(shares)]]
-        answers.append(max(both, key=_worth))
+        answers.append(max(both, key=lambda f: f.worth))
     return answers
 
 
@@ -462,7 +453,7 @@ def _fit_all(
         except (EstimationError, np.linalg.LinAlgError):
             continue
         for k, end in zip(going, ends, strict=True):
-            found[k] = max(found[k], end, key=_worth)
+            found[k] = max(found[k], end, key=lambda f: f.worth)
     return list(zip(sets, found, strict=True))
 
 
@@ -503,7 +494,7 @@ def _pairs(
         for (effect,), fitted in _fit_all(inference, first.fitted, [(e,) for e in second], gross):
             pair = (*first.effects, effect)
             own = prior + sum(forms[name] for name in (*first.names, effect.name))
-            found.append(Candidate(pair, fitted, _worth(fitted) - base.log_evidence, own))
+            found.append(Candidate(pair, fitted, fitted.worth - base.log_evidence, own))
     found = _converged(inference, sorted(found, key=lambda c: -c.log_evidence), base)
     return [_priced(inference, next(c for c in singles if c.effects == pair.effects[:-1]), pair) for pair in found]
 
@@ -535,7 +526,7 @@ def _beside(
             say(f"what {' and '.join(c.names)} leaves")
         gross = max((scores[e.label] for e in best), default=0.0) > GROSS
         for effects, fitted in _fit_all(inference, c.fitted, [(e,) for e in best], gross) if best else ():
-            found.append(Candidate((*c.effects, *effects), fitted, _worth(fitted) - base.log_evidence, c.log_prior))
+            found.append(Candidate((*c.effects, *effects), fitted, fitted.worth - base.log_evidence, c.log_prior))
     if not found:
         return None
     return _converged(inference, [max(found, key=lambda c: c.weight)], base)[0]

@@ -42,6 +42,8 @@ NEAR = 25.0
 SETTLED = 0.02
 """A fit whose next step promises less log evidence is at its end, and not stepped any more: its numbers are within a fifth of their
 standard deviations of where the step leads, and what it reports has that step in it already."""
+CONVERGED_GAIN = 3.0
+"""A fit counts as converged when a refinement raises its log evidence, or a step promises to raise it, by less than this."""
 STEEP = 1e60
 """A slope beyond this belongs to a motion that grows beyond bounds."""
 LARGEST_SD = 3.0
@@ -129,6 +131,12 @@ class Fitted:
     def promised(self) -> float:
         """Log evidence that one more step promises: next to nothing at an optimum."""
         return self.solved.log_evidence - self.solved.beyond - self.solved.here
+
+    @property
+    def worth(self) -> float:
+        """Its log evidence, without what a step promises that is not taken yet; -inf where it is no number."""
+        worth = self.log_evidence - max(self.promised - CONVERGED_GAIN, 0.0)
+        return worth if np.isfinite(worth) else -np.inf
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ...record.gap_file import GapFile
-from ..inference.engine import CONVERGED_GAIN
+from ..inference.evidence import CONVERGED_GAIN
 from ..inference.held_out import Shrink
 from ..inference.scan import Leftover
 from ..words import NOTABLE, STILL_MOVING, is_open

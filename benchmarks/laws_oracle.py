@@ -206,12 +206,18 @@ def _gaps(simulator: TowSimulator, first: list[int], fitted: Fitted, forces: For
     for _ in range(OWN_STEPS + 1):
         linear = inference.linear([h])[0]
         grams = Grams(linear.columns, inference.noise)
-        solved = inference.solve(grams, h, forces, first)
-        if kept is None or solved.here >= best:
+        try:
+            solved = inference.solve(grams, h, forces, first)
+        except np.linalg.LinAlgError:  # its motion runs off
+            if kept is None:
+                raise
+            solved = None
+        if solved is not None and (kept is None or solved.here >= best):
             kept, best = (h, linear, grams, solved.shared), solved.here
         else:
             # a whole step of a coefficient and its power runs off where the two are hardly told apart
             share *= SHORTER
+        assert kept is not None
         h, linear, grams, step = kept[0], kept[1], kept[2], kept[3].copy()
         step[: len(h.shared)] *= share
         step[inference.fixed(h) :] *= share

@@ -14,7 +14,7 @@ from ..inference.evidence import Fitted, Inference
 from ..inference.ranking import Candidate
 from .choose import Start
 from .field import FIELD
-from .functions import AT, POWER, Range, State, family, freed_text, term, written
+from .functions import AT, NUMBER, POWER, WIDE, Range, State, family, freed_text, term, written
 from .table import Choice, Table
 from .terms import ACTS, coefficients_of, effect_of, inside_of, reach_of, shapes_from, sizes_of, text_of, values_of
 
@@ -28,6 +28,10 @@ POWERS, SAME_POWER = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0, 3.5,
 """Of a variable, looked at as well; within so much of a fitted one they are the same."""
 POWER_COSTS = 3.0
 """A free power is told unless it is so much log evidence behind the fixed one: more than a number costs, it has not been found."""
+ALONG, AS_WIDE = (-1.6, -1.2, -0.8, -0.4, 0.0, 0.4, 0.8, 1.2, 1.6), (0.3, 0.5, 0.8)
+"""Where a bump may be, and how wide, in usual sizes of its variable: looked at as well."""
+OTHER_NUMBERS = (0.5, 0.6, 0.72, 0.85, 1.18, 1.4, 1.65, 2.0)
+"""Of waves, by what was fitted."""
 MOVED, RESTARTED = 1.4, 2
 """A place counts as another one from this factor on; so many of them are fitted for each term. Choices."""
 STEPS, TURN = 5, 2
@@ -76,8 +80,8 @@ def _best(starts: Sequence[Start], fitted: Sequence[Fitted]) -> list[tuple[Start
 
 
 def elsewhere(inference: Inference, starts: Sequence[Start], fitted: Sequence[Fitted], seen: Range) -> list[Start]:
-    """The best laws with what saturates or begins at another place, and with other powers: a fit ends at the optimum nearest to its
-    start, and a power takes its coefficient along by orders of magnitude.
+    """The best laws with what saturates, begins or stands somewhere at another place, with other waves and other powers: a fit ends
+    at the optimum nearest to its start, and a power takes its coefficient along by orders of magnitude.
 
     Along a law's own path all places (powers) are one table, its other term beside them; the best of them are starts. A fixed power
     becomes a free one: v|v|, v^3 and what lies between are one form, whose power the runs tell.
@@ -124,6 +128,11 @@ def _moved(effect: Effect, numbers: Array, seen: Range) -> list[Effect]:
     if names == [AT]:
         places = (share * seen.usual[free.variables[0]] for share in ELSEWHERE)
         return [_at(effect, [x]) for x in places if not 1 / MOVED < x / abs(here[0]) < MOVED]
+    if names == [AT, WIDE]:
+        usual = seen.usual[free.variables[0]]
+        return [_at(effect, [x * usual, wide * usual]) for x in ALONG for wide in AS_WIDE]
+    if names == [NUMBER]:
+        return [_at(effect, [x * here[0]]) for x in OTHER_NUMBERS]
     if POWER not in names:
         return []
     at = names.index(POWER)

@@ -19,6 +19,8 @@ from ...simulate.model import Array
 
 WIDE = "wide"
 """Name of a bump's width, which has no sign."""
+NUMBER = "number"
+"""Name of a number of waves."""
 POWER = "power"
 """Name of a power that is fitted."""
 AT = "at"
@@ -311,7 +313,7 @@ def _wave(text: str, found: re.Match[str]) -> Term:
         (found[2],),
         4,
         lambda s, k: (np.sin(k * of(s)), np.cos(k * of(s))),
-        (Shape("number", number, 0.25 * number),),
+        (Shape(NUMBER, number, 0.25 * number),),
         2,
         form=f"wave({{:.4g}} {found[2]})",
     )
@@ -323,7 +325,7 @@ def _bump(text: str, found: re.Match[str]) -> Term:
     def basis(s: State, at: Any, wide: Any) -> tuple[Any]:
         return (np.exp(-0.5 * ((of(s) - at) / np.maximum(np.abs(wide), 0.1 * width)) ** 2),)
 
-    shapes = (Shape("at", place, width), Shape(WIDE, width, 0.5 * width))
+    shapes = (Shape(AT, place, width), Shape(WIDE, width, 0.5 * width))
     return Term(text, (found[1],), 4, basis, shapes, form=f"bump({found[1]} at {{:.4g}}, {{:.4g}} wide)")
 
 
@@ -444,6 +446,6 @@ def family(text: str) -> str:
 
 
 __all__ = [
-    "AT", "DRY", "PLAIN", "POWER", "WIDE", "Range", "Shape", "State", "Term", "beyond", "dimensionless", "family", "freed_text",
-    "term", "written",
+    "AT", "DRY", "NUMBER", "PLAIN", "POWER", "WIDE", "Range", "Shape", "State", "Term", "beyond", "dimensionless", "family",
+    "freed_text", "term", "written",
 ]  # fmt: skip

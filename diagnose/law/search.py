@@ -25,12 +25,14 @@ from .around import distinct, elsewhere, fits, simpler
 from .choose import ARM, LawTable, Start, chosen, fields_of, free_path, priors
 from .functions import Range, State, Term, dimensionless
 from .grammar import grammar, heels, resistances
-from .terms import AHEAD, HEEL, ROLLS, effect_of, values_of
+from .terms import AHEAD, HEEL, ROLLS, effect_at, effect_of, values_of
 
 SIDE_SHARE = 0.1
 """Usual force of a missing term: this share of the line's pull; sizes down to a thirtieth are as likely (``Effect.sizes``)."""
 AHEAD_SHARE = 0.3
 """Usual resistance beyond a straight tow's, by that: a choice."""
+ROOM = 25.0
+"""Of a law with less log evidence a second term explains too little to be told."""
 HEEL_M = 0.01
 """Usual sway of a heeling model's marks; sizes down to a thirtieth are as likely (``Effect.sizes``)."""
 
@@ -152,6 +154,16 @@ def searched(
         heeling = [effect for effect in effects if effect.variant == HEEL]
         fit.all("rolling as the best", chosen(LawTable(inference, best, base, heeling, [], roll), single, pair))
     fit.all("at another place, with another power", elsewhere(inference, fit.starts, fit.fitted, seen))
+    if (field := fit.ahead_of_laws) is not None:
+        # a force without a form has the best path so far
+        table = LawTable(inference, field, base, effects, free_forms)
+        if fit.all("along the best path", fit.new(chosen(table, single, pair))) > -np.inf:
+            fit.all("at another place, with another power", elsewhere(inference, fit.starts, fit.fitted, seen))
+    if (best := fit.best_law) is not None and best.worth > base.log_evidence + ROOM:
+        # along its own path a second term is seen that another path's errors hide
+        own = [effect_at(e, n) for e, n in zip(best.hypothesis.effects, best.hypothesis.numbers, strict=True)]
+        beside = LawTable(inference, best, base, [*effects, *own], [], _roll_of(best.hypothesis))
+        fit.all("beside the best law", fit.new(chosen(beside, single, pair)))
     fit.all("simpler", simpler(fit.starts, fit.fitted, single))
     forms = distinct([
         Candidate(s.effects, f, f.worth - base.log_evidence, s.log_prior)
@@ -214,6 +226,14 @@ class _Fits:
         self.starts += starts
         self.fitted += ends
         return max((f.worth + s.log_prior for s, f in zip(starts, ends, strict=True)), default=-np.inf)
+
+    @property
+    def ahead_of_laws(self) -> Fitted | None:
+        """The force without a form that has more evidence and prior than every equation; None: an equation has more."""
+        best = max(range(len(self.starts)), key=lambda k: self.fitted[k].worth + self.starts[k].log_prior, default=None)
+        if best is None or is_term(self.starts[best].effects[0]):
+            return None
+        return self.fitted[best]
 
     @property
     def best_law(self) -> Fitted | None:

@@ -15,7 +15,7 @@ import numpy as np
 from ...record.errors import TowlineError
 from ...simulate.model import GRAVITY_M_S2, Array
 from ..effects import Effect, Parameter, Seen, Situation, rolled
-from .functions import Shape, State, Term, dimensionless, family, term
+from .functions import Shape, State, Term, dimensionless, family, term, written
 
 NAME = "law"
 """First word of the name of a law's effect; its term follows."""
@@ -231,6 +231,18 @@ def family_of(effect: Effect) -> str:
     return f"{effect.variant} {own}" if effect.variant in APART else own
 
 
+def effect_at(effect: Effect, numbers: Array) -> Effect:
+    """A law's effect whose term begins where it was fitted; what acts in a side force or a moment, in both.
+
+    Parameters
+    ----------
+    effect : of ``effect_of``
+    numbers : of it
+    """
+    acts = effect.variant if effect.variant in APART else "Y and N"
+    return effect_of(written(text_of(effect), inside_of(effect, numbers)), acts, sizes_of(effect), reach_of(effect))
+
+
 def sizes_of(effect: Effect) -> tuple[float, ...]:
     """Usual sizes of a law's effect's coefficients, as ``effect_of`` takes them; where it does not act, those of where it does.
 
@@ -299,7 +311,7 @@ def _coefficients(
 
 
 __all__ = [
-    "ACTING", "ACTS", "AHEAD", "APART", "HEEL", "NAME", "ROLLS", "coefficients_of", "effect_of", "family_of",
+    "ACTING", "ACTS", "AHEAD", "APART", "HEEL", "NAME", "ROLLS", "coefficients_of", "effect_at", "effect_of", "family_of",
     "heeled", "inside_of", "parts_of", "reach_of", "shapes_from", "shapes_of", "sizes_of", "state_of", "state_seen", "text_of",
     "values_of", "whole",
 ]  # fmt: skip

@@ -81,7 +81,7 @@ def answered(out: Path, case: Case, count: int) -> dict[str, Any]:
     inference, ranking = found.diagnosis.inference, found.diagnosis.ranking
     with one_thread():
         fits, numbers = oracle(case, inference, ranking.base)
-        terms_told = reader(case, inference, ranking.base, SINGLE, PAIR)
+        terms_told = reader(case, inference, ranking.base, fits["form"], SINGLE, PAIR)
     answer["reader"] = None if terms_told is None else variables_of(case, seen, terms_told)
     answer["oracle"] = {name: apart(true_force(seen, n), true, seen) for name, n in numbers.items()}
     answer["oracle_log"] = {name: fit.log_evidence - ranking.base.log_evidence for name, fit in fits.items()}

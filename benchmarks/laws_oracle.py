@@ -139,7 +139,9 @@ def oracle(case: Case, inference: Inference, base: Fitted) -> tuple[dict[str, Fi
     return fits, numbers
 
 
-def reader(case: Case, inference: Inference, base: Fitted, single: float, pair: float) -> list[int] | None:
+def reader(
+    case: Case, inference: Inference, base: Fitted, whole: Fitted, single: float, pair: float
+) -> list[int] | None:
     """Which of the truth's terms one who knows their forms would tell from these runs: none, one, or both.
 
     The forms are the truth's with all their numbers refitted, sizes about the true ones; the log priors are the search's. What such
@@ -149,6 +151,7 @@ def reader(case: Case, inference: Inference, base: Fitted, single: float, pair: 
     ----------
     case : as drawn
     inference, base : of the diagnosis
+    whole : all terms with all their numbers, of ``oracle``
     single, pair : log priors of a law of one term and of two; that of no gap is P_NO_GAP's
 
     Returns
@@ -156,18 +159,16 @@ def reader(case: Case, inference: Inference, base: Fitted, single: float, pair: 
     terms : positions; None: nothing
     """
     there = [k for k in range(TERMS) if f"law.kind{k}" in case.numbers]
-    ways = [[k] for k in there] + ([there] if len(there) > 1 else [])
-    best, told = float(np.log(P_NO_GAP)), None
-    for way in ways:
-        gone = tuple(str(k) for k in there if k not in way)
+    fits = [(there, whole)]
+    for k in there if len(there) > 1 else ():
+        gone = tuple(str(other) for other in there if other != k)
         numbers = {n: v for n, v in case.numbers.items() if not (n.startswith("law.") and n.endswith(gone))}
         effect, values = true_effect(replace(case, numbers=numbers), inside=True)
         h = replace(base.hypothesis, effects=(effect,), numbers=(values,))
-        fit = inference.fit([h], [base.forces.scaled(FEW_FORCES)], STEPS, TURNS)[0]
-        weight = fit.log_evidence - base.log_evidence + (single if len(way) == 1 else pair)
-        if weight > best:
-            best, told = weight, way
-    return told
+        fits.append(([k], inference.fit([h], [base.forces.scaled(FEW_FORCES)], STEPS, TURNS)[0]))
+    weights = [f.log_evidence - base.log_evidence + (single if len(way) == 1 else pair) for way, f in fits]
+    best = int(np.argmax(weights))
+    return fits[best][0] if weights[best] > np.log(P_NO_GAP) else None
 
 
 def gaps_beyond(simulator: TowSimulator, count: int, fits: Sequence[Fitted], forces: Forces) -> np.ndarray:

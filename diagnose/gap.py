@@ -392,7 +392,7 @@ def _tells(distance: float) -> str:
 
 
 def _expected(distance: float) -> str:
-    told = f"{distance:.0f}" if 1 <= distance < LARGEST_D else f"over {LARGEST_D:.0f}" if distance >= 1 else "below 1"
+    told = "below 1" if distance < 1 else f"over {LARGEST_D:.0f}" if distance >= LARGEST_D else f"{distance:.0f}"
     return f"(expected D {told}; 20 is enough)"
 
 

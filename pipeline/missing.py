@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..diagnose.effects import Effect
-from ..diagnose.law.answer import is_term
+from ..diagnose.law.field import is_term
 from ..diagnose.law.functions import State, dimensionless
 from ..diagnose.simulated import effects_of, missing_force
 from ..identify.data import Missing, RunData

@@ -50,6 +50,16 @@ def inference_of(missing: Callable[[np.ndarray], np.ndarray], part: Callable[...
     return Inference(simulator, simulator.noise(simulator.starts()[0]))
 
 
+def swinging(t: np.ndarray) -> State:
+    """v = sin t / 10, and nothing else."""
+    return State(0.1 * np.sin(t), *[0.0 * t] * 7)
+
+
+def of_a_term(name: str, numbers: tuple[np.ndarray, ...], t: np.ndarray) -> np.ndarray:
+    """What a term's effect does along that."""
+    return numbers[0] * term(name.removeprefix("law ")).basis(swinging(t), *numbers[1:])[0]
+
+
 def fitted(inference: Inference, effects: Sequence[Effect]) -> Fitted:
     start = with_effects(inference.simulator.starts()[0], effects)
     return inference.fit([start], [Forces()], 4, (1,))[0]
@@ -74,13 +84,7 @@ def test_what_saturates_is_found_from_a_start_at_another_place() -> None:
     """tanh(v/0.03) is missing, along v = sin t / 10, and a fit begins at tanh(v/0.003): a place looked at anew is near 0.03."""
     place, seen = 0.03, Range({"v": -0.1}, {"v": 0.1}, {"v": 0.07})
 
-    def states(t: np.ndarray) -> State:
-        return State(0.1 * np.sin(t), *[0.0 * t] * 7)
-
-    def part(name: str, numbers: tuple[np.ndarray, ...], t: np.ndarray) -> np.ndarray:
-        return numbers[0] * term(name.removeprefix("law ")).basis(states(t), *numbers[1:])[0]
-
-    inference = inference_of(lambda t: 0.2 * np.tanh(0.1 * np.sin(t) / place), part)
+    inference = inference_of(lambda t: 0.2 * np.tanh(0.1 * np.sin(t) / place), of_a_term)
     effect = effect_of("tanh(v/0.003)", "Y", (0.2, 0.2))
     start = with_effects(inference.simulator.starts()[0], [effect])
     begun = [Start((effect,), start, Forces(), 0.0, 0.0)]
@@ -99,15 +103,9 @@ def test_a_power_is_found_from_a_fixed_one_and_from_one_that_is_far_off(text: st
     """sign |v|^2.4 is missing, along v = sin t / 10; its coefficient by another power is another by powers of ten."""
     power, seen = 2.4, Range({"v": -0.1}, {"v": 0.1}, {"v": 0.07})
 
-    def states(t: np.ndarray) -> State:
-        return State(0.1 * np.sin(t), *[0.0 * t] * 7)
-
-    def part(name: str, numbers: tuple[np.ndarray, ...], t: np.ndarray) -> np.ndarray:
-        return numbers[0] * term(name.removeprefix("law ")).basis(states(t), *numbers[1:])[0]
-
-    inference = inference_of(lambda t: 0.2 * np.sign(np.sin(t)) * np.abs(np.sin(t)) ** power, part)
+    inference = inference_of(lambda t: 0.2 * np.sign(np.sin(t)) * np.abs(np.sin(t)) ** power, of_a_term)
     effect = effect_of(
-        text, "Y", (0.2 / float(term(text).basis(states(np.array(1.0)), *[4.0][: "^4" in text])[0]),) * 2
+        text, "Y", (0.2 / float(term(text).basis(swinging(np.array(1.0)), *[4.0][: "^4" in text])[0]),) * 2
     )
     start = with_effects(inference.simulator.starts()[0], [effect])
     begun, ended = fits(inference, [Start((effect,), start, Forces(), 0.0, 0.0)])

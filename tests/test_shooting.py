@@ -33,8 +33,9 @@ FAMILIES = ((CROSSFLOW_ENDS,), CUBIC_FORMS, BANK[1:], DRIFT_RAMPS, FRICTION_FORM
 PLAIN = tuple(e for e in LIBRARY if e.correct is None and e.name != "sync_delay" and not any(e in f for f in FAMILIES))
 TOGETHER = 8
 """So many of these push at once; the work of a group goes with the square of its size."""
+GROUPS = -(-len(PLAIN) // TOGETHER)
 PUSHED = (
-    *(PLAIN[k :: -(-len(PLAIN) // TOGETHER)] for k in range(-(-len(PLAIN) // TOGETHER))),
+    *(PLAIN[k::GROUPS] for k in range(GROUPS)),
     (CROSSFLOW_ENDS, *CUBIC_FORMS, BANK[1], BANK[7], DRIFT_RAMPS[1], *FRICTION_FORMS, ROLLING_FREELY[3]),
 )
 """Together: the plain forms, in groups; of those beside them, one of each kind."""
@@ -59,8 +60,8 @@ def hypothesis(cases: ModuleType, runs: list) -> Hypothesis:
 
 @pytest.mark.parametrize(
     ("pushed", "size"),
-    [(group, 0.3 if k + 1 < len(PUSHED) else 0.1) for k, group in enumerate(PUSHED)],
-    ids=[*(f"plain {k + 1}" for k in range(len(PUSHED) - 1)), "beside"],
+    [(group, 0.3 if k < GROUPS else 0.1) for k, group in enumerate(PUSHED)],
+    ids=[*(f"plain {k + 1}" for k in range(GROUPS)), "beside"],
 )
 def test_slopes_are_differences_of_motions(
     runs: list, hypothesis: Hypothesis, pushed: tuple[Effect, ...], size: float

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import softmax
 
 from ...simulate.model import Array
 from ..effects import Effect
@@ -15,9 +16,9 @@ from ..inference.ranking import Candidate
 from .around import force_of
 from .bar import CLEARLY, TOLD, worse_aside
 from .choose import Groups
-from .field import FIELD, groups_of
-from .functions import Range, State, term, written
-from .terms import NAME, inside_of, text_of
+from .field import groups_of, is_field, is_term
+from .functions import Range, State, term
+from .terms import text_of, written_of
 
 SAME_FORCE = 0.03
 """Terms whose forces over the range seen differ by less than this share of them, whatever is linear in v and r left out, are one
@@ -177,7 +178,13 @@ def answered(
     fields: list[tuple[Candidate, float]] = []
     others: list[tuple[Candidate, float]] = []
     for candidate, probability in zip(ranking.candidates, ranking.named, strict=True):
-        kind = laws if is_law(candidate) else fields if is_field(candidate) else others
+        kind = (
+            laws
+            if all(map(is_term, candidate.effects))
+            else fields
+            if all(map(is_field, candidate.effects))
+            else others
+        )
         kind += _by_place(candidate, float(probability), every) if kind is laws else [(candidate, float(probability))]
     laws.sort(key=lambda one: -one[1])
     shares = {"law": laws, "field": fields, "other": others}
@@ -210,21 +217,6 @@ def answered(
     )
 
 
-def is_field(candidate: Candidate) -> bool:
-    """Whether it is a force without a form."""
-    return all(effect.name.startswith(FIELD) for effect in candidate.effects)
-
-
-def is_law(candidate: Candidate) -> bool:
-    """Whether all its effects are terms of the grammar."""
-    return all(is_term(effect) for effect in candidate.effects)
-
-
-def is_term(effect: Effect) -> bool:
-    """Whether it is a term of the grammar."""
-    return effect.name.startswith(f"{NAME} ") and not effect.name.startswith(FIELD)
-
-
 def _pushes(candidate: Candidate) -> bool:
     """Whether all its effects are forces on the hull."""
     return all(effect.stage in ("sway", "yaw") and effect.force is not None for effect in candidate.effects)
@@ -233,9 +225,7 @@ def _pushes(candidate: Candidate) -> bool:
 def _by_place(candidate: Candidate, probability: float, every: Sequence[Candidate]) -> list[tuple[Candidate, float]]:
     """A law with its probability shared with the same terms that act elsewhere: a ranking has one of each name."""
     alike = [c for c in every if c.names == candidate.names]
-    log = np.array([c.log_evidence + c.log_prior for c in alike])
-    share = np.exp(log - log.max())
-    return [(c, probability * float(s)) for c, s in zip(alike, share / share.sum(), strict=True)]
+    return [(c, probability * float(s)) for c, s in zip(alike, softmax([c.weight for c in alike]), strict=True)]
 
 
 def _evidence_of(one: tuple[Candidate, float]) -> float:
@@ -272,7 +262,7 @@ def _merged(
                 break
         else:
             groups.append((force, [(candidate, probability)]))
-    alike = {id(one): others for one, others in forms}
+    alike = {(one.names, one.variant): others for one, others in forms}
     told = []
     for _, members in groups[:LISTED]:
         simplest = min(members, key=lambda m: (sum(e.cost for e in m[0].effects), -m[1]))[0]
@@ -280,7 +270,9 @@ def _merged(
         count = fitted.hypothesis.size
         same = [m for m, _ in members if m is not simplest]
         for member, _ in members:
-            same += [c for c in alike.get(id(member), ()) if c.weight > member.weight - WORTH_TELLING]
+            same += [
+                c for c in alike.get((member.names, member.variant), ()) if c.weight > member.weight - WORTH_TELLING
+            ]
         told.append(
             Law(
                 fitted,
@@ -295,10 +287,10 @@ def _merged(
 
 def _terms(fitted: Fitted) -> tuple[tuple[str, str], ...]:
     """(text, where it acts) of each effect, with the numbers that were fitted."""
-    found = []
-    for effect, numbers in zip(fitted.hypothesis.effects, fitted.hypothesis.numbers, strict=True):
-        found.append((written(text_of(effect), inside_of(effect, numbers)), effect.variant))
-    return tuple(found)
+    h = fitted.hypothesis
+    return tuple(
+        (written_of(effect, numbers), effect.variant) for effect, numbers in zip(h.effects, h.numbers, strict=True)
+    )
 
 
 def _written(fitted: Fitted) -> str:
@@ -318,4 +310,4 @@ def without_linear(force: Array, states: State) -> Array:
     return np.concatenate([rest, force[2:]])
 
 
-__all__ = ["Field", "Law", "Searched", "answered", "is_term", "without_linear"]
+__all__ = ["Field", "Law", "Searched", "answered", "without_linear"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,11 +12,11 @@ from ...simulate.model import Array
 from ..effects import Effect
 from ..inference.evidence import Fitted, Inference
 from ..inference.ranking import Candidate
-from .choose import Start
-from .field import FIELD
+from .choose import Start, begun
+from .field import is_field
 from .functions import AT, NUMBER, POWER, WIDE, Range, State, family, freed_text, term, written
 from .table import Choice, Table
-from .terms import ACTS, coefficients_of, effect_of, inside_of, reach_of, shapes_from, sizes_of, text_of, values_of
+from .terms import ACTS, coefficients_of, effect_like, inside_of, roll_of, shapes_from, text_of, values_of
 
 Form = frozenset[tuple[str, str]]
 """Terms without the numbers inside, each with where it acts."""
@@ -50,8 +50,8 @@ def fits(inference: Inference, starts: Sequence[Start]) -> tuple[list[Start], li
     inference : of the diagnosis
     starts : of ``chosen``
     """
-    begun = _begun(inference, starts)
-    starts, found = [start for start, _ in begun], [end for _, end in begun]
+    first = _begun(inference, starts)
+    starts, found = [start for start, _ in first], [end for _, end in first]
     for _ in range(AGAIN):
         moving = [k for k, f in enumerate(found) if f.promised > REST]
         if not moving:
@@ -75,7 +75,7 @@ def _begun(inference: Inference, starts: Sequence[Start]) -> list[tuple[Start, F
 
 def _best(starts: Sequence[Start], fitted: Sequence[Fitted]) -> list[tuple[Start, Fitted]]:
     """The best laws with their fits."""
-    laws = [(s, f) for s, f in zip(starts, fitted, strict=True) if not s.effects[0].name.startswith(FIELD)]
+    laws = [(s, f) for s, f in zip(starts, fitted, strict=True) if not is_field(s.effects[0])]
     return sorted(laws, key=lambda one: -(one[1].log_evidence + one[0].log_prior))[:SIMPLER]
 
 
@@ -97,9 +97,9 @@ def elsewhere(inference: Inference, starts: Sequence[Start], fitted: Sequence[Fi
         for k, (effect, numbers) in enumerate(parts):
             if not (moved := _moved(effect, numbers, seen)):
                 continue
-            beside = [_at(e, inside_of(e, n)) for j, (e, n) in enumerate(parts) if j != k]
-            rolls = [_roll_of(effect, numbers)] * len(moved)
-            rolls += [_roll_of(e, n) for j, (e, n) in enumerate(parts) if j != k]
+            others = [*parts[:k], *parts[k + 1 :]]
+            beside = [_at(e, inside_of(e, n)) for e, n in others]
+            rolls = [*[roll_of(effect, numbers)] * len(moved), *(roll_of(e, n) for e, n in others)]
             shapes = [shapes_from(e, roll) for e, roll in zip((*moved, *beside), rolls, strict=True)]
             along = replace(end.hypothesis, effects=(), numbers=())
             table = Table(inference, along, [*moved, *beside], end.forces, shapes)
@@ -108,13 +108,8 @@ def elsewhere(inference: Inference, starts: Sequence[Start], fitted: Sequence[Fi
             scores, forces = table.scores(choices)
             for j in np.argsort(-scores)[:RESTARTED].tolist():
                 h, solved = table.solved(choices[j], forces[j])
-                effects, values, at = [moved[j], *beside], [], 0
-                for one, own in zip(effects, (shapes[j], *shapes[len(moved) :]), strict=True):
-                    count = len(coefficients_of(one))
-                    values.append(np.concatenate([solved[at : at + count], own]))
-                    at += count
-                begun = replace(h, effects=tuple(effects), numbers=tuple(values))
-                found.append(Start(tuple(effects), begun, forces[j], start.log_prior, float(scores[j])))
+                own = [shapes[j], *shapes[len(moved) :]]
+                found.append(begun(h, [moved[j], *beside], solved, own, forces[j], start.log_prior, float(scores[j])))
     return found
 
 
@@ -138,12 +133,7 @@ def _moved(effect: Effect, numbers: Array, seen: Range) -> list[Effect]:
     at = names.index(POWER)
     powers = [p for p in POWERS if free.text != text or abs(p - here[at]) > SAME_POWER]
     texts = [written(free.text, [*here[:at], p, *here[at + 1 :]]) for p in powers]
-    return [effect_of(one, effect.variant, sizes_of(effect), reach_of(effect)) for one in texts]
-
-
-def _roll_of(effect: Effect, numbers: Array) -> Array:
-    """Numbers of a law's effect that stand behind those inside its term: of a roll, where it heels the model."""
-    return numbers[len(coefficients_of(effect)) + len(term(text_of(effect)).shapes) :]
+    return [effect_like(effect, one, effect.variant) for one in texts]
 
 
 def _chosen(table: Table, members: Sequence[int]) -> Choice:
@@ -157,7 +147,7 @@ def _chosen(table: Table, members: Sequence[int]) -> Choice:
 
 def _at(effect: Effect, shapes: Sequence[float] | Array) -> Effect:
     """A term's effect that begins with other numbers inside."""
-    return effect_of(written(text_of(effect), shapes), effect.variant, sizes_of(effect), reach_of(effect))
+    return effect_like(effect, written(text_of(effect), shapes), effect.variant)
 
 
 def simpler(starts: Sequence[Start], fitted: Sequence[Fitted], single: float) -> list[Start]:
@@ -171,7 +161,7 @@ def simpler(starts: Sequence[Start], fitted: Sequence[Fitted], single: float) ->
     starts, fitted : of ``fits``
     single : log prior of one term
     """
-    known = {form_of(s.effects) for s in starts}
+    known = {_form_of(s.effects) for s in starts}
     found: list[Start] = []
     for start, end in _best(starts, fitted):
         parts = list(zip(end.hypothesis.effects, end.hypothesis.numbers, strict=True))
@@ -183,7 +173,7 @@ def simpler(starts: Sequence[Start], fitted: Sequence[Fitted], single: float) ->
                 ways.append([*parts[:k], _instead(effect, numbers), *parts[k + 1 :]])
         for way in ways:
             effects, numbers = tuple(e for e, _ in way), tuple(n for _, n in way)
-            if (form := form_of(effects)) not in known:
+            if (form := _form_of(effects)) not in known:
                 known.add(form)
                 h = replace(end.hypothesis, effects=effects, numbers=numbers)
                 prior = start.log_prior if len(way) == len(parts) else single
@@ -196,24 +186,28 @@ def _acting(effect: Effect, numbers: Array, acts: str) -> tuple[Effect, Array]:
     count = term(text_of(effect)).functions
     first = 0 if acts == "Y" else count
     own = np.concatenate([numbers[first : first + count], numbers[2 * count :]])
-    return effect_of(text_of(effect), acts, sizes_of(effect), reach_of(effect)), own
+    return effect_like(effect, text_of(effect), acts), own
 
 
 def _instead(effect: Effect, numbers: Array) -> tuple[Effect, Array]:
     """A side force as a moment, or the other way round, none at first."""
-    other = effect_of(text_of(effect), OTHER[effect.variant], sizes_of(effect), reach_of(effect))
+    other = effect_like(effect, text_of(effect), OTHER[effect.variant])
     count = term(text_of(effect)).functions
     return other, np.concatenate([np.zeros(count), numbers[count:]])
 
 
-def form_of(effects: Sequence[Effect]) -> Form:
-    """What fits of laws from several starts have in common.
+def _form_of(effects: Sequence[Effect]) -> Form:
+    """What fits of laws from several starts have in common."""
+    return _named(effects, family)
 
-    Parameters
-    ----------
-    effects : of a law, or a force without a form
-    """
-    return frozenset((e.name if e.name.startswith(FIELD) else family(text_of(e)), e.variant) for e in effects)
+
+def _powers_free(effects: Sequence[Effect]) -> Form:
+    """What laws have in common that differ by the numbers inside, powers among them."""
+    return _named(effects, lambda text: family(freed_text(text) or text))
+
+
+def _named(effects: Sequence[Effect], form: Callable[[str], str]) -> Form:
+    return frozenset((e.name if is_field(e) else form(text_of(e)), e.variant) for e in effects)
 
 
 def distinct(candidates: Sequence[Candidate]) -> list[tuple[Candidate, list[Candidate]]]:
@@ -229,7 +223,7 @@ def distinct(candidates: Sequence[Candidate]) -> list[tuple[Candidate, list[Cand
     best: dict[Form, Candidate] = {}
     for one in sorted(candidates, key=lambda c: -c.log_evidence):
         if np.isfinite(one.log_evidence):
-            best.setdefault(form_of(one.effects), one)
+            best.setdefault(_form_of(one.effects), one)
     alike: dict[Form, list[Candidate]] = {}
     for one in best.values():
         alike.setdefault(_powers_free(one.effects), []).append(one)
@@ -237,20 +231,12 @@ def distinct(candidates: Sequence[Candidate]) -> list[tuple[Candidate, list[Cand
     for form, members in alike.items():
         surest = max(members, key=lambda c: c.weight)
         free = next(
-            (c for c in members if form_of(c.effects) == form and c.weight > surest.weight - POWER_COSTS), surest
+            (c for c in members if _form_of(c.effects) == form and c.weight > surest.weight - POWER_COSTS), surest
         )
         together = float(np.logaddexp.reduce([c.weight for c in members]))
         one = replace(free, log_prior=together - free.log_evidence)
         found.append((one, [c for c in members if c is not free]))
     return found
-
-
-def _powers_free(effects: Sequence[Effect]) -> Form:
-    """What laws have in common that differ by the numbers inside, powers among them."""
-    return frozenset(
-        (e.name if e.name.startswith(FIELD) else family(freed_text(text_of(e)) or text_of(e)), e.variant)
-        for e in effects
-    )
 
 
 def force_of(effects: Sequence[Effect], numbers: Sequence[Array], states: State) -> Array:
@@ -265,4 +251,4 @@ def force_of(effects: Sequence[Effect], numbers: Sequence[Array], states: State)
     return np.sum(parts, axis=0)
 
 
-__all__ = ["Form", "distinct", "elsewhere", "fits", "force_of", "form_of", "simpler"]
+__all__ = ["distinct", "elsewhere", "fits", "force_of", "simpler"]

@@ -17,7 +17,7 @@ from ..inference.noise import Forces
 from .field import GROUPS, HEELING, field_effect, groups_of
 from .functions import Range, term
 from .table import Choice, Table
-from .terms import AHEAD, APART, HEEL, effect_of, family_of, reach_of, shapes_from, sizes_of, text_of
+from .terms import AHEAD, APART, HEEL, effect_like, family_of, shapes_from, text_of
 
 Groups = tuple[tuple[str, ...], ...]
 """Of variables."""
@@ -226,24 +226,40 @@ def chosen(laws: LawTable, single: float, pair: float) -> list[Start]:
     best = np.argsort(-laws.field_scores)[:FIELDS].tolist()
     for k in best:
         h, numbers = laws.table.solved(laws.field_choices[k], laws.field_forces[k])
-        effects = tuple(laws.fields[member] for member in laws.sets[k])
-        cuts = np.cumsum([len(e.parameters) for e in effects])[:-1]
-        start = replace(h, effects=effects, numbers=tuple(np.split(numbers, cuts)))
-        prior = float(np.log(P_UNKNOWN / len(laws.sets)))
-        found.append(Start(effects, start, laws.field_forces[k], prior, float(laws.field_scores[k])))
+        effects = [laws.fields[member] for member in laws.sets[k]]
+        prior, score = float(np.log(P_UNKNOWN / len(laws.sets))), float(laws.field_scores[k])
+        found.append(begun(h, effects, numbers, [np.zeros(0)] * len(effects), laws.field_forces[k], prior, score))
     return found
 
 
 def _start(laws: LawTable, members: Sequence[int], choice: Choice, forces: Forces, prior: float, score: float) -> Start:
     h, numbers = laws.table.solved(choice, forces)
-    effects, values, at = [], [], 0
-    for member in members:
-        k, acts, own = laws.singles[member]
-        wide = laws.terms[k]
-        effects.append(effect_of(text_of(wide), acts, sizes_of(wide), reach_of(wide)))
-        values.append(np.concatenate([numbers[at : at + len(own.columns)], laws.shapes[k]]))
-        at += len(own.columns)
-    return Start(tuple(effects), replace(h, effects=tuple(effects), numbers=tuple(values)), forces, prior, score)
+    parts = [(laws.terms[k], acts, laws.shapes[k]) for k, acts, _ in (laws.singles[member] for member in members)]
+    effects = [effect_like(wide, text_of(wide), acts) for wide, acts, _ in parts]
+    return begun(h, effects, numbers, [shapes for *_, shapes in parts], forces, prior, score)
 
 
-__all__ = ["Groups", "LawTable", "Start", "chosen", "fields_of", "free_path", "priors"]
+def begun(
+    h: Hypothesis,
+    effects: Sequence[Effect],
+    coefficients: Array,
+    shapes: Sequence[Array],
+    forces: Forces,
+    log_prior: float,
+    score: float,
+) -> Start:
+    """A start after a step of a table.
+
+    Parameters
+    ----------
+    h, coefficients : of ``Table.solved``
+    effects, shapes : of the table, and where the numbers of each begin that are no coefficients
+    forces, log_prior, score : as of Start
+    """
+    counts = [len(effect.parameters) - len(own) for effect, own in zip(effects, shapes, strict=True)]
+    parts = np.split(coefficients, np.cumsum(counts)[:-1])
+    numbers = tuple(np.concatenate([part, own]) for part, own in zip(parts, shapes, strict=True))
+    return Start(tuple(effects), replace(h, effects=tuple(effects), numbers=numbers), forces, log_prior, score)
+
+
+__all__ = ["Groups", "LawTable", "Start", "begun", "chosen", "fields_of", "free_path", "priors"]

@@ -150,6 +150,26 @@ def field_effect(
     )
 
 
+def is_field(effect: Effect) -> bool:
+    """Whether an effect is a force without a form.
+
+    Parameters
+    ----------
+    effect : any
+    """
+    return effect.name.startswith(FIELD)
+
+
+def is_term(effect: Effect) -> bool:
+    """Whether an effect is a term of the grammar.
+
+    Parameters
+    ----------
+    effect : any
+    """
+    return effect.name.startswith(f"{NAME} ") and not is_field(effect)
+
+
 def groups_of(effect: Effect) -> tuple[tuple[str, ...], ...]:
     """What a field goes with.
 
@@ -179,4 +199,15 @@ def field_force(bases: Sequence[Basis], numbers: Sequence[Any] | Array, states: 
     return found
 
 
-__all__ = ["FIELD", "GROUPS", "HEELING", "Basis", "basis_of", "field_effect", "field_force", "groups_of"]
+__all__ = [
+    "FIELD",
+    "GROUPS",
+    "HEELING",
+    "Basis",
+    "basis_of",
+    "field_effect",
+    "field_force",
+    "groups_of",
+    "is_field",
+    "is_term",
+]

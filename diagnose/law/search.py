@@ -20,12 +20,13 @@ from ..inference.evidence import Fitted, Inference
 from ..inference.hypothesis import Hypothesis
 from ..inference.ranking import Candidate, Ranking
 from ..tow.towed import TowSimulator
-from .answer import Searched, answered, is_term
+from .answer import Searched, answered
 from .around import distinct, elsewhere, fits, simpler
 from .choose import ARM, LawTable, Start, chosen, fields_of, free_path, priors
+from .field import is_term
 from .functions import Range, State, Term, dimensionless
 from .grammar import grammar, heels, resistances
-from .terms import AHEAD, HEEL, ROLLS, effect_at, effect_of, values_of
+from .terms import AHEAD, APART, HEEL, effect_like, effect_of, roll_of, values_of, written_of
 
 SIDE_SHARE = 0.1
 """Usual force of a missing term: this share of the line's pull; sizes down to a thirtieth are as likely (``Effect.sizes``)."""
@@ -130,16 +131,8 @@ def searched(
     say("a force without a form")
     size = usual_size(simulator)
     free = free_path(inference, base, seen, size)
-    terms = grammar(seen, bool(np.isfinite(simulator.runs[0].half_width_m)))
-    effects = law_effects(size, states, seen, terms)
-    ahead = 0.0
-    if any(run.data.tow.line == "surge" for run in simulator.runs):
-        effects += law_effects(size, states, seen, resistances(seen), AHEAD)
-        ahead = AHEAD_SHARE / SIDE_SHARE * size
-    sway = HEEL_M * GRAVITY_M_S2 / simulator.speed_m_s**2
-    effects += law_effects(sway, states, seen, heels(seen), HEEL)
+    effects, free_forms = _offered(simulator, size, states, seen)
     say(f"{len(effects)} terms and their pairs")
-    free_forms = fields_of(seen, size, ahead, sway)
     single, pair = priors(effects, names)
     fit = _Fits(inference, say)
     table = LawTable(inference, _nearest(base, free, found.ranking), base, effects, free_forms)
@@ -161,7 +154,7 @@ def searched(
             fit.all("at another place, with another power", elsewhere(inference, fit.starts, fit.fitted, seen))
     if (best := fit.best_law) is not None and best.worth > base.log_evidence + ROOM:
         # along its own path a second term is seen that another path's errors hide
-        own = [effect_at(e, n) for e, n in zip(best.hypothesis.effects, best.hypothesis.numbers, strict=True)]
+        own = [_in_both(e, n) for e, n in zip(best.hypothesis.effects, best.hypothesis.numbers, strict=True)]
         beside = LawTable(inference, best, base, [*effects, *own], [], _roll_of(best.hypothesis))
         fit.all("beside the best law", fit.new(chosen(beside, single, pair)))
     fit.all("simpler", simpler(fit.starts, fit.fitted, single))
@@ -171,6 +164,25 @@ def searched(
     ])  # fmt: skip
     ranking = extended(inference, _shared(found.ranking, len(table.sets)), [one for one, _ in forms])
     return answered(conclude(ranking), forms, held, states, seen, table.goes_with())
+
+
+def _offered(simulator: TowSimulator, size: float, states: State, seen: Range) -> tuple[list[Effect], list[Effect]]:
+    """The terms and the forces without a form that are looked at.
+
+    Parameters
+    ----------
+    simulator : of the runs
+    size : a usual side force by rho/2 U^2 L^2
+    states, seen : of ``seen_by``
+    """
+    effects = law_effects(size, states, seen, grammar(seen, bool(np.isfinite(simulator.runs[0].half_width_m))))
+    ahead = 0.0
+    if any(run.data.tow.line == "surge" for run in simulator.runs):
+        effects += law_effects(size, states, seen, resistances(seen), AHEAD)
+        ahead = AHEAD_SHARE / SIDE_SHARE * size
+    sway = HEEL_M * GRAVITY_M_S2 / simulator.speed_m_s**2
+    effects += law_effects(sway, states, seen, heels(seen), HEEL)
+    return effects, fields_of(seen, size, ahead, sway)
 
 
 def _shared(ranking: Ranking, fields: int) -> Ranking:
@@ -230,7 +242,7 @@ class _Fits:
     @property
     def ahead_of_laws(self) -> Fitted | None:
         """The force without a form that has more evidence and prior than every equation; None: an equation has more."""
-        best = max(range(len(self.starts)), key=lambda k: self.fitted[k].worth + self.starts[k].log_prior, default=None)
+        best = max(range(len(self.starts)), key=self._weight, default=None)
         if best is None or is_term(self.starts[best].effects[0]):
             return None
         return self.fitted[best]
@@ -238,9 +250,11 @@ class _Fits:
     @property
     def best_law(self) -> Fitted | None:
         """The equation with the most evidence and prior; None: none was fitted."""
-        laws = [(f, s) for s, f in zip(self.starts, self.fitted, strict=True) if all(map(is_term, s.effects))]
-        laws = [(f, s) for f, s in laws if _has_path(f)]
-        return max(laws, key=lambda one: one[0].worth + one[1].log_prior)[0] if laws else None
+        laws = [k for k, s in enumerate(self.starts) if all(map(is_term, s.effects)) and _has_path(self.fitted[k])]
+        return self.fitted[max(laws, key=self._weight)] if laws else None
+
+    def _weight(self, which: int) -> float:
+        return self.fitted[which].worth + self.starts[which].log_prior
 
 
 def _nearest(base: Fitted, free: Fitted, ranking: Ranking) -> Fitted:
@@ -260,9 +274,13 @@ def _roll_of(h: Hypothesis) -> Array | None:
     ----------
     h : of a law
     """
-    return next(
-        (n[-len(ROLLS) :] for e, n in zip(h.effects, h.numbers, strict=True) if is_term(e) and e.variant == HEEL), None
-    )
+    heels = (roll_of(e, n) for e, n in zip(h.effects, h.numbers, strict=True) if is_term(e) and e.variant == HEEL)
+    return next(heels, None)
+
+
+def _in_both(effect: Effect, numbers: Array) -> Effect:
+    """A law's effect that begins where it was fitted; what acts in a side force or a moment, in both."""
+    return effect_like(effect, written_of(effect, numbers), effect.variant if effect.variant in APART else "Y and N")
 
 
 def _has_path(fitted: Fitted) -> bool:

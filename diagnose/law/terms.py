@@ -231,38 +231,39 @@ def family_of(effect: Effect) -> str:
     return f"{effect.variant} {own}" if effect.variant in APART else own
 
 
-def effect_at(effect: Effect, numbers: Array) -> Effect:
-    """A law's effect whose term begins where it was fitted; what acts in a side force or a moment, in both.
+def effect_like(effect: Effect, text: str, acts: str) -> Effect:
+    """A law's effect of another text, or that acts elsewhere, of the same usual sizes and reach.
+
+    Parameters
+    ----------
+    effect : of ``effect_of``
+    text, acts : as ``effect_of`` takes them
+    """
+    by = {p.name[0]: p.sd for p in coefficients_of(effect)}
+    some = next(iter(by.values()))  # where it does not act: as where it does
+    return effect_of(text, acts, [by.get(channel, some) for channel in "ynxk"], {n: (a, b) for n, a, b in effect.reach})
+
+
+def written_of(effect: Effect, numbers: Array) -> str:
+    """The text of a law's effect's term with the numbers that a fit has found.
 
     Parameters
     ----------
     effect : of ``effect_of``
     numbers : of it
     """
-    acts = effect.variant if effect.variant in APART else "Y and N"
-    return effect_of(written(text_of(effect), inside_of(effect, numbers)), acts, sizes_of(effect), reach_of(effect))
+    return written(text_of(effect), inside_of(effect, numbers))
 
 
-def sizes_of(effect: Effect) -> tuple[float, ...]:
-    """Usual sizes of a law's effect's coefficients, as ``effect_of`` takes them; where it does not act, those of where it does.
-
-    Parameters
-    ----------
-    effect : of ``effect_of``
-    """
-    by = {p.name[0]: p.sd for p in coefficients_of(effect)}
-    some = next(iter(by.values()))
-    return tuple(by.get(channel, some) for channel in "ynxk")
-
-
-def reach_of(effect: Effect) -> dict[str, tuple[float, float]]:
-    """Variable -> smallest and largest value where a law's effect was found.
+def roll_of(effect: Effect, numbers: Array) -> Array:
+    """Of a law's effect's numbers those of ROLLS; none where it does not heel the model.
 
     Parameters
     ----------
     effect : of ``effect_of``
+    numbers : of it
     """
-    return {name: (low, high) for name, low, high in effect.reach}
+    return numbers[len(numbers) - len(_shapes_at(effect.variant)) :]
 
 
 def values_of(text: str, acts: str, numbers: Sequence[float] | Array, states: State) -> Array:
@@ -311,7 +312,7 @@ def _coefficients(
 
 
 __all__ = [
-    "ACTING", "ACTS", "AHEAD", "APART", "HEEL", "NAME", "ROLLS", "coefficients_of", "effect_at", "effect_of", "family_of",
-    "heeled", "inside_of", "parts_of", "reach_of", "shapes_from", "shapes_of", "sizes_of", "state_of", "state_seen", "text_of",
-    "values_of", "whole",
+    "ACTING", "ACTS", "AHEAD", "APART", "HEEL", "NAME", "ROLLS", "coefficients_of", "effect_like", "effect_of", "family_of",
+    "heeled", "inside_of", "parts_of", "roll_of", "shapes_from", "shapes_of", "state_of", "state_seen", "text_of", "values_of",
+    "whole", "written_of",
 ]  # fmt: skip

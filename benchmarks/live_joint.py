@@ -1,10 +1,11 @@
 """Two live cameras of one tow, joined while it is filmed: joint values against the truth.
 
-    python benchmarks/live_joint.py [OUT] [--tows 30] [--only level rolling played films]
+    python benchmarks/live_joint.py [OUT] [--tows 30] [--only level unstamped rolling played films]
 
 The tows are those of ``two_cameras_cases``: pixel tracks through two cameras of OpenCV's that are not synchronised. Their frames
 come as ``live.jsonl`` has them, each some time after it was taken (a camera's own delay, up to ``DELAY_S``, and jitter), and the
-joint is asked ten times a second of that clock, as while a tow is filmed. Played: nothing is known from when pictures come. Films:
+joint is asked ten times a second of that clock, as while a tow is filmed. Unstamped: the sources stamp nothing, so that a frame's
+time is when it came, with ``UNSTAMPED_S`` of jitter. Played: nothing is known from when pictures come. Films:
 rendered tows (``two_cameras_films``, into OUT), every frame looked at as ``towline live`` does, as fast as it is read.
 z: error over all that is stated of it, at three moments of what each camera, or both, told of a tow, before the second clock is
 told and after it; the clock each time it was said to be told.
@@ -34,6 +35,8 @@ from towline.vision import read_frames
 
 DELAY_S, JITTER_S = 0.3, 0.02
 """Between a picture and its last byte here: a camera's own, evenly up to the first; and of every picture, exponential."""
+UNSTAMPED_S = 0.006
+"""Where frames are stamped when they come: beyond it no beat is told at 25 frames/s (``vision.recording.beat``)."""
 ASKED_S = 0.1
 NAMES = ("y_cg_m", "beta_rad")
 MOMENTS = (0.1, 0.5, 0.9)
@@ -50,7 +53,7 @@ class Told:
     clock: list[dict[str, Any]]
 
 
-def lines_of(case: Case, rng: np.random.Generator) -> list[list[dict[str, Any]]]:
+def lines_of(case: Case, rng: np.random.Generator, jitter_s: float = JITTER_S) -> list[list[dict[str, Any]]]:
     """Each camera's frames as ``live.jsonl`` has them."""
     found = []
     for place, tracks in enumerate(case.tracks):
@@ -61,7 +64,7 @@ def lines_of(case: Case, rng: np.random.Generator) -> list[list[dict[str, Any]]]
         places = tracks[["u_px", "v_px", "sigma_u_px", "sigma_v_px"]].to_numpy().reshape(count, len(names), 4)
         own_s = tracks["t_s"].to_numpy().reshape(count, len(names))[:, 0]
         taken_s = own_s if place == 0 else case.offset_s + (1 + case.rate) * own_s
-        here_s = np.maximum.accumulate(taken_s + delay + rng.exponential(JITTER_S, count))
+        here_s = np.maximum.accumulate(taken_s + delay + rng.exponential(jitter_s, count))
         for frame, (t_s, arrived_s, each) in enumerate(zip(own_s.tolist(), here_s.tolist(), places, strict=True)):
             marks = {
                 name: [float(v) for v in four] if np.isfinite(four).all() else "not there"
@@ -70,6 +73,33 @@ def lines_of(case: Case, rng: np.random.Generator) -> list[list[dict[str, Any]]]
             lines.append({"frame": frame, "t_s": t_s, "arrived_s": arrived_s, "marks": marks, "light": 0.3})
         found.append(lines)
     return found
+
+
+@dataclass(frozen=True)
+class Unstamped:
+    """Frames stamped when they came.
+
+    Attributes
+    ----------
+    lines : of each camera
+    zero_s : what the first camera's recording shows when its own clock shows 0, but for the shortest way here
+    offset_s : what it shows when the second one's recording shows 0
+    """
+
+    lines: list[list[dict[str, Any]]]
+    zero_s: float
+    offset_s: float
+
+
+def unstamped(case: Case, lines: list[list[dict[str, Any]]]) -> Unstamped:
+    """As if the sources stamped nothing: a frame's time is when it came, from the camera's first one on."""
+    zeros, found = [], []
+    for place, each in enumerate(lines):
+        first_s = each[0]["arrived_s"]
+        offset_s, step = (0.0, 1.0) if place == 0 else (case.offset_s, 1 + case.rate)
+        zeros.append(min(line["arrived_s"] - offset_s - step * line["t_s"] for line in each) - first_s)
+        found.append([{**line, "t_s": line["arrived_s"] - first_s, "on_arrival": True} for line in each])
+    return Unstamped(found, zeros[0], zeros[0] - zeros[1])
 
 
 def heard(
@@ -90,8 +120,12 @@ def heard(
 
 def filmed(case: Case, rng: np.random.Generator, by_arrival: bool = True, every_s: float = ASKED_S) -> Told:
     """All that is said of a case while it comes."""
-    fits = [run_datum(view, None) for view in cameras_of(case.run)]
-    return told_of(Joint(case.run, fits, by_arrival), lines_of(case, rng), every_s)
+    return told_of(joint_of(case, by_arrival), lines_of(case, rng), every_s)
+
+
+def joint_of(case: Case, by_arrival: bool = True) -> Joint:
+    """Of a case's two cameras."""
+    return Joint(case.run, [run_datum(view, None) for view in cameras_of(case.run)], by_arrival)
 
 
 def told_of(joint: Joint, lines: list[list[dict[str, Any]]], every_s: float = ASKED_S) -> Told:
@@ -175,17 +209,30 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def tows(name: str, count: int, seed: int, marks: tuple[str, ...], rolls: bool, by_arrival: bool = True) -> None:
+def tows(
+    name: str,
+    count: int,
+    seed: int,
+    marks: tuple[str, ...],
+    rolls: bool,
+    by_arrival: bool = True,
+    stamps: bool = True,
+) -> None:
     """Tows of pixel tracks."""
     from two_cameras import quoted
 
     tally = Tally()
     for k in range(count):
         case = random_case(seed + k, marks, rolls=rolls, pull_px_rad=(0.0, 0.2, 0.4)[k % 3])
+        rng, zero_s, offset_s = np.random.default_rng([seed, k]), 0.0, case.offset_s
+        lines = lines_of(case, rng, JITTER_S if stamps else UNSTAMPED_S)
+        if not stamps:
+            without = unstamped(case, lines)
+            lines, zero_s, offset_s = without.lines, without.zero_s, without.offset_s
         began = time.process_time()
-        told = filmed(case, np.random.default_rng([seed, k]), by_arrival)
+        told = told_of(joint_of(case, by_arrival), lines)
         tally.cpu.append(time.process_time() - began)
-        tally.add(told, lambda t_s, case=case: quoted(case, t_s, marks)[:, 1:3], case.offset_s)
+        tally.add(told, lambda t_s, case=case, zero_s=zero_s: quoted(case, t_s - zero_s, marks)[:, 1:3], offset_s)
     tally.show(name, count)
 
 
@@ -228,11 +275,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", nargs="?", type=Path)
     parser.add_argument("--tows", type=int, default=30)
-    parser.add_argument("--only", nargs="+", default=["level", "rolling", "played", "films"])
+    parser.add_argument("--only", nargs="+", default=["level", "unstamped", "rolling", "played", "films"])
     options = parser.parse_args()
     two, four = ("bow", "stern"), ("bow", "stern", "mast", "side")
     if "level" in options.only:
         tows("level, two marks", options.tows, 9500, two, rolls=False)
+    if "unstamped" in options.only:
+        tows("level, sources that stamp nothing", options.tows, 9500, two, rolls=False, stamps=False)
     if "rolling" in options.only:
         tows("rolling, four marks", options.tows // 2, 9600, four, rolls=True)
     if "played" in options.only:

@@ -33,8 +33,8 @@ RATES_HZ = (25.0, 30000 / 1001, 30.0)
 TOLD = ("marker_depth_sd_m", "marker_place_sd_m")
 
 
-def rendered(seed: int, rolls: bool, out: Path) -> Case:
-    """A tow of two films, tracked by the product; what stands in ``out`` is taken as it is."""
+def rendered(seed: int, rolls: bool, out: Path, lossless: bool = False) -> Case:
+    """A tow of two films, tracked by the product; what stands in ``out`` is taken as it is. ``lossless``: crf 0."""
     rng = np.random.default_rng([seed, 5])
     scenario = campaign(seed)[int(rng.integers(4))]
     duration_s = scenario["time"]["duration_s"]
@@ -56,7 +56,7 @@ def rendered(seed: int, rolls: bool, out: Path) -> Case:
     filmed = Filmed(out / f"{'rolling' if rolls else 'level'}-{seed}", offset_s, rate, motion)
     rates = tuple(float(v) for v in rng.choice(RATES_HZ, 2))
     crf = int(rng.integers(17, 29))
-    film_motion(filmed, file, poses, ends_s, (rates[0], rates[1]), 2 * seed, crf=crf)
+    film_motion(filmed, file, poses, ends_s, (rates[0], rates[1]), 2 * seed, crf=0 if lossless else crf)
     if not is_told(filmed.folder / RUN_FILE):
         _believed(filmed.folder / RUN_FILE, rng)
     run = read_run(filmed.folder)

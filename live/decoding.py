@@ -75,7 +75,8 @@ class Decoding:
         damaged = self._spoiled or raw.is_corrupt
         if raw.is_corrupt:
             self._spoiled = True
-        return Stamped(Frame(number, t_s, luma(raw), raw, damaged, white_dn(raw)), arrived_s, self._by_source)
+        frame = Frame(number, t_s, luma(raw), raw, damaged, white_dn(raw), on_arrival=not self._by_source)
+        return Stamped(frame, arrived_s)
 
 
 def _decoder(opened: Opened) -> Any:

@@ -8,7 +8,6 @@ that is known from when its pictures came, as badly as that is known. It reads n
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,21 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import DatumFit
-from ..geometry.cameras.afloat import NUMBERS, afloat_view, tells_roll
-from ..geometry.cameras.flash import Lit
+from ..geometry.cameras.afloat import NUMBERS, tells_roll
 from ..geometry.cameras.join import Joined, join_views
 from ..geometry.cameras.match import TOLD_S, Known, Match, unmatched
 from ..geometry.cameras.motion import AFLOAT, JointMotion, camera_names, joint_motion
-from ..geometry.cameras.view import POINTS, View, shared_modes, view_of
+from ..geometry.cameras.view import POINTS
 from ..geometry.cameras.words import joint_sentences
-from ..geometry.lag import lag_modes
 from ..geometry.motion import motion_table
-from ..geometry.phase import phase_modes
-from ..geometry.poses import Framed, Poses, poses_of
 from ..record.errors import InputError, TowlineError
 from ..record.run import Run, cameras_of
-from ..vision.flash import flashes
-from ..vision.glance import LEAST_WIDEN
+from .camera_frames import MARGIN_S, CameraFrames
 
 ARRIVAL_SD_S = 0.2
 """How well the second camera's clock is known from when the pictures of both came (standard deviation): encoders, networks and
@@ -39,11 +33,6 @@ players hold pictures back by up to half a second, each in its own way. A choice
 FIRST_S, GROWS = 4.0, 1.2
 """Both are matched when they have filmed for so long, and again when they have for so many times as long: a match takes longer the
 more there is, so that all of a tow's together take as long as a few of the last."""
-LONGEST_S = 60.0
-"""No more than the last so many seconds are matched: some swings, in some tenths of a second."""
-MARGIN_S = 0.7
-"""Frames so long before those that are joined go with them: the rates of a path rest on 0.6 s about it (``view.rates``), and a
-cubic between frames on the two before."""
 SILENT_S = 0.5
 """Of a camera whose pictures come later than the other's by more than this nothing is waited for."""
 
@@ -62,98 +51,6 @@ class Course:
     told: bool
 
 
-class _Camera:
-    """Frames of one camera by what its log says; the oldest are put away."""
-
-    def __init__(self, view: Run, fit: DatumFit) -> None:
-        self.view, self.mapping = view, fit.mapping
-        self._names = [mark.name for mark in view.file.marker]
-        self.t_s: list[float] = []
-        self.arrived_s: list[float] = []
-        self.began_s = np.nan
-        self._frames: list[int] = []
-        self._marks: list[NDArray[np.float64]] = []
-        self._light: list[float] = []
-        self._lag_px = self._lag_now_px = np.zeros(len(self._names))
-        self._put_away = 0
-
-    def add(self, records: Iterable[dict[str, Any]]) -> None:
-        """Take new lines of its log."""
-        nothing = [np.nan] * 4
-        for record in records:
-            if "frame" not in record or (self.t_s and record["t_s"] <= self.t_s[-1]):
-                continue
-            marks = [record["marks"].get(name) for name in self._names]
-            seen = [m if isinstance(m, list) and None not in m else nothing for m in marks]
-            self._frames.append(record["frame"])
-            self.t_s.append(record["t_s"])
-            self.arrived_s.append(record["arrived_s"])
-            lag_px = record.get("lag_px", {})
-            self._lag_now_px = np.array([lag_px.get(name, 0.0) for name in self._names])
-            of_marks = np.array(seen, dtype=float)
-            # what a codec holds back is in the log's sigma; here it is apart, as in tables
-            of_marks[:, 2:] = np.sqrt(of_marks[:, 2:] ** 2 - self._lag_now_px[:, None] ** 2)
-            self._marks.append(of_marks)
-            light = record.get("light")
-            self._light.append(np.nan if light is None else light)
-        if self.t_s and np.isnan(self.began_s):
-            self.began_s = self.t_s[0]
-        old = bisect_right(self.t_s, self.t_s[-1] - LONGEST_S - MARGIN_S) if self.t_s else 0
-        for kept in (self._frames, self.t_s, self.arrived_s, self._marks, self._light):
-            del kept[:old]
-        self._put_away += old
-
-    @property
-    def sure(self) -> slice:
-        """Frames whose marks' sigma holds what their paths show, and the codec: not the first ones."""
-        return slice(max(LEAST_WIDEN - self._put_away, 0), None)
-
-    def poses(self, some: slice = slice(None)) -> Poses:
-        """Of some of the frames; InputError where no two marks are seen in any of them."""
-        marks, t_s, frames = np.array(self._marks[some]), np.array(self.t_s[some]), np.array(self._frames[some])
-        pixel, sigma = marks[..., :2], marks[..., 2:]
-        repeated = np.zeros(pixel.shape[:2], dtype=bool)
-        lags = lag_modes(frames, t_s, pixel, self._lag_px, repeated)
-        framed = Framed(frames, t_s, pixel, sigma, lags, phase_modes(t_s, pixel), notes=())
-        return poses_of(self.view, framed, self.mapping, pulled=True)
-
-    def take_lags(self) -> None:
-        """From now on a codec's lags are as large as was said of them last; they stay so until this is called again."""
-        self._lag_px = self._lag_now_px
-
-    def view_from(self, begin_s: float, least: int, size: int, like: View | None) -> View:
-        """What it sees of the model from a time of its own clock on, at least so many frames, in so many numbers a pose.
-
-        ``like``: another view of its own, with whose modes it goes.
-        """
-        first = min(bisect_right(self.t_s, begin_s), max(len(self.t_s) - least, 0))
-        some = slice(first, None)
-        try:
-            poses = self.poses(some)
-            view = view_of(self.view, poses) if size < NUMBERS else afloat_view(self.view, poses, self.mapping)
-        except InputError:
-            view = None
-        if view is not None and (like is None or len(view.modes) == len(like.modes)):
-            return view
-        t_s, shared = np.array(self.t_s[some]), shared_modes(self.view)
-        n, modes, slow, pulls = len(t_s), shared, 0, 0
-        if like is not None:
-            modes, slow, pulls = len(like.modes), like.slow, like.pulls
-        nowhere = np.full((n, size), np.nan), np.full((n, size, size), np.nan)
-        return View(t_s, *nowhere, np.zeros((modes, n, size)), slow, pulls, shared)
-
-    def lit(self) -> list[Lit]:
-        """Flashes that it saw."""
-        level = np.array(self._light)
-        known = np.isfinite(level)
-        return flashes(np.array(self.t_s)[known], level[known], self.view.file.source.exposure_s)
-
-    @property
-    def late_s(self) -> float:
-        """How much more this machine's clock shows than the camera's, in the middle of its frames."""
-        return float(np.median(np.array(self.arrived_s) - np.array(self.t_s)))
-
-
 class Joint:
     """Joins two cameras' frames as they come.
 
@@ -166,7 +63,7 @@ class Joint:
 
     def __init__(self, run: Run, fits: Sequence[DatumFit], by_arrival: bool = True) -> None:
         self._run, self._by_arrival = run, by_arrival
-        self._first, self._second = (_Camera(*each) for each in zip(cameras_of(run), fits, strict=True))
+        self._first, self._second = (CameraFrames(*each) for each in zip(cameras_of(run), fits, strict=True))
         self._match: Match | None = None
         # of a model that may roll one camera tells little until both have told that it does not
         self._size = 3 if tells_roll(run) else NUMBERS
@@ -203,6 +100,7 @@ class Joint:
         about = self._by_their_arrival()
         for camera in (one, two):
             camera.take_lags()
+            camera.take_beat()
         try:
             poses, mappings = (one.poses(one.sure), two.poses(two.sure)), (one.mapping, two.mapping)
             found = joint_motion(self._run, poses, mappings, (one.lit(), two.lit()), about)
@@ -279,7 +177,7 @@ class Joint:
         until_s = self._until(float(joint.clock.first(np.array(two.t_s[-1]))), ended)
         return self._newer(join_views(joint, alone=match is None), until_s, told=match is not None)
 
-    def _from(self, camera: _Camera) -> float:
+    def _from(self, camera: CameraFrames) -> float:
         return max(self._until_s, camera.t_s[0]) - MARGIN_S
 
     def _until(self, second_s: float, ended: bool) -> float:
@@ -344,7 +242,7 @@ class Joint:
         return np.where(later, two.arrived_s[-1], found) if len(two.t_s) else found
 
 
-def _step_s(camera: _Camera) -> float:
+def _step_s(camera: CameraFrames) -> float:
     """The usual step of its last frames."""
     last = camera.t_s[-20:]
     return float(np.median(np.diff(last))) if len(last) > 1 else 0.0

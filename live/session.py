@@ -516,6 +516,7 @@ def frame_record(seen: Seen, latency_s: float) -> dict[str, Any]:
         **{name: _numbers(getattr(seen, name)) for name in ("y_cg_m", "beta_rad", "alpha_rad", "slack_m")},
         "camera_turn_rad": None if seen.turn is None else _plain(seen.turn.angle_rad, 7),
         "light": _plain(seen.light, 7),
+        **({} if seen.by_source else {"on_arrival": True}),
         "lag_px": {m.marker: round(m.lag_px, 4) for m in seen.marks if m.lag_px},
     }
 

@@ -13,14 +13,17 @@ class Stamped:
 
     Attributes
     ----------
-    frame : its ``t_s`` is the source's stamp, from the first frame on
+    frame : its ``t_s`` is the source's stamp, from the first frame on, or the arrival where the source stamps nothing
     arrived_s : when its last byte was here, by this machine's clock that never steps (``time.monotonic``)
-    by_source : the source stamps its frames; false: ``t_s`` is the arrival
     """
 
     frame: Frame
     arrived_s: float
-    by_source: bool = True
+
+    @property
+    def by_source(self) -> bool:
+        """The source stamps its frames."""
+        return not self.frame.on_arrival
 
 
 __all__ = ["Stamped"]

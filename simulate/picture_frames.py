@@ -16,7 +16,7 @@ from .picture_light import Sensor, add_light, add_reflection
 from .picture_strings import Strings, paint_strings
 from .picture_tank import Ripples, make_ripples, paint_tank
 from .picture_tools import Picture
-from .scene import camera_of, film_of, mark_places, post_places, shown, stage_of
+from .scene import camera_of, film_of, mark_places, post_places, shown, stage_of, tilts_of
 
 RIPPLE_SEED, NOISE_SEED, PICK_SEED = 1, 2, 3
 """Streams drawn from the scenario's seed."""
@@ -58,7 +58,7 @@ def film_frames(file: ScenarioFile, motion: pd.DataFrame) -> Iterator[tuple[int,
     ----------
     file : the scenario as read
     motion : t_s, x_cg_m, y_cg_m, beta_rad, as ``simulate_scenario`` returns it; marks follow roll_rad, pitch_rad and heave_m, too,
-        where these are there (``mark_places``), deck and hull do not
+        where these are there (``mark_places``), and so does the hull; its water line stays
 
     Yields
     ------
@@ -74,9 +74,9 @@ def film_frames(file: ScenarioFile, motion: pd.DataFrame) -> Iterator[tuple[int,
     mirrored = places * [1.0, 1.0, -1.0] + [0.0, 0.0, 2 * film.water_depth_m]
     mirrored_px = scenery.camera.project(mirrored.reshape(-1, 3)).reshape(pixel.shape)
     posts = post_places(file, t_s)
-    body = motion[["x_cg_m", "y_cg_m", "beta_rad"]].to_numpy(dtype=float)
+    body, tilts = motion[["x_cg_m", "y_cg_m", "beta_rad"]].to_numpy(dtype=float), tilts_of(motion)
     for index in range(len(motion)):
-        pose = Pose(float(body[index, 0]), float(body[index, 1]), float(body[index, 2]), posts[index])
+        pose = Pose(*body[index].tolist(), posts[index], tilts[index])
         picture = _compose(scenery, pose, float(t_s[index]), pixel[index], mirrored_px[index], seen[index])
         yield index, float(t_s[index]), sensor.expose(picture)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..geometry.camera import Camera
 from ..record.scenario import ScenarioFile
 from .picture_tools import Picture, bar_outline, box_of, paint, paint_polygon, polygon_mask
-from .scene import Outline, Stage, film_of, outline_of, to_tank
+from .scene import Outline, Stage, afloat, film_of, outline_of, to_tank
 
 Array = NDArray[np.float64]
 PAINT_BGR = {
@@ -96,18 +96,30 @@ def rig_of(file: ScenarioFile, stage: Stage) -> Rig:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the model and the post are in one frame: m and rad."""
+    """Where the model and the post are in one frame: m and rad; ``tilt`` : (3,) roll, pitch, heave (``scene.afloat``)."""
 
     x_cg_m: float
     y_cg_m: float
     beta_rad: float
     post_m: Array
+    tilt: Array
 
 
-def _project(camera: Camera, body_m: Array, pose: Pose, depth_m) -> Array:
-    """Body points ``(n, 2)`` at a depth -> pixels ``(n, 2)``."""
+def _project(camera: Camera, rig: Rig, body_m: Array, pose: Pose, depth_m: float, mirrored: bool = False) -> Array:
+    """Body points ``(n, 2)`` at a depth, of the model at rest -> pixels ``(n, 2)`` of them now, or of their mirror images."""
+    water_m = rig.stage.water_m
+    at_rest = np.column_stack([body_m, np.full(len(body_m), depth_m - water_m)])
+    now = afloat(at_rest, *pose.tilt)
+    x, y = to_tank(now[:, :2], np.array(pose.x_cg_m), np.array(pose.y_cg_m), np.array(pose.beta_rad))
+    z = depth_m + (now[:, 2] - at_rest[:, 2])
+    return camera.project(np.column_stack([x, y, 2 * water_m - z if mirrored else z]))
+
+
+def _at_water(camera: Camera, rig: Rig, pose: Pose) -> Array:
+    """The water line (n, 2) px: of a model that tilts by a few degrees it stays about where it was."""
+    body_m = rig.outline.water
     x, y = to_tank(body_m, np.array(pose.x_cg_m), np.array(pose.y_cg_m), np.array(pose.beta_rad))
-    return camera.project(np.column_stack([x, y, np.broadcast_to(depth_m, x.shape)]))
+    return camera.project(np.column_stack([x, y, np.full(len(x), rig.stage.water_m)]))
 
 
 def width_on_picture(camera: Camera, place_m: Array, width_m: float) -> float:
@@ -137,8 +149,8 @@ def paint_mirror_image(picture: Picture, camera: Camera, rig: Rig, pose: Pose, e
     import cv2
 
     stage = rig.stage
-    water = _project(camera, rig.outline.water, pose, stage.water_m)
-    mirrored = _project(camera, rig.outline.deck, pose, 2 * stage.water_m - stage.deck_m)
+    water = _at_water(camera, rig, pose)
+    mirrored = _project(camera, rig, rig.outline.deck, pose, stage.deck_m, mirrored=True)
     points = np.concatenate([water, mirrored])
     box = box_of(points, picture.shape, margin_px=8)
     if box is None:
@@ -163,8 +175,8 @@ def paint_hull(picture: Picture, camera: Camera, rig: Rig, pose: Pose, exposure:
     import cv2
 
     stage = rig.stage
-    deck = _project(camera, rig.outline.deck, pose, stage.deck_m)
-    water = _project(camera, rig.outline.water, pose, stage.water_m)
+    deck = _project(camera, rig, rig.outline.deck, pose, stage.deck_m)
+    water = _at_water(camera, rig, pose)
     everything = np.concatenate([deck, water])
     box = box_of(everything, picture.shape)
     if box is None:
@@ -174,12 +186,12 @@ def paint_hull(picture: Picture, camera: Camera, rig: Rig, pose: Pose, exposure:
     paint(picture, box, polygon_mask(silhouette, box), sides)
     shade = _deck_light(rig, camera, pose, box)
     paint(picture, box, polygon_mask(deck, box), _DECK.astype(np.float32) * shade[..., None] * exposure)
-    inner = _project(camera, rig.outline.deck * [0.985, 0.93], pose, stage.deck_m)
+    inner = _project(camera, rig, rig.outline.deck * [0.985, 0.93], pose, stage.deck_m)
     _edge(picture, deck, inner, box, (0.45 * rig.paint_bgr + 0.55 * _DECK) * exposure)
     for aft, fore in _HATCHES:
         half = 0.27 * rig.beam_m
         corners = np.array([[aft, -half], [fore, -half], [fore, half], [aft, half]]) * [rig.length_m, 1.0]
-        paint_polygon(picture, _project(camera, corners, pose, stage.deck_m), _HATCH * exposure)
+        paint_polygon(picture, _project(camera, rig, corners, pose, stage.deck_m), _HATCH * exposure)
     _bar(picture, camera, rig, pose, exposure)
     return box
 
@@ -192,7 +204,7 @@ def _edge(picture: Picture, outer: Array, inner: Array, box, colour: Array) -> N
 
 def _deck_light(rig: Rig, camera: Camera, pose: Pose, box) -> NDArray[np.float32]:
     """A gentle fall of light from bow to stern along the picture's rows, (h, w)."""
-    ends = _project(camera, np.array([[0.5, 0.0], [-0.5, 0.0]]) * rig.length_m, pose, rig.stage.deck_m)
+    ends = _project(camera, rig, np.array([[0.5, 0.0], [-0.5, 0.0]]) * rig.length_m, pose, rig.stage.deck_m)
     rows = np.arange(box[0].start, box[0].stop, dtype=np.float32)
     along = np.clip((rows - ends[0, 1]) / max(abs(ends[1, 1] - ends[0, 1]), 1.0), -0.2, 1.2)
     level = (0.90 + 0.16 * along).astype(np.float32)
@@ -237,7 +249,7 @@ def _bar(picture: Picture, camera: Camera, rig: Rig, pose: Pose, exposure: float
     """The tow bar on the centre line, light on dark by little."""
     half = np.array([0.0, _BAR_M / 2 * max(rig.length_m / 2.66, 0.5)])
     corners = np.stack([rig.bar_m[0] - half, rig.bar_m[1] - half, rig.bar_m[1] + half, rig.bar_m[0] + half])
-    paint_polygon(picture, _project(camera, corners, pose, rig.line_z_m), _BAR * exposure)
+    paint_polygon(picture, _project(camera, rig, corners, pose, rig.line_z_m), _BAR * exposure)
 
 
 def paint_post(picture: Picture, camera: Camera, rig: Rig, pose: Pose, exposure: float) -> None:
@@ -280,7 +292,7 @@ def paint_line(picture: Picture, camera: Camera, rig: Rig, pose: Pose, exposure:
     """
     if rig.tow_m is None:
         return
-    start = _project(camera, rig.tow_m[None, :], pose, rig.line_z_m)[0]
+    start = _project(camera, rig, rig.tow_m[None, :], pose, rig.line_z_m)[0]
     post = np.array([*pose.post_m, rig.line_z_m])
     quad, strength = bar_outline(np.stack([start, camera.project(post)[0]]), width_on_picture(camera, post, _LINE_M))
     paint_polygon(picture, quad, _LINE * exposure, max(strength, 0.35))

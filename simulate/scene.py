@@ -128,20 +128,39 @@ def mark_places(file: ScenarioFile, motion: pd.DataFrame) -> Array:
             places[:, i, :2] = post + np.array(marker.body_m)
             places[:, i, 2] = marker.depth_m
             continue
-        ahead, side, down = _afloat(motion, *marker.body_m, marker.depth_m - water_m)
+        body_m = np.array([*marker.body_m, marker.depth_m - water_m])
+        ahead, side, down = afloat(body_m, *tilts_of(motion).T).T
         places[:, i, 0], places[:, i, 1] = to_tank(np.column_stack([ahead, side]), x, y, beta)
         places[:, i, 2] = down + water_m
     return places
 
 
-def _afloat(motion: pd.DataFrame, ahead: float, side: float, down: float) -> tuple[Array, Array, Array]:
-    """A point of the body, from its place at rest, as it rolls, pitches and heaves: ahead, to starboard, down, each (n,) m."""
-    roll, pitch, heave = (
-        motion[name].to_numpy(dtype=float) if name in motion else np.zeros(len(motion))
-        for name in ("roll_rad", "pitch_rad", "heave_m")
-    )
-    aside, low = side * np.cos(roll) - down * np.sin(roll), side * np.sin(roll) + down * np.cos(roll)
-    return ahead * np.cos(pitch) + low * np.sin(pitch), aside, low * np.cos(pitch) - ahead * np.sin(pitch) + heave
+def tilts_of(motion: pd.DataFrame) -> Array:
+    """Roll, pitch (rad) and heave (m) of a motion, (n, 3); 0 where it has none.
+
+    Parameters
+    ----------
+    motion : as of ``mark_places``
+    """
+    nothing = np.zeros(len(motion))
+    names = ("roll_rad", "pitch_rad", "heave_m")
+    return np.column_stack([motion[name].to_numpy(dtype=float) if name in motion else nothing for name in names])
+
+
+def afloat(body_m: Array, roll_rad: Array | float, pitch_rad: Array | float, heave_m: Array | float) -> Array:
+    """Points of the body as it rolls, pitches and heaves, (..., 3) m ahead, to starboard, down of the point that it turns about.
+
+    Parameters
+    ----------
+    body_m : (..., 3), where they are at rest; everything broadcasts
+    roll_rad, pitch_rad, heave_m : starboard down, bow up, down
+    """
+    ahead, side, down = np.moveaxis(np.asarray(body_m, dtype=float), -1, 0)
+    aside = side * np.cos(roll_rad) - down * np.sin(roll_rad)
+    low = side * np.sin(roll_rad) + down * np.cos(roll_rad)
+    along = ahead * np.cos(pitch_rad) + low * np.sin(pitch_rad)
+    below = low * np.cos(pitch_rad) - ahead * np.sin(pitch_rad) + heave_m
+    return np.stack(np.broadcast_arrays(along, aside, below), axis=-1)
 
 
 def shown(file: ScenarioFile, t_s: Array, pixel_px: Array) -> NDArray[np.bool_]:

@@ -180,3 +180,19 @@ def test_a_model_at_rest_tells_no_clock_but_a_flash_does(
     else:
         assert "the motion tells it to" in said["cameras"][0]
         assert "port+starboard" not in set(rows["camera"])
+
+
+def test_sources_that_stamp_nothing_are_put_on_their_cameras_beats(case: Any, live_joint: ModuleType) -> None:
+    """Each picture late by 6 ms on average: the clock is told as well as of cameras that stamp their own, and joint values hold."""
+    rng = np.random.default_rng(4)
+    without = live_joint.unstamped(case, live_joint.lines_of(case, rng, live_joint.UNSTAMPED_S))
+    told = live_joint.told_of(live_joint.joint_of(case), without.lines, every_s=0.25)
+    known = [said for said in told.clock if said["told"]]
+    assert known
+    for said in known:
+        assert abs(said["offset_s"][0] - without.offset_s) < FARTHEST_SD * said["offset_s"][1]
+    rows = told.rows[told.rows["told"]]
+    truth = case.truth(rows["t_s"].to_numpy() - without.zero_s)
+    y = values(rows, "y_cg_m")
+    assert np.abs((y[:, 0] - truth[:, 1]) / y[:, 1]).max() < FARTHEST_SD
+    assert (np.diff(told.rows["t_s"]) > 0).all()

@@ -108,6 +108,33 @@ def test_marks_follow_roll_pitch_and_heave():
         np.testing.assert_allclose(mine[["u_px", "v_px"]], camera.project(place), atol=1e-9)
 
 
+def test_the_deck_turns_with_its_marks():
+    """What is painted on the deck is seen where scipy's rotation puts it: of a model that heels by 5 degrees, sampled there, it is that
+    of the level one; sampled where it had been at rest it is not."""
+    film = NO_NOISE | {
+        "camera": {"image_size_px": [1280, 960], "fx_px": 1360.0, "fy_px": 1368.0, "cx_px": 639.5, "cy_px": 479.5}
+    }
+    file = scenario(film=film)
+    motion, camera, deck_m = simulate_scenario(file, Path()).iloc[:1], camera_of(file), stage_of(file).deck_m
+    tilt = {"roll_rad": 0.09, "pitch_rad": -0.02, "heave_m": 0.01}
+    (_, _, level), (_, _, tilted) = (next(film_frames(file, m)) for m in (motion, motion.assign(**tilt)))
+    along, aside = np.meshgrid(np.linspace(-0.9, 0.7, 300), np.linspace(-0.16, 0.16, 60))
+    body = np.column_stack([along.ravel(), aside.ravel(), np.full(along.size, deck_m - 0.25)])
+
+    def sampled(picture: np.ndarray, heading: float, pitch: float, roll: float, heave: float) -> np.ndarray:
+        turned = Rotation.from_euler("ZYX", [heading, pitch, roll]).apply(body)
+        place = turned + np.array([motion.x_cg_m.iloc[0], motion.y_cg_m.iloc[0], 0.25 + heave])
+        at = np.round(camera.project(place)).astype(int)
+        return picture[at[:, 1], at[:, 0]].astype(float).mean(axis=1)
+
+    beta = float(motion.beta_rad.iloc[0])
+    before = sampled(level, beta, 0.0, 0.0, 0.0)
+    there = sampled(tilted, beta, tilt["pitch_rad"], tilt["roll_rad"], tilt["heave_m"])
+    stayed = sampled(tilted, beta, 0.0, 0.0, 0.0)
+    assert np.corrcoef(before, there)[0, 1] > 0.9
+    assert np.abs(before - there).mean() < 0.3 * np.abs(before - stayed).mean()
+
+
 def test_line_keeps_its_length_in_the_drawn_motion():
     # tow point from two drawn marks; distance to the post = L (theory.md 4, fact ii)
     file = scenario(duration_s=2.0)

@@ -10,6 +10,7 @@ from ..geometry.camera import Array
 from ..geometry.cameras.flash import Lit
 from ..geometry.robust import robust_sd
 from .recording import Frame
+from .recording.beat import on_beat
 
 THINNED = 4
 """Every so-manieth row and column is looked at: a lamp lights far more than one pixel."""
@@ -30,9 +31,11 @@ def brightness(frames: Iterable[Frame]) -> tuple[Array, Array]:
     ----------
     frames : of a film; damaged ones are left out
     """
-    found = [(f.t_s, light(f)) for f in frames if not f.damaged]
-    table = np.array(found).reshape(-1, 2)
-    return table[:, 0], table[:, 1]
+    found = [(f.t_s, light(f), f.damaged, f.on_arrival) for f in frames]
+    t_s, level, damaged, on_arrival = np.array(found, dtype=float).reshape(-1, 4).T
+    if on_arrival.any():
+        t_s = on_beat(t_s).t_s
+    return t_s[damaged == 0], level[damaged == 0]
 
 
 def light(frame: Frame) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
 
 from ..geometry.mapping import Mapping
@@ -15,6 +16,7 @@ from .backend import NUMPY, Backend
 from .datum_marks import DatumMarks
 from .looks import followers
 from .recording import Frame
+from .recording.beat import on_beat
 from .scatter import with_scatter
 
 
@@ -73,8 +75,11 @@ def track(
     fixed = DatumMarks(run)
     count = 0
     notes: list[str] = []
+    arrived_s: dict[int, float] = {}
     for frame in frames:
         notes += frame.notes
+        if frame.on_arrival:
+            arrived_s[frame.index] = frame.t_s
         if fixed.points:
             fixed.step(frame)
         for follower in following:
@@ -85,8 +90,15 @@ def track(
     if not count:
         raise TrackingError(f"{run.source_path}: no frame lies within source.span_s")
     table = _merged([f.finish() for f in following], [m.name for m in run.file.marker])
+    datum = fixed.finish()
+    if arrived_s:
+        beat = on_beat(np.array(list(arrived_s.values())))
+        taken_s = dict(zip(arrived_s, beat.t_s, strict=True))
+        for one in (table,) if datum is None else (table, datum):
+            one["t_s"] = one["frame"].map(taken_s)
+        notes.append(f"{run.source_path.name}: {beat.words}")
     table = with_scatter(table, run.file.marker, mapping, lossy, linked, seeds)
-    return _tracking(table, run, count, any(f.ambiguous for f in following), fixed.finish(), notes)
+    return _tracking(table, run, count, any(f.ambiguous for f in following), datum, notes)
 
 
 def _merged(tables: list[pd.DataFrame], names: list[str]) -> pd.DataFrame:

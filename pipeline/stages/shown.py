@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -89,8 +90,12 @@ def draw_picture(run: Run, tracks: pd.DataFrame | None, share: float = 0.15) -> 
         trails[name] = list(path[["u_px", "v_px"]].to_numpy())
     source = run.file.source
     stamped_s = t_s - source.exposure_s / 2
-    for frame in read_frames(
-        run.source_path, (stamped_s - 1e-6, stamped_s + 1.0), source.frame_rate_hz, source.exposure_s
-    ):
-        return draw_overlay(frame.bgr(), places, run.file.datum, trails, f"{run.name}  t = {frame.t_s:.2f} s")
-    return None
+    near = (
+        max(stamped_s - 1.0, 0.0),
+        stamped_s + 1.0,
+    )  # a picture that was stamped when it came stands later in the recording
+    with closing(read_frames(run.source_path, near, source.frame_rate_hz, source.exposure_s)) as there:
+        frame = next((frame for frame in there if frame.index >= wanted), None)
+    if frame is None or frame.index != wanted:
+        return None
+    return draw_overlay(frame.bgr(), places, run.file.datum, trails, f"{run.name}  t = {t_s:.2f} s")

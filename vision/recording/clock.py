@@ -47,6 +47,10 @@ class Clock:
     container, stream : the open recording and its pictures
     duration_s : stated length, or None
     frame_rate_hz : times are index/rate, whatever the container says; None = its timestamps
+
+    Attributes
+    ----------
+    on_arrival : times are those at which the pictures came: their source stamps nothing
     """
 
     def __init__(
@@ -63,8 +67,9 @@ class Clock:
         self._origin: int | None = None
         self._index = -1
         self._t_s: float | None = None
+        self.on_arrival = frame_rate_hz is None and container.metadata.get(STAMPED) == ON_ARRIVAL
         # stamps of arrival waver: one off the beat is as true as the others
-        self._strikes = STRIKES if container.metadata.get(STAMPED) == ON_ARRIVAL else 0
+        self._strikes = STRIKES if self.on_arrival else 0
         self._even_frames = 0
         self._late_ticks, self._early_ticks = -_HALF, _HALF
         self._gaps: int | None = 0  # None: times fall, the decoder's order tells

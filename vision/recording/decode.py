@@ -81,6 +81,7 @@ class Frame:
     damaged : the picture, or one it may predict from, could not be decoded as it was written
     white_dn : luma of white: 235 where the recording has limited range, 255 for full range; values stay as decoded
     notes : what is doubtful about the recording, one line each, with the first frame by which it is known
+    on_arrival : the source stamps nothing: ``t_s`` is when the picture came
     """
 
     index: int
@@ -90,6 +91,7 @@ class Frame:
     damaged: bool = False
     white_dn: int = WHITE_FULL_DN
     notes: tuple[str, ...] = ()
+    on_arrival: bool = False
 
     def bgr(self) -> NDArray[np.uint8]:
         """The picture in colour, upright, (h, w, 3) uint8."""
@@ -248,7 +250,16 @@ def _in_span(clock: Clock, stream: Stream, span_s: tuple[float, float] | None, e
             return
         raw = picture.raw
         notes = (*clock.new_notes(), *_looks(raw), *_joints(stream, picture))
-        held = Frame(picture.index, t_s + exposure_s / 2, luma(raw), raw, picture.damaged, white_dn(raw), notes)
+        held = Frame(
+            picture.index,
+            t_s + exposure_s / 2,
+            luma(raw),
+            raw,
+            picture.damaged,
+            white_dn(raw),
+            notes,
+            clock.on_arrival,
+        )
     clock.check_end(span_s[1] if span_s is not None else None, _reason(stream.stopped_by))
     notes = clock.new_notes()
     if notes and stream.in_haste:

@@ -109,8 +109,8 @@ def test_marks_follow_roll_pitch_and_heave():
 
 
 def test_the_deck_turns_with_its_marks():
-    """What is painted on the deck is seen where scipy's rotation puts it: of a model that heels by 5 degrees, sampled there, it is that
-    of the level one; sampled where it had been at rest it is not."""
+    """What is painted on the deck is seen where scipy's rotation puts it: of a model that heels by 5 degrees, sampled there, it is
+    that of the level one; sampled where it had been at rest it is not."""
     film = NO_NOISE | {
         "camera": {"image_size_px": [1280, 960], "fx_px": 1360.0, "fy_px": 1368.0, "cx_px": 639.5, "cy_px": 479.5}
     }

@@ -84,7 +84,8 @@ class Beat:
         late_ms = 1e3 * np.percentile(self.late_s[self.even], [50, 99])
         said = (
             f"its pictures were stamped when they came, late by {late_ms[0]:.1f} ms (median; 99 % by at most {late_ms[1]:.0f}) "
-            f"against an even beat of {self.rate_hz:.3f} Hz: their times are those of the beat (the earliest of each {BLOCK_FRAMES} waver by {1e3 * self.wavers_s:.2g} ms)"
+            f"against an even beat of {self.rate_hz:.3f} Hz: their times are those of the beat, about which the earliest of each "
+            f"{BLOCK_FRAMES} waver by {1e3 * self.wavers_s:.1f} ms"
         )
         rest = int((~self.even).sum())
         return said + (f"; {rest} in parts without a beat keep when they came" if rest else "")

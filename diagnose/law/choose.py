@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
+from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..effects import Effect
 from ..inference.engine import P_PAIR, P_SINGLE, P_UNKNOWN
@@ -65,7 +66,8 @@ class Start:
 
 
 def free_path(inference: Inference, base: Fitted, seen: Range, size: float) -> Fitted:
-    """The runs with a force without a form in all variables: its path is near to the truth's, whatever the law.
+    """The runs with a force without a form in all variables: its path is near to the truth's, whatever the law. The base where a
+    simulation of such a force grows beyond bounds.
 
     Parameters
     ----------
@@ -74,7 +76,10 @@ def free_path(inference: Inference, base: Fitted, seen: Range, size: float) -> F
     """
     effect = field_effect(PATH, seen, size, ARM)
     start = with_effects(base.hypothesis, [effect])
-    return inference.fit([start], [base.forces.scaled(FIELD_FORCES)], FIELD_STEPS, (FIELD_TURN,))[0]
+    try:
+        return inference.fit([start], [base.forces.scaled(FIELD_FORCES)], FIELD_STEPS, (FIELD_TURN,))[0]
+    except (EstimationError, np.linalg.LinAlgError):
+        return base
 
 
 class LawTable:

@@ -23,8 +23,8 @@ LAGS_S = (0.5, 1.5, 4.0)
 """Choices, a factor of three apart."""
 SQUARES = ("v^2", "r^2", "beta^2", "y^2", "alpha^2", "|v|", "|r|", "|alpha|", "v r", "v alpha", "r alpha", "time")
 """What a resistance may go with beside powers and places: port and starboard alike, but for a time."""
-
-
+PRODUCTS = [f"sign |{a}|^{p} |{b}|^{q}" for a, b in (("v", "r"), ("r", "v")) for p, q in ((1, 2), (2, 1), (2, 2))]
+"""Of powers of drift and yaw rate, with the sign of the first."""
 HEELS = (
     "v", "r", "v|v|", "v^3", "|v|", "v^2", "r|r|", "r^3", "|r|", "r^2", "v|r|", "|v|r", "v^2 r", "v r^2", "v r",
     "(v+r/2)|v+r/2|", "(v-r/2)|v-r/2|",
@@ -48,7 +48,7 @@ def grammar(seen: Range, width: bool) -> list[Term]:
     texts += [
         f"{one} |{other}|^{p}" for one, other in (("v", "y"), ("r", "y"), ("v", "r"), ("r", "v")) for p in (1.5, 3)
     ]
-    texts += [f"sign |{a}|^{p} |{b}|^{q}" for a, b in (("v", "r"), ("r", "v")) for p, q in ((1, 2), (2, 1), (2, 2))]
+    texts += PRODUCTS
     texts += [f"wave({k:g} y)" for k in WAVES] + [f"wave({k:g} beta)" for k in HEADINGS]
     texts += [
         f"bump({x} at {place * seen.usual[x]:.3g}, {wide * seen.usual[x]:.3g} wide)"
@@ -80,7 +80,7 @@ def heels(seen: Range) -> list[Term]:
     ----------
     seen : of the runs
     """
-    return [term(text) for text in (*HEELS, *_drifting(seen))]
+    return [term(text) for text in (*HEELS, *PRODUCTS, *_drifting(seen))]
 
 
 def resistances(seen: Range) -> list[Term]:

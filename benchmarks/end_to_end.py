@@ -34,7 +34,8 @@ from towline.simulate.model import DERIVATIVE_UNITS
 LEVELS = ("film", "true pixels", "true motion", "true motion and settings")
 TRUE_SIGMA_PX, TRUE_SIGMA_M, TRUE_SIGMA_RAD = 0.02, 2e-5, 1e-5
 """Stated beside true pixels and motions, which have none: a fit needs weights."""
-CODECS = (("lossless", 0, 0), ("crf 17-19", 17, 19), ("crf 20-22", 20, 22), ("crf 23-25", 23, 25))
+CODECS = {"ffv1": "lossless", "h264": "H.264", "hevc": "HEVC", "hevc10": "HEVC 10 bit"}
+CRF = ((17, 20), (21, 24), (25, 28))
 COVERED = 1.96
 
 
@@ -95,7 +96,8 @@ def one(out: str, seed: int, duration_s: float | None = None, keep: bool = False
         "truth": {name: runs[0]["hull"][name] for name in DERIVATIVE_UNITS},
         "film_s": len(runs) * runs[0]["time"]["duration_s"],
         "render_s": round(time.perf_counter() - began, 2),
-        "codec": runs[0]["film"]["codec"] + str(runs[0]["film"]["crf"]),
+        "codec": runs[0]["film"]["codec"],
+        "crf": runs[0]["film"]["crf"],
     }
     for level in LEVELS:
         try:
@@ -148,7 +150,10 @@ def table(answers: list[dict[str, Any]]) -> str:
         "(medians, one thread a campaign)",
     ]
     worst = sorted(whole, key=_worst, reverse=True)[:3]
-    lines += ["worst:"] + [f"  campaign {a['seed']}, {a['codec']}: {_worst(a):.1f} standard deviations" for a in worst]
+    lines += ["worst:"] + [
+        f"  campaign {a['seed']}, {CODECS[a['codec']]} crf {a['crf']}: {_worst(a):.1f} standard deviations"
+        for a in worst
+    ]
     lines += [f"  campaign {a['seed']}: {a['film']['error']}" for a in answers if "error" in a["film"]]
     return "\n".join(lines) + "\n"
 
@@ -158,8 +163,10 @@ def _by_codec(whole: list[dict[str, Any]]) -> list[str]:
     lines = [
         f"{'by codec':12}{'campaigns':>10}{'median |error| of the six':>28}{'median std':>12}{'rms of z':>10}   95 % intervals hold"
     ]
-    for name, low, high in CODECS:
-        here = [a for a in whole if low <= _crf(a["codec"]) <= high]
+    groups = [(CODECS[codec], [a for a in whole if a["codec"] == codec]) for codec in CODECS]
+    lossy = [a for a in whole if a["codec"] != "ffv1"]
+    groups += [(f"crf {low}-{high}", [a for a in lossy if low <= a["crf"] <= high]) for low, high in CRF]
+    for name, here in groups:
         if not here:
             continue
         share = np.array([[v / a["truth"][n] - 1 for n, (v, _) in a["film"]["derivatives"].items()] for a in here])
@@ -170,10 +177,6 @@ def _by_codec(whole: list[dict[str, Any]]) -> list[str]:
             f"{np.sqrt(np.mean(np.square(share / std))):10.2f}   {held}/{share.size} = {100 * held / share.size:.0f} %"
         )
     return lines
-
-
-def _crf(codec: str) -> int:
-    return int(codec.removeprefix("h264")) if codec.startswith("h264") else 0
 
 
 def _worst(a: dict[str, Any]) -> float:

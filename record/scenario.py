@@ -138,11 +138,13 @@ class FilmTable(Table):
     exposure: Positive = Field(default=1.0, description="brightness of the whole picture")
     read_noise_dn: NotNegative = Field(default=2.0, description="sensor read noise, standard deviation")
     electrons_per_dn: Positive = Field(default=40.0, description="shot noise variance = signal/electrons_per_dn")
-    codec: Literal["h264", "ffv1"] = Field(default="h264", description="H.264 (lossy) or FFV1 (lossless, in .mkv)")
-    crf: Annotated[int, Field(ge=0, le=51)] = Field(default=20, description="H.264 quality, lower is better")
+    codec: Literal["h264", "hevc", "hevc10", "ffv1"] = Field(
+        default="h264", description="H.264, HEVC of 8 or of 10 bits (lossy) or FFV1 (lossless, in .mkv)"
+    )
+    crf: Annotated[int, Field(ge=0, le=51)] = Field(default=20, description="quality of H.264 or HEVC, lower is better")
     b_frames: Annotated[int, Field(ge=0, le=16)] = Field(
         default=0,
-        description="H.264 frames predicted from both sides; they average a mark's motion over time (cameras write none)",
+        description="frames of H.264 or HEVC predicted from both sides; they average a mark's motion (cameras write none)",
     )
     water_depth_m: Depth = Field(default=0.25, description="depth of the water line below the tank top")
     ripple: NotNegative = Field(default=1.0, description="height of the ripples' light and shade; 0 = mirror")

@@ -315,10 +315,19 @@ def test_run_folder_is_whole_and_readable(tmp_path: Path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["run"]
 
 
-@pytest.mark.parametrize(("codec", "name", "tolerance_s"), [("h264", "video.mp4", 1e-6), ("ffv1", "video.mkv", 5.1e-4)])
+@pytest.mark.parametrize(
+    ("codec", "name", "tolerance_s"),
+    [
+        ("h264", "video.mp4", 1e-6),
+        ("hevc", "video.mp4", 1e-6),
+        ("hevc10", "video.mp4", 1e-6),
+        ("ffv1", "video.mkv", 5.1e-4),
+    ],
+)
 def test_timestamps_in_the_file(tmp_path: Path, codec: str, name: str, tolerance_s: float):
     # Matroska counts milliseconds, so its times are rounded to 0.5 ms; run.toml then states the exact rate
     import av
+    import cv2
 
     file = scenario(duration_s=0.5, film={"codec": codec}, time={"duration_s": 0.5, "rate_hz": 29.97})
     render_scenario(file, tmp_path, tmp_path / "run")
@@ -327,13 +336,18 @@ def test_timestamps_in_the_file(tmp_path: Path, codec: str, name: str, tolerance
         frames = list(container.decode(video=0))
         times = np.array([float(frame.time or 0.0) for frame in frames])
         picture = frames[-1].to_ndarray(format="bgr24").astype(float)
+        bits = frames[-1].format.components[0].bits
+        luma = frames[-1].to_ndarray()[: picture.shape[0]].astype(float)
+    assert bits == (10 if codec == "hevc10" else 8)
     np.testing.assert_allclose(times, motion.t_s, atol=tolerance_s)
     *_, (_, _, last) = film_frames(file, motion)
     if codec == "ffv1":
         np.testing.assert_array_equal(picture, last)
         assert read_run(tmp_path / "run").file.source.frame_rate_hz == 29.97
     else:
-        assert abs(picture.mean() - last.mean()) < 1.0  # limited range is written and read as such
+        expected = cv2.cvtColor(last, cv2.COLOR_BGR2YUV_I420)[: last.shape[0]]  # of limited range, BT.601
+        assert abs(luma.mean() / 2 ** (bits - 8) - expected.mean()) < 0.25
+        assert abs(picture.mean() - last.mean()) < 1.5  # and it is read as such: as full range it would be 10 brighter
 
 
 def test_unmeasured_tension_is_left_out(tmp_path: Path):

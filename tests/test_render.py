@@ -337,7 +337,7 @@ def test_timestamps_in_the_file(tmp_path: Path, codec: str, name: str, tolerance
         times = np.array([float(frame.time or 0.0) for frame in frames])
         picture = frames[-1].to_ndarray(format="bgr24").astype(float)
         bits = frames[-1].format.components[0].bits
-        luma = frames[-1].to_ndarray()[: picture.shape[0]].astype(float)
+        planes = frames[-1].to_ndarray() if codec != "ffv1" else np.zeros((1, 1))
     assert bits == (10 if codec == "hevc10" else 8)
     np.testing.assert_allclose(times, motion.t_s, atol=tolerance_s)
     *_, (_, _, last) = film_frames(file, motion)
@@ -346,7 +346,7 @@ def test_timestamps_in_the_file(tmp_path: Path, codec: str, name: str, tolerance
         assert read_run(tmp_path / "run").file.source.frame_rate_hz == 29.97
     else:
         expected = cv2.cvtColor(last, cv2.COLOR_BGR2YUV_I420)[: last.shape[0]]  # of limited range, BT.601
-        assert abs(luma.mean() / 2 ** (bits - 8) - expected.mean()) < 0.25
+        assert abs(planes[: last.shape[0]].mean() / 2 ** (bits - 8) - expected.mean()) < 0.25
         assert abs(picture.mean() - last.mean()) < 1.5  # and it is read as such: as full range it would be 10 brighter
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..data import RunData
-from ..fit import Fit, fit_runs, modes_along
+from ..fit import Fit, Near, fit_runs, modes_along
 from ..noise import stated
 from ..static_records import colours
 from ..still import Colour, reweighted
@@ -62,10 +62,11 @@ def bootstrap(
     """
     found = []
     known = colours(runs)
+    near = Near.of(fit, runs, range(len(runs))) if fit.disturbance is None else None
     for k in range(draws):
         drawn = [drawn_record(fit, d, i, known[i], rng) for i, d in enumerate(runs)]
         try:
-            found.append(_refit(fit, drawn))
+            found.append(_refit(fit, drawn, near))
         except EstimationError:
             continue
         if progress is not None:
@@ -77,9 +78,10 @@ def bootstrap(
     return Bootstrap(six, np.cov(six.T), np.column_stack([2 * fit.six - high, 2 * fit.six - low]))
 
 
-def _refit(fit: Fit, runs: list[RunData]) -> Array:
+def _refit(fit: Fit, runs: list[RunData], near: Near | None) -> Array:
+    """The derivatives of drawn records; their optimum is looked for from that of the fit on, which they were drawn from."""
     if fit.disturbance is None:
-        return fit_runs(runs, fit.form, fit.speed_m_s).six
+        return fit_runs(runs, fit.form, fit.speed_m_s, near=near).six
     d = fit.disturbance
     along = [modes_along(r, p) for r, p in zip(runs, fit.response, strict=True)]
     noise = np.log([d.force_n, d.moment_n_m, d.time_s, *d.scale])

@@ -15,8 +15,20 @@ from ..inference.ranking import Candidate
 from .choose import Start, begun
 from .field import is_field
 from .functions import AT, NUMBER, POWER, WIDE, Range, State, family, freed_text, term, written
+from .grammar import places
 from .table import Choice, Table
-from .terms import ACTS, coefficients_of, effect_like, inside_of, roll_of, shapes_from, text_of, values_of
+from .terms import (
+    ACTS,
+    HEEL,
+    coefficients_of,
+    effect_like,
+    inside_of,
+    roll_of,
+    shapes_from,
+    text_of,
+    values_of,
+    written_of,
+)
 
 Form = frozenset[tuple[str, str]]
 """Terms without the numbers inside, each with where it acts."""
@@ -34,6 +46,8 @@ OTHER_NUMBERS = (0.5, 0.6, 0.72, 0.85, 1.18, 1.4, 1.65, 2.0)
 """Of waves, by what was fitted."""
 MOVED, RESTARTED = 1.4, 2
 """A place counts as another one from this factor on; so many of them are fitted for each term. Choices."""
+ENDED_NEAR = 9.0
+"""Forms that are further below the best one are not fitted from where they ended: the way is seldom worth more."""
 STEPS, TURN = 5, 2
 """Of a law's fit: steps, after which the random forces are estimated anew."""
 AGAIN, REST = 3, 1.0
@@ -84,7 +98,8 @@ def elsewhere(inference: Inference, starts: Sequence[Start], fitted: Sequence[Fi
     at the optimum nearest to its start, and a power takes its coefficient along by orders of magnitude.
 
     Along a law's own path all places (powers) are one table, its other term beside them; the best of them are starts. A fixed power
-    becomes a free one: v|v|, v^3 and what lies between are one form, whose power the runs tell.
+    becomes a free one: v|v|, v^3 and what lies between are one form, whose power the runs tell. What goes with the place or the
+    heading alone may be waves, or a bump, and is looked at as the other, too: where a path is far off each resembles the other.
 
     Parameters
     ----------
@@ -95,7 +110,8 @@ def elsewhere(inference: Inference, starts: Sequence[Start], fitted: Sequence[Fi
     for start, end in _best(starts, fitted):
         parts = list(zip(end.hypothesis.effects, end.hypothesis.numbers, strict=True))
         for k, (effect, numbers) in enumerate(parts):
-            if not (moved := _moved(effect, numbers, seen)):
+            own_form, other_form = _moved(effect, numbers, seen), _in_another_form(effect, seen)
+            if not (moved := own_form + other_form):
                 continue
             others = [*parts[:k], *parts[k + 1 :]]
             beside = [_at(e, inside_of(e, n)) for e, n in others]
@@ -106,7 +122,8 @@ def elsewhere(inference: Inference, starts: Sequence[Start], fitted: Sequence[Fi
             rest = [len(moved) + j for j in range(len(beside))]
             choices = [_chosen(table, [j, *rest]) for j in range(len(moved))]
             scores, forces = table.scores(choices)
-            for j in np.argsort(-scores)[:RESTARTED].tolist():
+            order, first = np.argsort(-scores), len(own_form)
+            for j in [*order[order < first][:RESTARTED].tolist(), *order[order >= first][:1].tolist()]:
                 h, solved = table.solved(choices[j], forces[j])
                 own = [shapes[j], *shapes[len(moved) :]]
                 found.append(begun(h, [moved[j], *beside], solved, own, forces[j], start.log_prior, float(scores[j])))
@@ -134,6 +151,16 @@ def _moved(effect: Effect, numbers: Array, seen: Range) -> list[Effect]:
     powers = [p for p in POWERS if free.text != text or abs(p - here[at]) > SAME_POWER]
     texts = [written(free.text, [*here[:at], p, *here[at + 1 :]]) for p in powers]
     return [effect_like(effect, one, effect.variant) for one in texts]
+
+
+def _in_another_form(effect: Effect, seen: Range) -> list[Effect]:
+    """What goes with the place or the heading alone as waves or bumps, that it is not."""
+    one = term(text_of(effect))
+    if one.variables not in (("y",), ("beta",)) or one.lag_s or effect.variant == HEEL:
+        return []
+    own = family(one.text)
+    texts = [text for text in places(seen, one.variables[0]) if family(text) != own]
+    return [effect_like(effect, text, effect.variant) for text in texts]
 
 
 def _chosen(table: Table, members: Sequence[int]) -> Choice:
@@ -178,6 +205,33 @@ def simpler(starts: Sequence[Start], fitted: Sequence[Fitted], single: float) ->
                 h = replace(end.hypothesis, effects=effects, numbers=numbers)
                 prior = start.log_prior if len(way) == len(parts) else single
                 found.append(Start(effects, h, end.forces, prior, end.log_evidence))
+    return found
+
+
+def ended(starts: Sequence[Start], fitted: Sequence[Fitted]) -> list[Start]:
+    """The best of each form near the best of all, from where its fit has ended.
+
+    What is usual for a number inside a term is told by where its fit began. A law that began at its own optimum would be held
+    against others that pay for the way to theirs.
+
+    Parameters
+    ----------
+    starts, fitted : of ``fits``
+    """
+    order = sorted(range(len(starts)), key=lambda k: -(fitted[k].worth + starts[k].log_prior))
+    best: dict[Form, int] = {}
+    for k in order:
+        if fitted[k].worth + starts[k].log_prior < fitted[order[0]].worth + starts[order[0]].log_prior - ENDED_NEAR:
+            break
+        best.setdefault(_form_of(starts[k].effects), k)
+    found = []
+    for k in best.values():
+        parts = list(zip(fitted[k].hypothesis.effects, fitted[k].hypothesis.numbers, strict=True))
+        if any(is_field(e) for e, _ in parts) or not any(len(inside_of(e, n)) for e, n in parts):
+            continue
+        effects = tuple(effect_like(e, written_of(e, n), e.variant) for e, n in parts)
+        h = replace(fitted[k].hypothesis, effects=effects)
+        found.append(Start(effects, h, fitted[k].forces, starts[k].log_prior, fitted[k].log_evidence))
     return found
 
 
@@ -251,4 +305,4 @@ def force_of(effects: Sequence[Effect], numbers: Sequence[Array], states: State)
     return np.sum(parts, axis=0)
 
 
-__all__ = ["distinct", "elsewhere", "fits", "force_of", "simpler"]
+__all__ = ["distinct", "elsewhere", "ended", "fits", "force_of", "simpler"]

@@ -49,15 +49,22 @@ def grammar(seen: Range, width: bool) -> list[Term]:
         f"{one} |{other}|^{p}" for one, other in (("v", "y"), ("r", "y"), ("v", "r"), ("r", "v")) for p in (1.5, 3)
     ]
     texts += PRODUCTS
-    texts += [f"wave({k:g} y)" for k in WAVES] + [f"wave({k:g} beta)" for k in HEADINGS]
-    texts += [
-        f"bump({x} at {place * seen.usual[x]:.3g}, {wide * seen.usual[x]:.3g} wide)"
-        for x in ("y", "beta")
-        for place in PLACES
-        for wide in WIDE
-    ]
+    texts += [*places(seen, "y"), *places(seen, "beta")]
     texts += [f"{x}(t-{lag:g} s)" for x in ("v", "r") for lag in LAGS_S]
     return [term(text) for text in dict.fromkeys(texts)]
+
+
+def places(seen: Range, x: str) -> list[str]:
+    """Waves and bumps over the place or the heading.
+
+    Parameters
+    ----------
+    seen : of the runs
+    x : "y" or "beta"
+    """
+    usual = seen.usual[x]
+    waves = [f"wave({k:g} {x})" for k in (WAVES if x == "y" else HEADINGS)]
+    return waves + [f"bump({x} at {place * usual:.3g}, {wide * usual:.3g} wide)" for place in PLACES for wide in WIDE]
 
 
 def _drifting(seen: Range) -> list[str]:
@@ -92,13 +99,8 @@ def resistances(seen: Range) -> list[Term]:
     """
     texts = [*SQUARES]
     texts += [f"|{x}|^{power}" for x in ("v", "r", "beta", "alpha") for power in EVEN]
-    texts += [f"wave({k:g} y)" for k in WAVES]
-    texts += [
-        f"bump(y at {place * seen.usual['y']:.3g}, {wide * seen.usual['y']:.3g} wide)"
-        for place in PLACES
-        for wide in WIDE
-    ]
+    texts += places(seen, "y")
     return [term(text) for text in texts]
 
 
-__all__ = ["grammar", "heels", "resistances"]
+__all__ = ["grammar", "heels", "places", "resistances"]

@@ -21,7 +21,7 @@ from ..inference.hypothesis import Hypothesis
 from ..inference.ranking import Candidate, Ranking
 from ..tow.towed import TowSimulator
 from .answer import Searched, answered
-from .around import distinct, elsewhere, fits, simpler
+from .around import distinct, elsewhere, ended, fits, simpler
 from .choose import ARM, LawTable, Start, chosen, fields_of, free_path, priors
 from .field import is_term
 from .functions import Range, State, Term, dimensionless
@@ -158,6 +158,7 @@ def searched(
         beside = LawTable(inference, best, base, [*effects, *own], [], _roll_of(best.hypothesis))
         fit.all("beside the best law", fit.new(chosen(beside, single, pair)))
     fit.all("simpler", simpler(fit.starts, fit.fitted, single))
+    fit.all("from where they ended", ended(fit.starts, fit.fitted))
     forms = distinct([
         Candidate(s.effects, f, f.worth - base.log_evidence, s.log_prior)
         for s, f in zip(fit.starts, fit.fitted, strict=True)

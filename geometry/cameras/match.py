@@ -40,9 +40,10 @@ UNLIKE = 0.1
 """And so is one that leaves more than this share of what y and heading vary by, and more than noise."""
 STRAYS_S = 1.0
 """A fit that leaves the offset it began with by more has gone to another."""
-STEPS = 12
-"""Of the clock's iteration, at most; from a start within a twentieth of a second it takes three or four."""
-SMALLEST_S = 1e-8
+STEPS = 40
+"""Of the clock's iteration, at most; from a start within a twentieth of a second it takes three or four, and more where the path's
+rates tell little."""
+SMALLEST_S = 1e-6
 """A last step of the clock."""
 BLOCKS_S = (0.25, 0.5, 1.0, 2.0)
 """Errors that last show in sums over so long, which then vary by more than their frames."""
@@ -243,30 +244,21 @@ def unmatched(first: View, second: View, known: Known) -> Match:
 def _fitted(first: View, second: View, offset_s: float, known: Known | None) -> Match | None:
     """The match nearest to an offset; None where the iteration leaves it or the two no longer overlap."""
     extra = between_variance(second)
-    rate, begin = 0.0, offset_s
-    for _ in range(STEPS):
-        at = _differences(first, second, offset_s, rate, extra)
-        if at is None:
-            return None
-        middle, span = _middle(at.second_s)
-        solved = _solve(first, second, at, _clock_prior(offset_s, rate, middle, span, known))
-        (change, turn) = solved[0][:2]
-        # the change is one of the first clock at the middle of the rows: offset + (1 + rate) middle
-        offset_s += float(change - turn / span * middle)
-        rate += float(turn / span)
-        if abs(offset_s - begin) > STRAYS_S or abs(rate) > LARGEST_RATE:
-            return None
-        if max(abs(change), abs(turn)) < SMALLEST_S:
-            break
-    at = _differences(first, second, offset_s, rate, extra)
-    if at is None:
+    stood = _standing(first, second, (offset_s, 0.0), known, extra)
+    if stood is None:
         return None
-    middle, span = _middle(at.second_s)
-    prior = _clock_prior(offset_s, rate, middle, span, known)
-    theta, _, left = _solve(first, second, at, prior)
+    offset_s, rate, at = stood
+    theta, _, left = _solve(first, second, at, _known_at(offset_s, rate, at, known))
     misfit = float((left @ left + theta[2:] @ theta[2:]) / len(at.rows))
     inflation = _inflation(left, first.t_s[at.rows], first.pose.shape[1])
-    theta, covariance, left = _solve(first, second, at, prior, inflation)
+    if inflation > 1.0:
+        # errors that last count for less, and what is known of the cameras for more: another clock
+        stood = _standing(first, second, (offset_s, rate), known, extra, inflation)
+        if stood is None:
+            return None
+        offset_s, rate, at = stood
+    middle, span = _middle(at.second_s)
+    theta, covariance, left = _solve(first, second, at, _known_at(offset_s, rate, at, known), inflation)
     back = np.array([[1.0, -middle / span], [0.0, 1.0 / span]])  # (offset, rate) of (at the middle, over the span)
     clock = Clock(offset_s, rate, back @ covariance[:2, :2] @ back.T)
     stated = ~np.logical_or(*_slow(first, second))
@@ -294,6 +286,38 @@ def _fitted(first: View, second: View, offset_s: float, known: Known | None) -> 
         left,
         misfit,
     )
+
+
+def _standing(
+    first: View,
+    second: View,
+    begin: tuple[float, float],
+    known: Known | None,
+    extra: Array,
+    inflation: float = 1.0,
+) -> tuple[float, float, _Rows] | None:
+    """Offset and rate at which the clock stands, and the differences there; None where the iteration leaves where it began."""
+    offset_s, rate = begin
+    for _ in range(STEPS):
+        at = _differences(first, second, offset_s, rate, extra)
+        if at is None:
+            return None
+        middle, span = _middle(at.second_s)
+        change, turn = _solve(first, second, at, _known_at(offset_s, rate, at, known), inflation)[0][:2]
+        # the change is one of the first clock at the middle of the rows: offset + (1 + rate) middle
+        offset_s += float(change - turn / span * middle)
+        rate += float(turn / span)
+        if abs(offset_s - begin[0]) > STRAYS_S or abs(rate) > LARGEST_RATE:
+            return None
+        if max(abs(change), abs(turn)) < SMALLEST_S:
+            break
+    at = _differences(first, second, offset_s, rate, extra)
+    return None if at is None else (offset_s, rate, at)
+
+
+def _known_at(offset_s: float, rate: float, at: _Rows, known: Known | None) -> tuple[Array, Array]:
+    """``_clock_prior`` at these differences."""
+    return _clock_prior(offset_s, rate, *_middle(at.second_s), known)
 
 
 def _middle(second_s: Array) -> tuple[float, float]:

@@ -76,7 +76,8 @@ def film_frames(file: ScenarioFile, motion: pd.DataFrame) -> Iterator[tuple[int,
     posts = post_places(file, t_s)
     body, tilts = motion[["x_cg_m", "y_cg_m", "beta_rad"]].to_numpy(dtype=float), tilts_of(motion)
     for index in range(len(motion)):
-        pose = Pose(*body[index].tolist(), posts[index], tilts[index])
+        x_m, y_m, beta_rad = body[index].tolist()
+        pose = Pose(x_m, y_m, beta_rad, posts[index], tilts[index])
         picture = _compose(scenery, pose, float(t_s[index]), pixel[index], mirrored_px[index], seen[index])
         yield index, float(t_s[index]), sensor.expose(picture)
 

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,7 +158,7 @@ def _write_video(
         with av.open(str(path), "w") as container:
             if film.codec != LOSSLESS:
                 coder, options = _coder(film)
-                stream = container.add_stream(coder, rate=rate, options=options)
+                stream: Any = container.add_stream(coder, rate=rate, options=options)
                 stream.pix_fmt = "yuv420p10le" if film.codec == "hevc10" else "yuv420p"
                 stream.codec_context.color_range = ColorRange.MPEG
                 stream.codec_context.colorspace = Colorspace.ITU601

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -94,8 +93,7 @@ def draw_picture(run: Run, tracks: pd.DataFrame | None, share: float = 0.15) -> 
         max(stamped_s - 1.0, 0.0),
         stamped_s + 1.0,
     )  # a picture that was stamped when it came stands later in the recording
-    with closing(read_frames(run.source_path, near, source.frame_rate_hz, source.exposure_s)) as there:
-        frame = next((frame for frame in there if frame.index >= wanted), None)
-    if frame is None or frame.index != wanted:
-        return None
-    return draw_overlay(frame.bgr(), places, run.file.datum, trails, f"{run.name}  t = {t_s:.2f} s")
+    for frame in read_frames(run.source_path, near, source.frame_rate_hz, source.exposure_s):
+        if frame.index == wanted:
+            return draw_overlay(frame.bgr(), places, run.file.datum, trails, f"{run.name}  t = {t_s:.2f} s")
+    return None

@@ -11,6 +11,7 @@ Moved so, a picture's time is that of its taking but for one constant, the short
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,7 +141,8 @@ def _part(arrived_s: Array) -> tuple[Array, float, float] | None:
         for _ in range(2):  # numbers by the line, the line by the earliest of them
             number = _numbers((since[:count] - zero) / step)
             rows = _earliest(since[:count] - zero - step * number)
-            step, zero = (float(v) for v in theilslopes(since[rows], number[rows])[:2])
+            line: Any = theilslopes(since[rows], number[rows])
+            step, zero = float(line.slope), float(line.intercept)
             if not step > 0:
                 return None
         if count == len(since):
@@ -155,7 +157,7 @@ def _part(arrived_s: Array) -> tuple[Array, float, float] | None:
     on_time = float(np.mean(late < usual + ON_TIME_STEPS * step))
     if wavers > EVEN_STEPS * step or on_time < ON_TIME_SHARE:
         return None
-    return begin + zero + step * number, robust_sd(earliest), step
+    return np.asarray(begin + zero + step * number, dtype=float), robust_sd(earliest), step
 
 
 def _numbers(steps: Array) -> NDArray[np.int_]:

@@ -62,7 +62,7 @@ def _made(seed: int, z: dict[str, float]) -> dict:
         "failed": {},
     }
     names = ("film", "true pixels", "true motion", "true motion and settings")
-    return {"seed": seed, "truth": truth, "film_s": 60.0, "codec": "h26420", **dict.fromkeys(names, level)}
+    return {"seed": seed, "truth": truth, "film_s": 60.0, "codec": "h264", "crf": 20, **dict.fromkeys(names, level)}
 
 
 def test_the_table_counts_what_intervals_hold(end_to_end: ModuleType) -> None:
@@ -74,7 +74,7 @@ def test_the_table_counts_what_intervals_hold(end_to_end: ModuleType) -> None:
     row = next(line for line in text.splitlines() if line.startswith("n_v"))
     assert f"{held}/40" in row
     assert "9.0s" in row
-    assert "campaign 7, h26420: 9.0 standard deviations" in text
+    assert "campaign 7, H.264 crf 20: 9.0 standard deviations" in text
     assert "3.0 s to track, 1.0 s to fit" in text
     lost = _made(40, {})
     lost["film"] = {"error": "no mark was found"}

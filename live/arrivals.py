@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Protocol
 
+from ..vision.recording.beat import PAUSE_S, PAUSE_STEPS
 from .event import Event, Lasting
 
 LEARN_FRAMES, USUAL_FRAMES = 10, 61
@@ -20,8 +21,6 @@ EVEN_ARRIVED = 1.5
 fault."""
 UNEVEN_OF, UNEVEN_LEAST = 30, 1
 """So many uneven steps of the last so many are named."""
-QUIET_S, QUIET_STEPS = 0.5, 10.0
-"""A source has stopped when nothing came for so long, and for so many of its usual steps: choices."""
 RATE_S, SLOW = 1.5, 0.8
 """A source is slow when fewer than this share of its usual frames came in so many seconds: choices."""
 SAID_EVERY_S = 5.0
@@ -95,7 +94,7 @@ class ArrivalWatch:
         if last is None or self._silent is not None:
             return
         quiet = now_s - last.arrived_s
-        if quiet > max(QUIET_S, QUIET_STEPS * (self.usual_s or 0.0)):
+        if quiet > max(PAUSE_S, PAUSE_STEPS * (self.usual_s or 0.0)):
             self._silent = last.arrived_s
             yield Event("source", last.t_s + quiet, f"no frame for {quiet:.1f} s: the source has stopped", "fault")
 

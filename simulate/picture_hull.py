@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,9 +117,7 @@ def _project(camera: Camera, rig: Rig, body_m: Array, pose: Pose, depth_m: float
 
 def _at_water(camera: Camera, rig: Rig, pose: Pose) -> Array:
     """The water line (n, 2) px: of a model that tilts by a few degrees it stays about where it was."""
-    body_m = rig.outline.water
-    x, y = to_tank(body_m, np.array(pose.x_cg_m), np.array(pose.y_cg_m), np.array(pose.beta_rad))
-    return camera.project(np.column_stack([x, y, np.full(len(x), rig.stage.water_m)]))
+    return _project(camera, rig, rig.outline.water, replace(pose, tilt=np.zeros(3)), rig.stage.water_m)
 
 
 def width_on_picture(camera: Camera, place_m: Array, width_m: float) -> float:

@@ -193,7 +193,7 @@ def _coder(film: FilmTable) -> tuple[str, dict[str, str]]:
     options = {"crf": str(film.crf), "preset": "veryfast", "bf": str(film.b_frames)}
     if film.codec == "h264":
         return "libx264", {**options, "x264-params": _X264}
-    return "libx265", {**options, "x265-params": f"{_X265}:bframes={film.b_frames}"}
+    return "libx265", {**options, "x265-params": _X265}
 
 
 def _picks(file: ScenarioFile, camera: Camera, where: Path) -> NDArray[np.float64]:

@@ -122,6 +122,7 @@ def mark_places(file: ScenarioFile, motion: pd.DataFrame) -> Array:
     x, y, beta = (motion[name].to_numpy(dtype=float) for name in ("x_cg_m", "y_cg_m", "beta_rad"))
     post = post_places(file, motion["t_s"].to_numpy(dtype=float))
     water_m = film_of(file).water_depth_m
+    tilts = tilts_of(motion).T
     places = np.empty((len(motion), len(file.marker), 3))
     for i, marker in enumerate(file.marker):
         if marker.on == "post":
@@ -129,7 +130,7 @@ def mark_places(file: ScenarioFile, motion: pd.DataFrame) -> Array:
             places[:, i, 2] = marker.depth_m
             continue
         body_m = np.array([*marker.body_m, marker.depth_m - water_m])
-        ahead, side, down = afloat(body_m, *tilts_of(motion).T).T
+        ahead, side, down = afloat(body_m, *tilts).T
         places[:, i, 0], places[:, i, 1] = to_tank(np.column_stack([ahead, side]), x, y, beta)
         places[:, i, 2] = down + water_m
     return places

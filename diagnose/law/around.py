@@ -15,7 +15,7 @@ from ..inference.ranking import Candidate
 from .choose import Start, begun
 from .field import is_field
 from .functions import AT, NUMBER, POWER, WIDE, Range, State, family, freed_text, term, written
-from .grammar import places
+from .grammar import waves_and_bumps
 from .table import Choice, Table
 from .terms import (
     ACTS,
@@ -27,7 +27,6 @@ from .terms import (
     shapes_from,
     text_of,
     values_of,
-    written_of,
 )
 
 Form = frozenset[tuple[str, str]]
@@ -159,7 +158,7 @@ def _in_another_form(effect: Effect, seen: Range) -> list[Effect]:
     if one.variables not in (("y",), ("beta",)) or one.lag_s or effect.variant == HEEL:
         return []
     own = family(one.text)
-    texts = [text for text in places(seen, one.variables[0]) if family(text) != own]
+    texts = [text for text in waves_and_bumps(seen, one.variables[0]) if family(text) != own]
     return [effect_like(effect, text, effect.variant) for text in texts]
 
 
@@ -218,20 +217,20 @@ def ended(starts: Sequence[Start], fitted: Sequence[Fitted]) -> list[Start]:
     ----------
     starts, fitted : of ``fits``
     """
-    order = sorted(range(len(starts)), key=lambda k: -(fitted[k].worth + starts[k].log_prior))
+    weights = [end.worth + start.log_prior for start, end in zip(starts, fitted, strict=True)]
     best: dict[Form, int] = {}
-    for k in order:
-        if fitted[k].worth + starts[k].log_prior < fitted[order[0]].worth + starts[order[0]].log_prior - ENDED_NEAR:
-            break
-        best.setdefault(_form_of(starts[k].effects), k)
+    for k in sorted(range(len(starts)), key=lambda k: -weights[k]):
+        if weights[k] >= max(weights) - ENDED_NEAR:
+            best.setdefault(_form_of(starts[k].effects), k)
     found = []
     for k in best.values():
-        parts = list(zip(fitted[k].hypothesis.effects, fitted[k].hypothesis.numbers, strict=True))
+        end = fitted[k]
+        parts = list(zip(end.hypothesis.effects, end.hypothesis.numbers, strict=True))
         if any(is_field(e) for e, _ in parts) or not any(len(inside_of(e, n)) for e, n in parts):
             continue
-        effects = tuple(effect_like(e, written_of(e, n), e.variant) for e, n in parts)
-        h = replace(fitted[k].hypothesis, effects=effects)
-        found.append(Start(effects, h, fitted[k].forces, starts[k].log_prior, fitted[k].log_evidence))
+        effects = tuple(_at(e, inside_of(e, n)) for e, n in parts)
+        h = replace(end.hypothesis, effects=effects)
+        found.append(Start(effects, h, end.forces, starts[k].log_prior, end.log_evidence))
     return found
 
 

@@ -49,12 +49,12 @@ def grammar(seen: Range, width: bool) -> list[Term]:
         f"{one} |{other}|^{p}" for one, other in (("v", "y"), ("r", "y"), ("v", "r"), ("r", "v")) for p in (1.5, 3)
     ]
     texts += PRODUCTS
-    texts += [*places(seen, "y"), *places(seen, "beta")]
+    texts += [*waves_and_bumps(seen, "y"), *waves_and_bumps(seen, "beta")]
     texts += [f"{x}(t-{lag:g} s)" for x in ("v", "r") for lag in LAGS_S]
     return [term(text) for text in dict.fromkeys(texts)]
 
 
-def places(seen: Range, x: str) -> list[str]:
+def waves_and_bumps(seen: Range, x: str) -> list[str]:
     """Waves and bumps over the place or the heading.
 
     Parameters
@@ -99,8 +99,8 @@ def resistances(seen: Range) -> list[Term]:
     """
     texts = [*SQUARES]
     texts += [f"|{x}|^{power}" for x in ("v", "r", "beta", "alpha") for power in EVEN]
-    texts += places(seen, "y")
+    texts += waves_and_bumps(seen, "y")
     return [term(text) for text in texts]
 
 
-__all__ = ["grammar", "heels", "places", "resistances"]
+__all__ = ["grammar", "heels", "resistances", "waves_and_bumps"]

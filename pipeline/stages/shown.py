@@ -89,10 +89,8 @@ def draw_picture(run: Run, tracks: pd.DataFrame | None, share: float = 0.15) -> 
         trails[name] = list(path[["u_px", "v_px"]].to_numpy())
     source = run.file.source
     stamped_s = t_s - source.exposure_s / 2
-    near = (
-        max(stamped_s - 1.0, 0.0),
-        stamped_s + 1.0,
-    )  # a picture that was stamped when it came stands later in the recording
+    # a picture that was stamped when it came stands later in the recording than its time in the tracks
+    near = max(stamped_s - 1.0, 0.0), stamped_s + 1.0
     for frame in read_frames(run.source_path, near, source.frame_rate_hz, source.exposure_s):
         if frame.index == wanted:
             return draw_overlay(frame.bgr(), places, run.file.datum, trails, f"{run.name}  t = {t_s:.2f} s")

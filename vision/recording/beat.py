@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import theilslopes
 
 from ...geometry.robust import robust_sd
 
@@ -26,7 +25,7 @@ LEAST_FRAMES = 60
 BLOCK_FRAMES, MOST_BLOCKS = 15, 300
 """The earliest of so many pictures is looked at; of a long recording there are so many of them at most."""
 PAUSE_S, PAUSE_STEPS = 0.5, 10.0
-"""After a pause of so long, and of so many steps, a source may have begun anew, on another beat (as ``live.arrivals``)."""
+"""Where nothing came for so long, and for so many steps, a source has stopped, and may begin anew on another beat: choices."""
 EARLY_STEPS = 0.25
 """A picture may seem early by so much of a step and keep its number: the line is not exact while it is looked for."""
 ON_TIME_STEPS, ON_TIME_SHARE = 1 / 6, 1 / 3
@@ -128,14 +127,15 @@ def on_beat(arrived_s: Array) -> Beat:
 
 def _part(arrived_s: Array) -> tuple[Array, float, float] | None:
     """Times, how much the earliest waver, and the step, of pictures without a pause between them; None: no even beat."""
+    from scipy.stats import theilslopes  # half a second, for recordings that need it
+
     begin, step = float(arrived_s[0]), float(np.median(np.diff(arrived_s)))
     if step <= 0:
         return None
     since = arrived_s - begin
     first = since[:BLOCK_FRAMES]
     zero = float((first - step * np.arange(len(first))).min())
-    number, count = np.arange(len(since)), 2 * BLOCK_FRAMES
-    rows = np.zeros(0, dtype=int)
+    count, rows = 2 * BLOCK_FRAMES, np.zeros(0, dtype=int)
     while True:
         count = min(count, len(since))
         for _ in range(2):  # numbers by the line, the line by the earliest of them

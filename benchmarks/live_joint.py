@@ -1,6 +1,6 @@
 """Two live cameras of one tow, joined while it is filmed: joint values against the truth.
 
-    python benchmarks/live_joint.py [OUT] [--tows 30] [--only level unstamped rolling played films]
+    python benchmarks/live_joint.py [OUT] [--tows 30] [--seed 0] [--only level unstamped rolling played films]
 
 The tows are those of ``two_cameras_cases``: pixel tracks through two cameras of OpenCV's that are not synchronised. Their frames
 come as ``live.jsonl`` has them, each some time after it was taken (a camera's own delay, up to ``DELAY_S``, and jitter), and the
@@ -275,17 +275,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", nargs="?", type=Path)
     parser.add_argument("--tows", type=int, default=30)
+    parser.add_argument("--seed", type=int, default=0, help="added to the seed of every random tow")
     parser.add_argument("--only", nargs="+", default=["level", "unstamped", "rolling", "played", "films"])
     options = parser.parse_args()
     two, four = ("bow", "stern"), ("bow", "stern", "mast", "side")
     if "level" in options.only:
-        tows("level, two marks", options.tows, 9500, two, rolls=False)
+        tows("level, two marks", options.tows, options.seed + 9500, two, rolls=False)
     if "unstamped" in options.only:
-        tows("level, sources that stamp nothing", options.tows, 9500, two, rolls=False, stamps=False)
+        tows("level, sources that stamp nothing", options.tows, options.seed + 9500, two, rolls=False, stamps=False)
     if "rolling" in options.only:
-        tows("rolling, four marks", options.tows // 2, 9600, four, rolls=True)
+        tows("rolling, four marks", options.tows // 2, options.seed + 9600, four, rolls=True)
     if "played" in options.only:
-        tows("level, films that are played", options.tows // 2, 9700, two, rolls=False, by_arrival=False)
+        tows("level, films that are played", options.tows // 2, options.seed + 9700, two, rolls=False, by_arrival=False)
     if "films" in options.only:
         with tempfile.TemporaryDirectory() as scratch:
             films(options.out or Path(scratch))

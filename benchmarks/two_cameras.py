@@ -1,6 +1,6 @@
 """Two cameras over one tow, not synchronised: clocks, motion, hand-over, roll and heave against truth.
 
-    python benchmarks/two_cameras.py [OUT] [--tows 60] [--only level rolling rendered films flash]
+    python benchmarks/two_cameras.py [OUT] [--tows 60] [--seed 0] [--only level rolling rendered films flash]
 
 Writes a table to standard output; benchmarks/two_cameras.txt is a run of it. The tows are pixel tracks of known noise through two
 cameras of OpenCV's (two_cameras_cases.py); the films are rendered, coded and tracked, into OUT: random tows
@@ -104,25 +104,25 @@ def rms(values) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def level(tows: int) -> None:
+def level(tows: int, first: int) -> None:
     """Models that neither roll nor heave: clock, y, heading, hand-over."""
     print(
         f"\n== level: {tows} tows of 60 s, two marks, 0.05 px, picks 0.3 px, lens, heights and places wrong as stated"
     )
-    groups(tows, 1000, LEVEL)
+    groups(tows, first + 1000, LEVEL)
 
 
-def rolling(tows: int) -> None:
+def rolling(tows: int, first: int) -> None:
     """Models that roll by 0.5 to 2 degrees, heave by 1 to 6 mm and pitch."""
     print(f"\n== rolling: {tows} tows of 60 s, four marks (one on a mast, one aside), the rest as above")
-    groups(tows, 2000, ROLLING)
+    groups(tows, first + 2000, ROLLING)
 
 
-def rendered_tows(tows: int, out: Path) -> None:
+def rendered_tows(tows: int, out: Path, first: int) -> None:
     """Half of them level with two marks, half rolling with four, all through pictures and H.264."""
     print(f"\n== rendered: {tows} tows of 30 to 45 s, two films of 1280x720 each, H.264 crf 17 to 28, tracked")
     header()
-    for marks, seed in ((LEVEL, 5000), (ROLLING, 6000)):
+    for marks, seed in ((LEVEL, first + 5000), (ROLLING, first + 6000)):
         cases = [rendered(seed + k, marks == ROLLING, out) for k in range(tows // 2)]
         show("rolling, four marks" if marks == ROLLING else "level, two marks", tally(cases, marks))
 
@@ -247,6 +247,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("out", nargs="?", type=Path, default=Path(tempfile.gettempdir()) / "towline-two-cameras")
     parser.add_argument("--tows", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=0, help="added to the seed of every random tow")
     parser.add_argument(
         "--only",
         nargs="+",
@@ -255,17 +256,21 @@ def main() -> None:
     )
     given = parser.parse_args()
     if "level" in given.only:
-        level(given.tows)
+        level(given.tows, given.seed)
     if "rolling" in given.only:
-        rolling(given.tows)
+        rolling(given.tows, given.seed)
     if "rendered" in given.only:
-        rendered_tows(given.tows, given.out)
+        rendered_tows(given.tows, given.out, given.seed)
     if "films" in given.only:
         films(given.out)
     if "flash" in given.only:
-        flash_rows(200, 41)
+        flash_rows(200, given.seed + 41)
         pulls = [PULLS_PX_RAD[k % len(PULLS_PX_RAD)] for k in range(given.tows // 2)]
-        tied_rows([random_case(100 + k, LEVEL, pull_px_rad=pull) for k, pull in enumerate(pulls)], joined, 30)
+        tied_rows(
+            [random_case(given.seed + 100 + k, LEVEL, pull_px_rad=pull) for k, pull in enumerate(pulls)],
+            joined,
+            given.seed + 30,
+        )
 
 
 if __name__ == "__main__":

@@ -112,7 +112,7 @@ def diagnosed(
     ------
     EstimationError : the simulator as it is cannot be fitted at all
     """
-    inference, ranking = ranked(simulator, library, progress, spread)
+    simulator, inference, ranking = ranked(simulator, library, progress, spread)
     return concluded(simulator, inference, ranking, library, tool, inputs, held, rng, progress)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -216,6 +217,10 @@ class UsersSimulator:
     def usable(self, library: Sequence[Effect]) -> tuple[list[Effect], dict[str, str]]:
         """All that are given."""
         return list(library), {}
+
+    def as_quiet_as(self, inference: Inference, base: Fitted) -> Self:
+        """Itself: the measurement's noise is as it was told."""
+        return self
 
     def unlike(self, base: Fitted) -> list[Hypothesis]:
         """None: a user's effects begin absent."""

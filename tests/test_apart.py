@@ -89,7 +89,7 @@ def test_sizes_are_a_mixture_with_and_without_a_measurement(apart: dict[str, Apa
 
 def test_a_score_foresees_what_a_measurement_adds() -> None:
     inference, base = fitted(None, told(3e-5, 1e-5))
-    score = screened(inference, base, [WAVE], (1.0,))["wave"]
+    score = screened(inference, base, [WAVE], (1.0,)).seen["wave"]
     assert score == pytest.approx(fitted(WAVE, told(3e-5, 1e-5))[1].log_evidence - base.log_evidence, abs=TOL)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, Self
 
 from ..effects import Effect
 from .evidence import Fitted, Inference
@@ -13,6 +13,10 @@ from .simulator import Simulator
 
 class Diagnosable(Simulator, Protocol):
     """A simulator whose gap can be diagnosed."""
+
+    def as_quiet_as(self, inference: Inference, base: Fitted) -> Self:
+        """The same simulator, its runs' measurement granted no more error than they show beside the base."""
+        ...
 
     def unlike(self, base: Fitted) -> Sequence[Hypothesis]:
         """Starts of hypotheses that no step from the base leads to (a line that pays out), where its residual asks for them."""

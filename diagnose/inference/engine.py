@@ -7,7 +7,7 @@ library; probabilities from evidence with half of the prior on no gap.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -31,9 +31,9 @@ from .spread import Spread, one_by_one
 
 P_NO_GAP, P_SINGLE, P_PAIR, P_UNKNOWN = 0.5, 0.36, 0.07, 0.07
 """Prior shares."""
-TRIED_SINGLE, TRIED_PAIR, SIBLINGS, RIVALS = 6, 3, 3, 2
-"""How many are fitted in full, the best by their scores: single effects, second effects of a pair, and further variants of each of
-so many best effects. Choices, for time."""
+TRIED_SINGLE, TRIED_PAID, TRIED_PAIR, SIBLINGS, RIVALS = 6, 4, 3, 3, 2
+"""How many are fitted in full, the best by their scores: single effects, as they are seen and as they are paid, second effects of a
+pair, and further variants of each of so many best effects. Choices, for time."""
 BASE_STEPS, OPEN_STEPS, REFIT_STEPS, GROSS_STEPS = 8, 3, 3, 5
 """Gauss-Newton steps: of the base fit, those of it in which paths may stay open, of a refinement, and of the first fit of an effect
 where scores are very large."""
@@ -71,9 +71,23 @@ CLEAR = 3.0
 Progress = Callable[[str], None]
 
 
+@dataclass(frozen=True)
+class Screened:
+    """Log evidence that effects would add, by their labels, each at its best share of the base's random forces.
+
+    Attributes
+    ----------
+    seen : over the base with the same share: what is large stands out, noise taken for an effect, too
+    paid : over the base as it is: what a smaller share costs the base is taken off
+    """
+
+    seen: dict[str, float]
+    paid: dict[str, float]
+
+
 def ranked(
     simulator: Diagnosable, library: Sequence[Effect], progress: Progress | None = None, spread: Spread = one_by_one
-) -> tuple[Inference, Ranking]:
+) -> tuple[Diagnosable, Inference, Ranking]:
     """Rank every effect and pair.
 
     Parameters
@@ -82,6 +96,11 @@ def ranked(
     library : effects to try
     progress : is told in a sentence what is done
     spread : does what is independent
+
+    Returns
+    -------
+    simulator : with the noise that its runs show
+    inference, ranking : of it
 
     Raises
     ------
@@ -97,20 +116,27 @@ def ranked(
         # the base cannot follow these runs: what random forces do is about a hull that can
         inference = Inference(simulator, simulator.noise(unlike[0][1]), spread)
         base = _settled(inference, inference.fit([base.hypothesis], [base.forces], 2, (0,))[0])
+    # beside lines with a law of their own, held against the noise as it was granted, it stays so
+    quiet = simulator if unlike else simulator.as_quiet_as(inference, base)
+    if quiet is not simulator:
+        simulator, inference = quiet, Inference(quiet, quiet.noise(base.hypothesis), spread)
+        base = _settled(inference, inference.fit([base.hypothesis], [base.forces], 2, (0,))[0])
     usable, excluded = simulator.usable(library)
     usable = [*usable, *simulator.suggested(base)]
     say(f"{len(usable)} effects by their scores")
     names = {e.name for e in usable}
     free = [*simulator.free_forms(standing_out(inference, base)), *simulator.one_off(inference, base)]
     scores = screened(inference, base, [*usable, *free])
-    singles = _best_variants(scores, usable, TRIED_SINGLE)
-    best_free = _best_variants(scores, free, 2)
-    say("fitting " + ", ".join(e.name for e in singles))
-    gross = max(scores.values(), default=0.0) > GROSS
+    singles = _best_variants(scores.seen, usable, TRIED_SINGLE)
+    # beside random forces most of what stands out is noise: what does not, may lie behind six that do
+    singles += [e for e in _best_variants(scores.paid, usable, TRIED_PAID) if all(e is not one for one in singles)]
+    best_free = _best_variants(scores.seen, free, 2)
+    say("fitting " + ", ".join(dict.fromkeys(e.name for e in singles)))
+    gross = max(scores.seen.values(), default=0.0) > GROSS
     starts = [] if base.forces.follow(simulator.most_force) else simulator.starts()
     ahead = unlike[0][0] if unlike else -np.inf
     fitted = _fit_all(inference, base, [(e,) for e in (*singles, *best_free)], gross, starts, ahead)
-    single_prior, forms = np.log(P_SINGLE / max(len(names), 1)), _of_forms(scores, usable)
+    single_prior, forms = np.log(P_SINGLE / max(len(names), 1)), _of_forms(scores.paid, usable)
     candidates = [
         Candidate(effects, f, f.worth - base.log_evidence, single_prior + forms[effects[0].name])
         for effects, f in fitted
@@ -130,7 +156,11 @@ def ranked(
     candidates += _pairs(inference, candidates, base, usable, simulator.suggested, len(names), say, gross, forms)
     free_form = _best_free(inference, base, free_found, candidates[0].log_evidence if candidates else 0.0)
     beside = _beside(inference, candidates, base, simulator.free_beside(), say)
-    return inference, shared_out(inference, _ranking(inference, base, candidates, free_form, beside, excluded))
+    return (
+        simulator,
+        inference,
+        shared_out(inference, _ranking(inference, base, candidates, free_form, beside, excluded)),
+    )
 
 
 def _best_free(inference: Inference, base: Fitted, found: Sequence[Candidate], best: float) -> Candidate | None:
@@ -264,7 +294,7 @@ def _siblings(
     base: Fitted,
     candidates: Sequence[Candidate],
     usable: Sequence[Effect],
-    scores: dict[str, float],
+    scores: Screened,
     gross: bool,
 ) -> list[Candidate]:
     """Other variants of the best effects: a score is one step's, and they are near to one another; where two effects are near to
@@ -273,10 +303,12 @@ def _siblings(
     order = sorted(candidates, key=lambda c: -c.log_evidence)
     near = [c for c in order[:RIVALS] if c.log_evidence > max(CLEAR, order[0].log_evidence - WORTH_PAIRS_BELOW)]
     others: dict[str, tuple[Effect, float]] = {}
+    done = {c.effects[0].label for c in candidates}
     for best in near:
-        alike = [e for e in usable if e.name == best.names[0] and e.label != best.effects[0].label]
-        for effect in sorted(alike, key=lambda e: -scores[e.label])[:SIBLINGS]:
-            others[effect.label] = effect, best.log_prior
+        alike = [e for e in usable if e.name == best.names[0] and e.label not in done]
+        for by_label in (scores.seen, scores.paid):
+            for effect in sorted(alike, key=lambda e: -by_label[e.label])[:SIBLINGS]:
+                others[effect.label] = effect, best.log_prior
     fitted = _fit_all(inference, base, [(e,) for e, _ in others.values()], gross) if others else []
     return [
         Candidate(effects, f, f.worth - base.log_evidence, prior)
@@ -340,8 +372,8 @@ def _further(inference: Inference, fitted: Sequence[Fitted], steps: int) -> list
 
 def screened(
     inference: Inference, base: Fitted, effects: Sequence[Effect], shares: Sequence[float] = (1.0, 0.2)
-) -> dict[str, float]:
-    """Log evidence of every effect by one step from ``base``, the best over these shares of its random forces; by label.
+) -> Screened:
+    """Log evidence of every effect by one step from ``base``, the best over these shares of its random forces.
 
     The base's random forces have taken up part of what an effect does: seen with smaller ones it stands out.
 
@@ -357,26 +389,30 @@ def screened(
         alike.setdefault(form_of(effect), []).append(effect)
     groups = list(alike.values())
     halves = [groups[k::2] for k in range(min(2, len(groups)))]
-    answers: dict[str, float] = {}
+    answer = Screened({}, {})
     for part in inference.spread(lambda half: _scores(inference, base, half, shares), halves):
-        answers.update(part)
-    return answers
+        answer.seen.update(part.seen)
+        answer.paid.update(part.paid)
+    return answer
 
 
 def _scores(
     inference: Inference, base: Fitted, groups: Sequence[Sequence[Effect]], shares: Sequence[float]
-) -> dict[str, float]:
+) -> Screened:
     """Of groups of effects that differ by how large they usually are alone: one slope stands for all."""
     here, firsts = base.hypothesis, [group[0] for group in groups]
     linear = inference.linear([with_effects(here, firsts)])[0]
     grams = Grams(linear.columns, inference.noise)
     fixed = inference.fixed(here) + here.size
-    answers: dict[str, float] = {}
+    seen: dict[str, float] = {}
+    paid: dict[str, float] = {}
     # an effect's own prior stands in its score; what was measured of it is data
     prior = inference.priors(linear.hypothesis)
     in_score = np.concatenate([np.zeros(fixed), *([q.sd**-2.0 for q in e.parameters] for e in firsts)])
+    as_it_is = _alone(inference, base, 1.0)
     for share in shares:
         part = inference.reduced(grams, linear.hypothesis, base.forces.scaled(share))
+        cost = min(_alone(inference, base, share) - as_it_is, 0.0)
         matrix, right = part.matrix + np.diag(prior.precision - in_score), part.right + prior.pull
         inverse = inverse_of_normal(matrix[:fixed, :fixed])
         at = fixed
@@ -388,8 +424,16 @@ def _scores(
             pull = right[own] - cross @ right[:fixed]
             for effect in group:
                 value = _score(effect, left, pull)
-                answers[effect.label] = max(answers.get(effect.label, -np.inf), value)
-    return answers
+                seen[effect.label] = max(seen.get(effect.label, -np.inf), value)
+                paid[effect.label] = max(paid.get(effect.label, -np.inf), value + cost)
+    return Screened(seen, paid)
+
+
+def _alone(inference: Inference, base: Fitted, share: float) -> float:
+    """Log evidence of the base with this share of its random forces."""
+    forces = base.forces.scaled(share)
+    solved = inference.solve(base.grams, base.hypothesis, forces)
+    return solved.log_evidence + forces.log_prior(inference.simulator.most_force)
 
 
 def _score(effect: Effect, left: Array, pull: Array) -> float:
@@ -483,7 +527,7 @@ def _pairs(
         anew = suggested(first.fitted) if first.log_evidence > GROSS else []
         seen = {e.label: e for e in (*usable, *(e for e in anew if e.stage not in stages))}
         rest = [e for e in seen.values() if e.name not in first.names and not (ruled and e.rules_line)]
-        scores = screened(inference, first.fitted, rest, (1.0,))
+        scores = screened(inference, first.fitted, rest, (1.0,)).seen
         forms = _of_forms(scores, rest) | forms
         second = [e for e in _best_variants(scores, rest, TRIED_PAIR) if scores[e.label] > WORTH_PAIRS]
         second = [e for e in second if frozenset((*first.names, e.name)) not in done]
@@ -520,7 +564,7 @@ def _beside(
     for c in order[:LEFT_OVER_BY] if free else ():
         if c.log_evidence < max(CLEAR, order[0].log_evidence - SCANNED_BELOW):
             continue
-        scores = screened(inference, c.fitted, free)
+        scores = screened(inference, c.fitted, free).seen
         best = [e for e in _best_variants(scores, free, TRIED_FREE) if scores[e.label] > WORTH_PAIRS]
         if best:
             say(f"what {' and '.join(c.names)} leaves")

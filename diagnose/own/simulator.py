@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -472,6 +473,10 @@ class OwnSimulator(UsersSimulator):
         return found
 
     # what the engine asks beyond a fit ------------------------------------------------------------------------------
+
+    def as_quiet_as(self, inference: Inference, base: Fitted) -> Self:
+        """Itself: the measurement's noise is as it was told."""
+        return self
 
     def unlike(self, base: Fitted) -> list[Hypothesis]:
         """Effects that have hardly a slope where they are absent, begun where they are there."""

@@ -22,6 +22,7 @@ from ...record.run import Run
 from ...record.tables import SEEN
 from ...simulate.model import Array
 from .cell import cell_means
+from .slow import LINE_SD_M, SLOW_PX, SLOW_UNSEEN_PX, SlowErrors
 from .still import StillNoise, still_noise
 
 CHANNELS = ("y", "beta", "line", "distance", "pull")
@@ -33,14 +34,6 @@ MOST_BLOCKS = 130
 """Means to the longest run: a choice, for the time of all that follows."""
 SHORTEST_S = 0.3
 """Of a mean: no tow moves faster."""
-SLOW_PX = 0.015
-"""Slow error of a mark's place that no record shows (codec, texture, the pixels' grid)."""
-SLOW_UNSEEN_PX = 0.12
-"""The same where no static record says what the codec does."""
-SLOW_S = 4.0
-"""Correlation time of those slow errors: a choice."""
-LINE_SD_M = 2e-4
-"""A taut line's length is not steadier than this."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +69,7 @@ class TowRun:
     values : (n, c), CHANNELS; NaN where not measured
     covariance : (c, n, n), measurement noise of each channel
     cross : (n, n), of y with beta
+    slow : errors that last, as both hold them
     modes : (k, n, c), change with each common mode of the camera (unit variance)
     shutter : (2, n, 4, 3), change of x, y, beta and distance by 1 s of readout, row by row or column by column, per rate of x, y,
         beta
@@ -95,6 +89,7 @@ class TowRun:
     values: Array
     covariance: Array
     cross: Array
+    slow: SlowErrors
     modes: Array
     shutter: Array
     length_pp_m: float
@@ -272,7 +267,7 @@ def _tow_run(recorded: Recorded, still: Sequence[StillNoise | None], step_s: flo
     start = float(series.t_s[0])
     centre, spread, values, count = _blocks(series.t_s - start, series.values, step_s)
     variance = _mean(series.t_s - start, series.variance, step_s)[: len(centre)] / np.maximum(count, 1)[:, None]
-    covariance, cross = _covariances(centre, variance, series, still)
+    covariance, cross, slow = _covariances(centre, variance, series, still)
     water = run.file.water
     width = water.tank_width_m if water is not None else None
     modes = series.modes
@@ -287,6 +282,7 @@ def _tow_run(recorded: Recorded, still: Sequence[StillNoise | None], step_s: flo
         values,
         covariance,
         cross,
+        slow,
         np.array([_mean(series.t_s - start, m, step_s)[: len(centre)] for m in modes]).reshape(
             len(modes), len(centre), 4
         ),
@@ -448,12 +444,12 @@ def _mean(t_s: Array, values: Array, step_s: float) -> Array:
 
 def _covariances(
     centre: Array, variance: Array, series: _Series, still: Sequence[StillNoise | None]
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, SlowErrors]:
     """(4, n, n) of each channel and (n, n) of y with beta: by the static records' scatter and colour, or by the stated sigmas; and
     slow errors on top.
     """
     n = len(centre)
-    lag = np.abs(centre[:, None] - centre[None, :])
+    lag = _lag(centre)
     answer = np.zeros((4, n, n))
     roots, slows = np.zeros((4, n)), np.zeros(4)
     for held, channels in zip(still, TOGETHER, strict=True):
@@ -464,19 +460,37 @@ def _covariances(
                 continue
             root = roots[channel] = np.sqrt(np.where(np.isfinite(own) & (own > 0), own, np.nanmedian(own)))
             colour = np.eye(n) if held is None else held.covariance(at, at, lag)
+            answer[channel] = root[:, None] * colour * root[None, :]
             # a sigma of the marks says how a pixel's error shows in this channel
             per_px = np.sqrt(np.nanmedian(series.variance[:, channel])) / series.sigma_px
-            slow = per_px * (SLOW_PX if held is not None else SLOW_UNSEEN_PX)
-            slows[channel] = np.hypot(slow, LINE_SD_M) if channel == LINE else slow
-            answer[channel] = root[:, None] * colour * root[None, :] + slows[channel] ** 2 * np.exp(-lag / SLOW_S)
+            slows[channel] = per_px * (SLOW_PX if held is not None else SLOW_UNSEEN_PX)
     # the share of the errors of y and beta that is the same one
     with np.errstate(invalid="ignore"):
         shared = np.nan_to_num(variance[:, -1] / (roots[0] * roots[1]))
     pair = still[0]
     colour = np.diag(shared) if pair is None else pair.covariance(0, 1, lag)
-    cross = roots[0][:, None] * colour * roots[1][None, :]
-    cross = cross + float(np.median(shared)) * slows[0] * slows[1] * np.exp(-lag / SLOW_S)
-    return answer, cross
+    line = np.where((np.arange(4) == LINE) & (slows > 0), LINE_SD_M, 0.0)
+    slow = SlowErrors(slows, line, float(np.median(shared)))
+    cross = roots[0][:, None] * colour * roots[1][None, :] + slow.cross(lag)
+    return answer + slow.covariance(lag), cross, slow
 
 
-__all__ = ["CHANNELS", "Marks", "Recorded", "TowRun", "block_step", "corrected", "tow_runs", "without_cell"]
+def _lag(centre_s: Array) -> Array:
+    return np.abs(centre_s[:, None] - centre_s[None, :])
+
+
+def granted(run: TowRun, slow: SlowErrors) -> TowRun:
+    """The run with other slow errors.
+
+    Parameters
+    ----------
+    run : as the diagnosis sees it
+    slow : what it shall be granted
+    """
+    lag = _lag(run.centre_s)
+    covariance = run.covariance.copy()
+    covariance[:4] += slow.covariance(lag) - run.slow.covariance(lag)
+    return replace(run, covariance=covariance, cross=run.cross + slow.cross(lag) - run.slow.cross(lag), slow=slow)
+
+
+__all__ = ["CHANNELS", "Marks", "Recorded", "TowRun", "block_step", "corrected", "granted", "tow_runs", "without_cell"]

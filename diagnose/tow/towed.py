@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,7 @@ from .model import TowModel
 from .noise import measured_noise, tow_noise
 from .numbers import SIX, shared_numbers
 from .pushes import pushes
+from .quiet import quieter
 from .rates import OWN, OtherHull, own_numbers
 from .shifts import shift_effects
 from .slackness import jerk_effects, slack_effects
@@ -170,6 +172,15 @@ class TowSimulator(TowModel):
             self._measured = measured_noise(self.runs)
         self._last = (six, tow_noise(self.runs, self.pushed(hypothesis), self._measured))
         return self._last[1]
+
+    def as_quiet_as(self, inference: Inference, base: Fitted) -> TowSimulator:
+        """Granted as much slow error as its runs show; itself, where that is as much as before."""
+        runs = quieter(self.runs, self.pushed(base.hypothesis), inference, base)
+        if all(run is old for run, old in zip(runs, self.runs, strict=True)):
+            return self
+        quiet = copy(self)
+        quiet.runs, quiet._measured, quiet._last = runs, None, None
+        return quiet
 
     def usable(self, library: Sequence[Effect]) -> tuple[list[Effect], dict[str, str]]:
         """Effects that these runs can show, and why the others cannot be judged."""

@@ -26,7 +26,9 @@ def lasting(rng: np.random.Generator, count: int, step_s: float) -> np.ndarray:
     return np.asarray(lfilter([np.sqrt(1 - a**2)], [1, -a], drawn))
 
 
-def fitted(cases: ModuleType, seed: int, slow_px: float, planted: str = "none") -> tuple[TowSimulator, Inference, Fitted]:
+def fitted(
+    cases: ModuleType, seed: int, slow_px: float, planted: str = "none"
+) -> tuple[TowSimulator, Inference, Fitted]:
     """Four tows on lines that keep their length, each mark's place off by ``slow_px`` that lasts, and the simulator as it is."""
     rng = np.random.default_rng([31, seed])
     campaign = cases.campaign(planted, rng, line="surge")

@@ -13,10 +13,11 @@ from scipy.interpolate import CubicSpline
 
 from towline.diagnose.effects import Effect, Parameter
 from towline.diagnose.inference.hypothesis import Hypothesis
-from towline.diagnose.tow.data import LINE_SD_M, SLOW_S, SLOW_UNSEEN_PX, Recorded, TowRun, block_step, tow_runs
+from towline.diagnose.tow.data import Recorded, TowRun, block_step, tow_runs
 from towline.diagnose.tow.model import TowModel
 from towline.diagnose.tow.next_run import differing
 from towline.diagnose.tow.slackness import slack_effects
+from towline.diagnose.tow.slow import LINE_SD_M, SLOW_S, SLOW_UNSEEN_PX
 from towline.diagnose.tow.start import excess_scatter
 from towline.geometry import motion_from_tracks, run_datum
 from towline.geometry.checks.bundle import half_sine

@@ -6,7 +6,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from lasting import lasting
 
 from towline.diagnose.inference.evidence import Fitted, Inference
 from towline.diagnose.inference.noise import Forces
@@ -16,14 +16,6 @@ from towline.diagnose.tow.towed import TowSimulator
 from towline.geometry import motion_from_tracks, run_datum
 
 SEEDS = (3, 4, 5)
-
-
-def lasting(rng: np.random.Generator, count: int, step_s: float) -> np.ndarray:
-    """(count,) of unit variance that forgets itself within SLOW_S."""
-    a = np.exp(-step_s / SLOW_S)
-    drawn = rng.normal(size=count)
-    drawn[0] /= np.sqrt(1 - a**2)
-    return np.asarray(lfilter([np.sqrt(1 - a**2)], [1, -a], drawn))
 
 
 def fitted(

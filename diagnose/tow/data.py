@@ -268,6 +268,7 @@ def _tow_run(recorded: Recorded, still: Sequence[StillNoise | None], step_s: flo
     centre, spread, values, count = _blocks(series.t_s - start, series.values, step_s)
     variance = _mean(series.t_s - start, series.variance, step_s)[: len(centre)] / np.maximum(count, 1)[:, None]
     covariance, cross, slow = _covariances(centre, variance, series, still)
+    slow = replace(slow, unfilmed=marks is not None and still[0] is not None and run.file.source.video is None)
     water = run.file.water
     width = water.tank_width_m if water is not None else None
     modes = series.modes
@@ -469,8 +470,9 @@ def _covariances(
         shared = np.nan_to_num(variance[:, -1] / (roots[0] * roots[1]))
     pair = still[0]
     colour = np.diag(shared) if pair is None else pair.covariance(0, 1, lag)
-    line = np.where((np.arange(4) == LINE) & (slows > 0), LINE_SD_M, 0.0)
-    slow = SlowErrors(slows, line, float(np.median(shared)))
+    if slows[LINE] > 0:
+        slows[LINE] = np.hypot(slows[LINE], LINE_SD_M)
+    slow = SlowErrors(slows, float(np.median(shared)))
     cross = roots[0][:, None] * colour * roots[1][None, :] + slow.cross(lag)
     return answer + slow.covariance(lag), cross, slow
 
@@ -479,14 +481,16 @@ def _lag(centre_s: Array) -> Array:
     return np.abs(centre_s[:, None] - centre_s[None, :])
 
 
-def granted(run: TowRun, slow: SlowErrors) -> TowRun:
-    """The run with other slow errors.
+def granted(run: TowRun, channels: Sequence[int], share: float) -> TowRun:
+    """The run with a share of the slow errors that it was granted in some channels.
 
     Parameters
     ----------
     run : as the diagnosis sees it
-    slow : what it shall be granted
+    channels : of CHANNELS, their places
+    share : of what these have
     """
+    slow = replace(run.slow, sd=np.where(np.isin(np.arange(4), channels), share, 1.0) * run.slow.sd)
     lag = _lag(run.centre_s)
     covariance = run.covariance.copy()
     covariance[:4] += slow.covariance(lag) - run.slow.covariance(lag)

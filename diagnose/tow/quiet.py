@@ -1,4 +1,4 @@
-"""Runs that show less slow error than they were granted: how much less, by the evidence of the simulator as it is.
+"""Marks without a film that show less slow error than they were granted: how much less, by the evidence of the simulator as it is.
 
 A gap shows in its residuals, too: beside one, as much is granted as before, and what is that large stands out all the same.
 """
@@ -10,17 +10,18 @@ from collections.abc import Sequence
 from ...simulate.model import Array
 from ..inference.evidence import Fitted, Inference
 from ..inference.grams import Grams
-from .data import TowRun, granted
+from .data import LINE, TowRun, granted
 from .noise import tow_noise
+from .slow import LEAST
 
-HALVINGS = 5
-"""At most: what is left then, a thirtieth of what was granted, hides nothing."""
+APART = ([LINE], [0, 1, 3])
+"""Channels that are granted more or less together: a line is as steady as it is; the others err by the marks alone."""
 SURE = 2.0
 """Log evidence that a halving has to bring."""
 
 
 def quieter(runs: Sequence[TowRun], pushed: Sequence[Array], inference: Inference, base: Fitted) -> list[TowRun]:
-    """The runs, granted what they show: the line's part is halved while the evidence of the base rises by it, then the marks'.
+    """The runs, granted what they show: the line's errors are halved while the evidence of the base rises by it, then the marks'.
 
     Parameters
     ----------
@@ -31,17 +32,20 @@ def quieter(runs: Sequence[TowRun], pushed: Sequence[Array], inference: Inferenc
 
     Returns
     -------
-    runs : the same ones where nothing less is as probable
+    runs : the same ones where nothing less is as probable, and where one of them was filmed
     """
     best = list(runs)
+    if not all(run.slow.unfilmed for run in runs):
+        return best
     reached = _evidence(best, pushed, inference, base)
-    for marks, line in ((1.0, 0.5), (0.5, 1.0)):
-        for _ in range(HALVINGS):
-            tried = [granted(run, run.slow.scaled(marks, line)) for run in best]
+    for channels in APART:
+        share = 1.0
+        while share > LEAST and any(run.slow.sd[channels].any() for run in best):
+            tried = [granted(run, channels, 0.5) for run in best]
             now = _evidence(tried, pushed, inference, base)
             if not now > reached + SURE:
                 break
-            best, reached = tried, now
+            best, reached, share = tried, now, 0.5 * share
     return best
 
 

@@ -14,11 +14,11 @@ from scipy.stats import norm
 
 from towline.diagnose.effects import LIBRARY, Effect, Parameter
 from towline.diagnose.inference.apart import Apart, measured_apart, measurement
-from towline.diagnose.inference.engine import screened
 from towline.diagnose.inference.evidence import Fitted, Inference
 from towline.diagnose.inference.grams import Grams
 from towline.diagnose.inference.hypothesis import Hypothesis, with_effects
 from towline.diagnose.inference.noise import Forces
+from towline.diagnose.inference.screen import screened
 from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
 from towline.record import InputError, read_run
 

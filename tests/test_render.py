@@ -345,9 +345,8 @@ def test_timestamps_in_the_file(tmp_path: Path, codec: str, name: str, tolerance
         np.testing.assert_array_equal(picture, last)
         assert read_run(tmp_path / "run").file.source.frame_rate_hz == 29.97
     else:
-        expected = cv2.cvtColor(last, cv2.COLOR_BGR2YUV_I420)[
-            : last.shape[0]
-        ]  # limited range, BT.601: full is 10 brighter
+        # limited range, BT.601: full is 10 brighter
+        expected = cv2.cvtColor(last, cv2.COLOR_BGR2YUV_I420)[: last.shape[0]]
         assert abs(planes[: last.shape[0]].mean() / 2 ** (bits - 8) - expected.mean()) < 0.25
         if codec == "h264":  # HEVC's decoder rounds colours down by another 0.3
             assert abs(picture.mean() - last.mean()) < 1.0  # limited range is written and read as such

@@ -7,8 +7,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
+from towline.blind.truth.noise import wandering
 from towline.diagnose.inference.evidence import Fitted, Inference
 from towline.diagnose.inference.noise import Forces
 from towline.diagnose.tow.data import Recorded, block_step, granted, tow_runs
@@ -18,14 +18,6 @@ from towline.geometry import motion_from_tracks, run_datum
 from towline.record import Run
 
 SEEDS = (3, 4, 5)
-
-
-def lasting(rng: np.random.Generator, count: int, step_s: float) -> np.ndarray:
-    """(count,) of unit variance that forgets itself within SLOW_S."""
-    a = np.exp(-step_s / SLOW_S)
-    drawn = rng.normal(size=count)
-    drawn[0] /= np.sqrt(1 - a**2)
-    return np.asarray(lfilter([np.sqrt(1 - a**2)], [1, -a], drawn))
 
 
 def filmed(run: Run) -> Run:
@@ -44,8 +36,8 @@ def fitted(
     for run, tracks, static in campaign.runs[:4]:
         moved = tracks.copy()
         for _, rows in moved.groupby("marker").groups.items():
-            for column in ("u_px", "v_px"):
-                moved.loc[rows, column] += slow_px * lasting(rng, len(rows), 1 / cases.RATE_HZ)
+            off = wandering(len(rows), 1 / cases.RATE_HZ, slow_px, SLOW_S, rng, 2)
+            moved.loc[rows, ["u_px", "v_px"]] += off.T
         fit = run_datum(run, None)
         motion = motion_from_tracks(run, moved, fit)
         told = filmed(run) if film else run

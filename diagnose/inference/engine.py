@@ -7,25 +7,22 @@ library; probabilities from evidence with half of the prior on no gap.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from scipy.special import logsumexp
 
-from ...geometry.normal import inverse_of_normal
 from ...record.errors import EstimationError
-from ...simulate.model import Array
 from ..effects import Effect
 from .diagnosable import Diagnosable
 from .evidence import CONVERGED_GAIN, Fitted, Inference
-from .grams import Grams
-from .hypothesis import Hypothesis, form_of, with_effects
+from .hypothesis import Hypothesis, with_effects
 from .inexact import could_gain, shared_out, told_apart
-from .members import log_evidence, mixed, shares_of
 from .noise import Forces
 from .ranking import Candidate, Ranking
 from .scan import leftover, standing_out
+from .screen import Screened, screened
 from .simulator import Simulator
 from .spread import Spread, one_by_one
 
@@ -71,20 +68,6 @@ CLEAR = 3.0
 Progress = Callable[[str], None]
 
 
-@dataclass(frozen=True)
-class Screened:
-    """Log evidence that effects would add, by their labels, each at its best share of the base's random forces.
-
-    Attributes
-    ----------
-    seen : over the base with the same share: what is large stands out, noise taken for an effect, too
-    paid : over the base as it is: what a smaller share costs the base is taken off
-    """
-
-    seen: dict[str, float]
-    paid: dict[str, float]
-
-
 def ranked(
     simulator: Diagnosable, library: Sequence[Effect], progress: Progress | None = None, spread: Spread = one_by_one
 ) -> tuple[Diagnosable, Inference, Ranking]:
@@ -114,13 +97,12 @@ def ranked(
     unlike = _unlike(simulator, base, spread)
     if unlike and unlike[0][0] > base.log_evidence:
         # the base cannot follow these runs: what random forces do is about a hull that can
-        inference = Inference(simulator, simulator.noise(unlike[0][1]), spread)
-        base = _settled(inference, inference.fit([base.hypothesis], [base.forces], 2, (0,))[0])
+        inference, base = _based_anew(simulator, unlike[0][1], base, spread)
     # beside lines with a law of their own, held against the noise as it was granted, it stays so
     quiet = simulator if unlike else simulator.as_quiet_as(inference, base)
     if quiet is not simulator:
-        simulator, inference = quiet, Inference(quiet, quiet.noise(base.hypothesis), spread)
-        base = _settled(inference, inference.fit([base.hypothesis], [base.forces], 2, (0,))[0])
+        simulator = quiet
+        inference, base = _based_anew(quiet, base.hypothesis, base, spread)
     usable, excluded = simulator.usable(library)
     usable = [*usable, *simulator.suggested(base)]
     say(f"{len(usable)} effects by their scores")
@@ -279,6 +261,12 @@ def _first_fit(simulator: Simulator, spread: Spread) -> tuple[Hypothesis, Forces
     return best, forces
 
 
+def _based_anew(simulator: Simulator, about: Hypothesis, base: Fitted, spread: Spread) -> tuple[Inference, Fitted]:
+    """The base fitted beside the simulator's noise about another hypothesis, or beside another simulator's."""
+    inference = Inference(simulator, simulator.noise(about), spread)
+    return inference, _settled(inference, inference.fit([base.hypothesis], [base.forces], 2, (0,))[0])
+
+
 def _settled(inference: Inference, base: Fitted) -> Fitted:
     """The same, refined until its next step promises nothing, or no step gains any more."""
     for _ in range(BASE_REFINEMENTS):
@@ -368,81 +356,6 @@ def _further(inference: Inference, fitted: Sequence[Fitted], steps: int) -> list
         both = [old, *ends[k * len(shares) : (k + 1) * len(shares)]]
         answers.append(max(both, key=lambda f: f.worth))
     return answers
-
-
-def screened(
-    inference: Inference, base: Fitted, effects: Sequence[Effect], shares: Sequence[float] = (1.0, 0.2)
-) -> Screened:
-    """Log evidence of every effect by one step from ``base``, the best over these shares of its random forces.
-
-    The base's random forces have taken up part of what an effect does: seen with smaller ones it stands out.
-
-    Parameters
-    ----------
-    inference : the simulator with its runs and noise
-    base : the fit without effects
-    effects : to look at
-    shares : of the base's random forces
-    """
-    alike: dict[tuple[object, ...], list[Effect]] = {}
-    for effect in effects:
-        alike.setdefault(form_of(effect), []).append(effect)
-    groups = list(alike.values())
-    halves = [groups[k::2] for k in range(min(2, len(groups)))]
-    answer = Screened({}, {})
-    for part in inference.spread(lambda half: _scores(inference, base, half, shares), halves):
-        answer.seen.update(part.seen)
-        answer.paid.update(part.paid)
-    return answer
-
-
-def _scores(
-    inference: Inference, base: Fitted, groups: Sequence[Sequence[Effect]], shares: Sequence[float]
-) -> Screened:
-    """Of groups of effects that differ by how large they usually are alone: one slope stands for all."""
-    here, firsts = base.hypothesis, [group[0] for group in groups]
-    linear = inference.linear([with_effects(here, firsts)])[0]
-    grams = Grams(linear.columns, inference.noise)
-    fixed = inference.fixed(here) + here.size
-    seen: dict[str, float] = {}
-    paid: dict[str, float] = {}
-    # an effect's own prior stands in its score; what was measured of it is data
-    prior = inference.priors(linear.hypothesis)
-    in_score = np.concatenate([np.zeros(fixed), *([q.sd**-2.0 for q in e.parameters] for e in firsts)])
-    as_it_is = _alone(inference, base, 1.0)
-    for share in shares:
-        part = inference.reduced(grams, linear.hypothesis, base.forces.scaled(share))
-        cost = min(_alone(inference, base, share) - as_it_is, 0.0)
-        matrix, right = part.matrix + np.diag(prior.precision - in_score), part.right + prior.pull
-        inverse = inverse_of_normal(matrix[:fixed, :fixed])
-        at = fixed
-        for group in groups:
-            own = slice(at, at + len(group[0].parameters))
-            at = own.stop
-            cross = matrix[own, :fixed] @ inverse
-            left = matrix[own, own] - cross @ matrix[:fixed, own]
-            pull = right[own] - cross @ right[:fixed]
-            for effect in group:
-                value = _score(effect, left, pull)
-                seen[effect.label] = max(seen.get(effect.label, -np.inf), value)
-                paid[effect.label] = max(paid.get(effect.label, -np.inf), value + cost)
-    return Screened(seen, paid)
-
-
-def _alone(inference: Inference, base: Fitted, share: float) -> float:
-    """Log evidence of the base with this share of its random forces."""
-    forces = base.forces.scaled(share)
-    solved = inference.solve(base.grams, base.hypothesis, forces)
-    return solved.log_evidence + forces.log_prior(inference.simulator.most_force)
-
-
-def _score(effect: Effect, left: Array, pull: Array) -> float:
-    """Log evidence that an effect would add, by its information ``left`` (p, p) and its gradient ``pull`` (p,)."""
-    sd = np.array([p.sd for p in effect.parameters])
-    sided = np.flatnonzero([p.one_sided for p in effect.parameters])
-    logs = log_evidence(sd[:, None] * left * sd, sd * pull, shares_of([effect]), sided)
-    value = mixed(logs) - effect.cost
-    return value if np.isfinite(value) else -np.inf
 
 
 def _at_their_limit(inference: Inference, fitted: Fitted) -> bool:
@@ -628,4 +541,4 @@ def _ranking(
     )
 
 
-__all__ = ["extended", "ranked", "screened"]
+__all__ = ["extended", "ranked"]

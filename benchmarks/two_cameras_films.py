@@ -20,12 +20,13 @@ from scipy.interpolate import CubicSpline
 from towline.record.run import RUN_FILE
 from towline.record.scenario import FilmTable, ScenarioFile
 from towline.record.toml import check_tables
+from towline.record.x264 import x264_options
 from towline.simulate.render import camera_of, film_frames
 from towline.simulate.scenario import read_scenario, simulate_scenario
 
 DENSE_HZ = 200.0
 """The motion is simulated so often and taken between by a spline: exact to far below a micrometre."""
-X264 = "aq-mode=0:no-dct-decimate=1:deblock=-2,-2"
+X264 = ("aq-mode=0", "no-dct-decimate=1", "deblock=-2,-2")
 NAMES = ("port", "starboard")
 POSE = ["x_cg_m", "y_cg_m", "beta_rad", "heave_m", "roll_rad", "pitch_rad"]
 
@@ -179,7 +180,7 @@ def _encode(path: Path, frames: Iterator[tuple[int, float, np.ndarray]], own: Sc
     assert own.film is not None
     rate = Fraction(rate_hz).limit_denominator(10_000)
     with av.open(str(path), "w") as container:
-        options = {"crf": str(own.film.crf), "preset": "veryfast", "bf": "0", "x264-params": X264}
+        options = {"crf": str(own.film.crf), "preset": "veryfast", "bf": "0", **x264_options(*X264)}
         stream = container.add_stream("libx264", rate=rate, options=options)
         stream.pix_fmt = "yuv420p"
         stream.width, stream.height = own.film.camera.image_size_px

@@ -24,6 +24,7 @@ from ..record.results import TruthFile, write_result
 from ..record.run import RUN_FILE
 from ..record.scenario import FilmTable, ScenarioFile
 from ..record.tables import write_table
+from ..record.x264 import x264_options
 from .model import ExtraForce, Hull, Tow
 from .picture_frames import PICK_SEED, film_frames
 from .scenario import hull_of, read_scenario, simulate_scenario
@@ -37,7 +38,7 @@ _SMALLEST_SIGMA_PX = 1e-3
 """An exact pick is stated with this: a sigma of 0 would be no weight."""
 _RATE_DENOMINATOR = 10_000
 """Frame rates are written as fractions with a denominator up to this: 30000/1001 among them."""
-_X264 = "aq-mode=0:no-dct-decimate=1:deblock=-2,-2"
+_X264 = ("aq-mode=0", "no-dct-decimate=1", "deblock=-2,-2")
 """Bits go where the light changes, the marks, instead of into flat water: a third less error for half the size."""
 _X265 = "log-level=error:pools=1:frame-threads=1"
 """One thread: the same film on every machine."""
@@ -192,7 +193,7 @@ def _coder(film: FilmTable) -> tuple[str, dict[str, str]]:
     """ffmpeg's name of a lossy coder, and its options."""
     options = {"crf": str(film.crf), "preset": "veryfast", "bf": str(film.b_frames)}
     if film.codec == "h264":
-        return "libx264", {**options, "x264-params": _X264}
+        return "libx264", {**options, **x264_options(*_X264)}
     return "libx265", {**options, "x265-params": _X265}
 
 

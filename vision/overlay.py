@@ -17,6 +17,7 @@ from ..record.errors import VideoError
 from ..record.files import replacing
 from ..record.schema import DatumPoint
 from ..record.tables import seen_rows
+from ..record.x264 import x264_options
 from .recording import Frame
 
 # Okabe-Ito, BGR: told apart by colour-blind eyes
@@ -241,8 +242,8 @@ class Encoder:
         if self._stream is None:
             stream = self._container.add_stream("libx264", rate=Fraction(self._rate_hz).limit_denominator(1001))
             stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-            # not as many threads as the process has cores: with one alone the codec gave other bytes once in 77 on a full machine
-            stream.options = {"crf": "26", "preset": "veryfast", "threads": "2"}
+            # as many threads wherever it runs, and x264's own steadiness: the same bytes
+            stream.options = {"crf": "26", "preset": "veryfast", "threads": "2", **x264_options()}
             stream.codec_context.time_base = _TICKS
             self._stream, self._origin_s = stream, t_s
         shown = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture[:height, :width]), format="bgr24")

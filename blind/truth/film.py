@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...record.files import replacing
+from ...record.x264 import x264_options
 from .cases import Case
 from .lanes import Array
 
@@ -37,7 +38,7 @@ def write_film(path: Path, case: Case, pixel: Array, rng: np.random.Generator) -
         stream = container.add_stream("libx264", rate=Fraction(case.rate_hz).limit_denominator(1001))
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         # no frames from both sides: they would drag slow marks along
-        stream.options = {"crf": "18", "preset": "veryfast", "bf": "0"}
+        stream.options = {"crf": "18", "preset": "veryfast", "bf": "0", **x264_options()}
         for k, marks in enumerate(pixel):
             frame = ground + np.roll(grain[k % 8], rng.integers(0, 997, size=2), axis=(0, 1))
             for u, v in marks:

@@ -13,8 +13,7 @@ from ..diagnose.effects import Effect
 from ..diagnose.effects.camera import ROLL as MARKER_ROLL
 from ..diagnose.gap import Diagnosed
 from ..diagnose.inference.engine import CLEAR
-from ..diagnose.law.answer import Law, Searched
-from ..diagnose.law.bar import TOLD
+from ..diagnose.law.answer import TOLD, Law, Searched
 from ..diagnose.law.choose import Groups
 from ..diagnose.law.search import searched
 from ..diagnose.law.terms import AHEAD, HEEL, coefficients_of, text_of

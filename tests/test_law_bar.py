@@ -10,11 +10,12 @@ import pytest
 
 from towline.diagnose.effects import Effect, Parameter
 from towline.diagnose.inference.evidence import Fitted, Inference
+from towline.diagnose.inference.held_out import worse_aside
 from towline.diagnose.inference.hypothesis import with_effects
 from towline.diagnose.inference.noise import Forces
 from towline.diagnose.inference.ranking import Candidate
+from towline.diagnose.law.answer import CLEARLY
 from towline.diagnose.law.around import MOVED, distinct, elsewhere, fits
-from towline.diagnose.law.bar import CLEARLY, worse_aside
 from towline.diagnose.law.choose import Start
 from towline.diagnose.law.functions import Range, State, term
 from towline.diagnose.law.terms import effect_of, text_of

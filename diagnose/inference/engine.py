@@ -17,6 +17,7 @@ from ...record.errors import EstimationError
 from ..effects import Effect
 from .diagnosable import Diagnosable
 from .evidence import CONVERGED_GAIN, Fitted, Inference
+from .held_out import worse_aside
 from .hypothesis import Hypothesis, with_effects
 from .inexact import could_gain, shared_out, told_apart
 from .noise import Forces
@@ -50,6 +51,8 @@ WORTH_PAIRS = 3.0
 """A second effect is fitted only if its score promises more log evidence than this."""
 WORTH_PAIRS_BELOW = 30.0
 """Pairs are tried on the second best effect only if it comes this near to the best."""
+WORSE = 1.0
+"""A pair that leaves more of the runs kept aside than one of its effects alone, by so many standard errors, is none: a choice."""
 MOST_REFINEMENTS, BASE_REFINEMENTS = 5, 15
 """A fit is refined at most so often, and the base, which all others are held against."""
 FAR_BEHIND = 2000.0
@@ -453,7 +456,17 @@ def _pairs(
             own = prior + sum(forms[name] for name in (*first.names, effect.name))
             found.append(Candidate(pair, fitted, fitted.worth - base.log_evidence, own))
     found = _converged(inference, sorted(found, key=lambda c: -c.log_evidence), base)
+    found = [pair for pair in found if not _worse_than_one(inference, pair, singles)]
     return [_priced(inference, next(c for c in singles if c.effects == pair.effects[:-1]), pair) for pair in found]
+
+
+def _worse_than_one(inference: Inference, pair: Candidate, singles: Sequence[Candidate]) -> bool:
+    """Whether one of its two effects alone leaves less of the runs kept aside: the other has taken up what is these runs' only."""
+    alone: dict[str, Candidate] = {}
+    for c in sorted(singles, key=lambda c: c.log_evidence):
+        if len(c.effects) == 1 and c.names[0] in pair.names:
+            alone[c.names[0]] = c
+    return any(worse_aside(inference, pair.fitted, c.fitted, None) > WORSE for c in alone.values())
 
 
 def _priced(inference: Inference, first: Candidate, pair: Candidate) -> Candidate:

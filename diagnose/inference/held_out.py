@@ -103,6 +103,38 @@ def shrink(
     return Shrink(before, after, removed_share(before, after), interval, residuals)
 
 
+def worse_aside(inference: Inference, one: Fitted, other: Fitted, held: Sequence[int] | None) -> float:
+    """By how many of its standard errors one fit leaves more of the runs kept aside than another does.
+
+    Both are measured beside the same random forces, the smaller ones of the two. The error is that of a sum over stretches of
+    ``BLOCKS_TOGETHER`` means, each run's own: neighbours are not independent.
+
+    Parameters
+    ----------
+    inference : the simulator with its runs and noise
+    one, other : fitted
+    held : runs kept aside; None: each in turn
+
+    Returns
+    -------
+    errors : above 0 where the first leaves more; NaN where no run can be kept aside
+    """
+    count = len(inference.simulator.runs)
+    if none_left(count, held):
+        return float("nan")
+    side, moment = (min(getattr(f.forces, name) for f in (one, other)) for name in ("side_n", "moment_n_m"))
+    forces = Forces(side, moment, other.forces.time)
+    turns = [(i, [j for j in range(count) if j not in (held or (i,))]) for i in held or range(count)]
+    parts = []
+    for run, others in turns:
+        n = len(inference.simulator.runs[run].centre_s)
+        a, b = (np.square(aside(inference, f, forces, run, others)).reshape(-1, n).sum(axis=0) for f in (one, other))
+        parts.append(np.add.reduceat(a - b, np.arange(0, n, BLOCKS_TOGETHER)))
+    differences = np.concatenate(parts)
+    error = float(np.sqrt(len(differences)) * differences.std(ddof=1)) if len(differences) > 1 else 0.0
+    return float(differences.sum()) / error if error > 0 else float("nan")
+
+
 def _gap(parts: Sequence[Array], free: int) -> float:
     total = sum(float(p @ p) for p in parts)
     return float(np.sqrt(total / max(sum(len(p) for p in parts) - free * len(parts), 1)))

@@ -1,4 +1,9 @@
-"""What a search for a missing law found: the laws with their probabilities, the verdict, and what the force goes with."""
+"""What a search for a missing law found: the laws with their probabilities, the verdict, and what the force goes with.
+
+The best of bad laws is none. It must be more likely than everything else, and follow runs that took no part in its fit at least as
+well as a smooth force that knows no form, whose many numbers the other runs had to find: one that is wrong leaves there what its
+form cannot follow.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +17,18 @@ from ...simulate.model import Array
 from ..effects import Effect
 from ..gap import Diagnosis
 from ..inference.evidence import Fitted
+from ..inference.held_out import worse_aside
 from ..inference.ranking import Candidate
 from .around import force_of
-from .bar import CLEARLY, TOLD, worse_aside
 from .choose import Groups
 from .field import groups_of, is_field, is_term
 from .functions import Range, State, term
 from .terms import text_of, written_of
 
+TOLD = 0.5
+"""A law is told from this probability on: it is then rather right than wrong."""
+CLEARLY = 2.0
+"""Kept-aside runs are followed worse if they are by more than so many standard errors."""
 SAME_FORCE = 0.03
 """Terms whose forces over the range seen differ by less than this share of them, whatever is linear in v and r left out, are one
 law."""

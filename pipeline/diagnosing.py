@@ -16,6 +16,7 @@ from ..diagnose.inference.evidence import Fitted
 from ..diagnose.inference.ranking import Ranking
 from ..diagnose.own.hull import read_hull
 from ..diagnose.tow.data import Recorded, block_step, tow_runs, without_cell
+from ..diagnose.tow.lasting import shown_px
 from ..diagnose.tow.numbers import COMPLIANCE
 from ..diagnose.tow.towed import TowSimulator
 from ..record.errors import EstimationError, InputError, TowlineError
@@ -159,11 +160,12 @@ def diagnosed_runs(
     say = None if progress is None else lambda text: progress(text, 0, None)
     rng = rng_of(inputs)  # for the bootstrap of an interval
     try:
-        return diagnosed(simulator, library, __version__, inputs, held, rng, say, side_by_side)
+        found = diagnosed(simulator, library, __version__, inputs, held, rng, say, side_by_side)
     except np.linalg.LinAlgError as error:
         raise EstimationError(
             f"the runs' normal equations cannot be solved ({error}); does each run hold a tow?"
         ) from error
+    return _with_lasting(found, simulator)
 
 
 def concluded_runs(
@@ -186,7 +188,12 @@ def concluded_runs(
     say = None if progress is None else lambda text: progress(text, 0, None)
     simulator, inputs = found.inference.simulator, found.file.inputs
     assert isinstance(simulator, TowSimulator)
-    return concluded(simulator, found.inference, ranking, library, __version__, inputs, held, rng_of(inputs), say)
+    answer = concluded(simulator, found.inference, ranking, library, __version__, inputs, held, rng_of(inputs), say)
+    return _with_lasting(answer, simulator)
+
+
+def _with_lasting(found: Diagnosis, simulator: TowSimulator) -> Diagnosis:
+    return replace(found, file=found.file.model_copy(update={"lasting_px": shown_px(simulator.runs)}))
 
 
 def _reference(path: Path) -> tuple[np.ndarray, np.ndarray, float]:

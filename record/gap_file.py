@@ -145,6 +145,11 @@ class GapFile(ResultFile):
         default_factory=dict, description="random forces of the headline (else of no gap): side_n, moment_n_m, time_s"
     )
     noise_without: dict[str, float] = Field(default_factory=dict, description="the same where nothing is added")
+    lasting_px: float | None = Field(
+        default=None,
+        description="errors of a film's marks that last, as granted to every mark's place, px: as the distance between two marks "
+        "shows them; null: not filmed, or beside a static record without a film",
+    )
     runs: list[str] = Field(default_factory=list, description="their names")
     excluded: dict[str, str] = Field(default_factory=dict, description="effects that could not be judged, and why")
     sentences: list[str] = Field(default_factory=list, description="in plain words")

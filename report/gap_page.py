@@ -80,10 +80,16 @@ def gap_page(found: Diagnosed, law: Html | None = None) -> Html:
     noise = file.noise
     words = (
         f"Slow random forces taken: {significant(noise['side_n'], 2)} N and {significant(noise['moment_n_m'], 2)} N m, lasting "
-        f"{noise['time_s']:g} s. Written by towline {file.tool}. ± is one standard deviation."
+        f"{noise['time_s']:g} s. {_lasting(file)}Written by towline {file.tool}. ± is one standard deviation."
     )
     parts.append(tag("footer", words))
     return document("Simulator against tank", tag("main", *parts))
+
+
+def _lasting(file: GapFile) -> str:
+    if file.lasting_px is None:
+        return ""
+    return f"Errors of the marks that last: {significant(file.lasting_px, 2)} px are granted, as the marks' distance shows. "
 
 
 def _ranking(file: GapFile) -> Html:

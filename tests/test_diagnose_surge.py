@@ -20,7 +20,9 @@ from towline.diagnose.gap import Diagnosis, diagnosed
 from towline.diagnose.inference.hypothesis import Hypothesis
 from towline.diagnose.law.terms import effect_of
 from towline.diagnose.simulated import effects_of, with_effects
-from towline.diagnose.tow.data import CHANNELS, Recorded, TowRun, block_step, tow_runs
+from towline.diagnose.tow.channels import CHANNELS
+from towline.diagnose.tow.data import Recorded, block_step, tow_runs
+from towline.diagnose.tow.tow_run import TowRun
 from towline.diagnose.tow.towed import TowSimulator
 from towline.pipeline.diagnosing import diagnose_folders
 from towline.record import Run, RunFile

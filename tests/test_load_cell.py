@@ -18,8 +18,10 @@ from towline.diagnose.effects import DELAY_FORMS, ELASTIC, LIBRARY, Effect
 from towline.diagnose.gap import Diagnosis
 from towline.diagnose.inference.hypothesis import Hypothesis
 from towline.diagnose.tow.cell import SETTLES_S, cell_means
-from towline.diagnose.tow.data import PULL, Recorded, TowRun, block_step, tow_runs
+from towline.diagnose.tow.channels import PULL
+from towline.diagnose.tow.data import Recorded, block_step, tow_runs
 from towline.diagnose.tow.delays import delay_effects
+from towline.diagnose.tow.tow_run import TowRun
 from towline.diagnose.tow.towed import TowSimulator
 from towline.pipeline import diagnosing
 from towline.pipeline.diagnosing import diagnose_folders, diagnosed_runs

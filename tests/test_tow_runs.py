@@ -13,12 +13,13 @@ from scipy.interpolate import CubicSpline
 
 from towline.diagnose.effects import Effect, Parameter
 from towline.diagnose.inference.hypothesis import Hypothesis
-from towline.diagnose.tow.data import Recorded, TowRun, block_step, tow_runs
+from towline.diagnose.tow.data import Recorded, block_step, tow_runs
 from towline.diagnose.tow.model import TowModel
 from towline.diagnose.tow.next_run import differing
 from towline.diagnose.tow.slackness import slack_effects
-from towline.diagnose.tow.slow import LINE_SD_M, SLOW_S, SLOW_UNSEEN_PX
+from towline.diagnose.tow.slow import LINE_SD_M, SLOW_PX, SLOW_S
 from towline.diagnose.tow.start import excess_scatter
+from towline.diagnose.tow.tow_run import TowRun
 from towline.geometry import motion_from_tracks, run_datum
 from towline.geometry.checks.bundle import half_sine
 from towline.simulate import Hull, Start, simulate_full
@@ -156,7 +157,10 @@ def test_each_block_has_its_own_variance_beside_a_slow_error_that_all_share(
 
 
 def test_the_slow_error_is_a_share_of_a_pixel_in_every_channel(filmed: tuple[Any, Any, Any], tow: TowRun) -> None:
-    """A block's own variance is that of a mark's sigma over its frames; a line is no steadier than LINE_SD_M beside."""
+    """A block's own variance is that of a mark's sigma over its frames; a line is no steadier than LINE_SD_M beside. How large a
+    share is told by the distance of these marks, which wander by nothing.
+    """
+    assert SLOW_PX <= tow.slow.size_px <= 2 * SLOW_PX
     _, tracks, _ = filmed
     frames, sigma_px = tow.step_s * 25.0, tracks["sigma_u_px"].median()
     for channel in range(4):
@@ -164,7 +168,7 @@ def test_the_slow_error_is_a_share_of_a_pixel_in_every_channel(filmed: tuple[Any
         slow = covariance[0, 40] / np.exp(-(tow.centre_s[40] - tow.centre_s[0]) / SLOW_S)
         own = np.median(np.diag(covariance)) - slow
         slow -= LINE_SD_M**2 if channel == 2 else 0.0
-        assert slow / own == pytest.approx(frames * (SLOW_UNSEEN_PX / sigma_px) ** 2, rel=0.1)
+        assert slow / own == pytest.approx(frames * (tow.slow.size_px / sigma_px) ** 2, rel=0.1)
 
 
 @pytest.mark.parametrize("times", [2.0, 5.0])

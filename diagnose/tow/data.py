@@ -16,132 +16,24 @@ import pandas as pd
 
 from ...geometry import DatumFit
 from ...geometry.mapping import ProjectiveMapping
-from ...geometry.poses import Framed, Poses, framed, poses_from_tracks, poses_of, without_lags
+from ...geometry.poses import Poses, framed, poses_from_tracks, poses_of, without_lags
 from ...identify.data import RunData, run_data
 from ...record.run import Run
 from ...record.tables import SEEN
 from ...simulate.model import Array
 from .cell import cell_means
-from .slow import LINE_SD_M, SLOW_PX, SLOW_UNSEEN_PX, SlowErrors
+from .channels import LINE, PULL
+from .lasting import as_distances_show
+from .slow import LINE_SD_M, SLOW_PX, SLOW_UNSEEN_PX, SlowErrors, lag_of
 from .still import StillNoise, still_noise
+from .tow_run import Marks, TowRun, means_of
 
-CHANNELS = ("y", "beta", "line", "distance", "pull")
-LINE, PULL = CHANNELS.index("line"), CHANNELS.index("pull")
-"""The last one only where some run of the campaign has it."""
 TOGETHER = ([0, 1], [2], [3])
 """Channels whose errors are taken together: y and beta are shown by the same dynamics."""
 MOST_BLOCKS = 130
 """Means to the longest run: a choice, for the time of all that follows."""
 SHORTEST_S = 0.3
 """Of a mean: no tow moves faster."""
-
-
-@dataclass(frozen=True)
-class Marks:
-    """What camera faults need to be tried again on the same pixels.
-
-    Attributes
-    ----------
-    run, tracks, fit : run, its tracks, its datum
-    few : about one frame of each block, side by side
-    seen : values (k, 4) of those
-    """
-
-    run: Run
-    tracks: pd.DataFrame
-    fit: DatumFit
-    few: Framed
-    seen: Array
-
-
-@dataclass(frozen=True)
-class TowRun:
-    """One run, in blocks.
-
-    Attributes
-    ----------
-    name : of the run
-    data : for the estimators (stated tow, priors)
-    marks : None where the run came as motion
-    start_s, step_s : of the blocks
-    centre_s : (n,), mean time of the frames in each block, from start_s
-    spread_s2 : (n,), variance of those times
-    values : (n, c), CHANNELS; NaN where not measured
-    covariance : (c, n, n), measurement noise of each channel
-    cross : (n, n), of y with beta
-    slow : errors that last, as both hold them
-    modes : (k, n, c), change with each common mode of the camera (unit variance)
-    shutter : (2, n, 4, 3), change of x, y, beta and distance by 1 s of readout, row by row or column by column, per rate of x, y,
-        beta
-    length_pp_m, density_kg_m3, half_width_m : of model, water and tank (NaN: not given)
-    run : as stated
-    cell_s, cell_spread_s2 : (n,), mean time and variance of the load cell's samples in each block, by its own clock
-    frame_s, radius_m : (f,), of every frame its time from start_s, and the taut-line radius (as in ``values``) that it shows
-    """
-
-    name: str
-    data: RunData
-    marks: Marks | None
-    start_s: float
-    step_s: float
-    centre_s: Array
-    spread_s2: Array
-    values: Array
-    covariance: Array
-    cross: Array
-    slow: SlowErrors
-    modes: Array
-    shutter: Array
-    length_pp_m: float
-    density_kg_m3: float
-    half_width_m: float
-    run: Run
-    cell_s: Array
-    cell_spread_s2: Array
-    frame_s: Array
-    radius_m: Array
-
-    @property
-    def celled(self) -> bool:
-        """Whether it has the load cell's channel (all runs of a campaign, or none)."""
-        return self.values.shape[1] > PULL
-
-    def off_middle(self, radius: Array, least: int) -> Array | None:
-        """(n,) a residual of the line's radius about its median, over its noise; 0 where it was not measured.
-
-        Parameters
-        ----------
-        radius : (n,) NaN where not measured
-        least : None where fewer were measured
-        """
-        good = np.isfinite(radius)
-        if good.sum() < least:
-            return None
-        return np.where(good, radius - np.nanmedian(radius), 0.0) / self.usual_sd(LINE)
-
-    def radius_by_parts(self, most: int) -> tuple[Array, Array, float]:
-        """The taut-line radius in parts of a block, as many as the frames allow: what is quick shows its course.
-
-        Parameters
-        ----------
-        most : parts of a block at most
-
-        Returns
-        -------
-        middles (p,), s from start_s, means (p,), m, NaN where nothing was measured, and their sd: as if a block's noise were white
-        """
-        good = np.isfinite(self.radius_m)
-        often = len(self.centre_s) * self.step_s / max(int(good.sum()), 1)
-        parts = int(np.clip(self.step_s / often + 1e-6, 1, most))
-        size, width = parts * len(self.centre_s), self.step_s / parts
-        part = np.floor(self.frame_s / width + 1e-9).astype(int)
-        inside = good & (part < size)
-        means = _means_of(part[inside], self.radius_m[inside, None], size)[0][:, 0]
-        return width * (np.arange(size) + 0.5), means, self.usual_sd(LINE) * float(np.sqrt(parts))
-
-    def usual_sd(self, channel: int) -> float:
-        """Standard deviation of a block's mean in a channel, the median over the blocks."""
-        return float(np.sqrt(np.median(np.diag(self.covariance[channel]))))
 
 
 @dataclass(frozen=True)
@@ -155,13 +47,18 @@ class _Turned:
 
 @dataclass(frozen=True)
 class _Series:
-    """Channels of a run or of its static record, frame by frame; the last variance is the covariance of y and beta."""
+    """Channels of a run or of its static record, frame by frame.
+
+    The last variance is the covariance of y and beta; of the modes the first ``lags`` are a codec's.
+    """
 
     t_s: Array
     values: Array
     variance: Array
     modes: Array
     shutter: Array
+    x_m: Array
+    lags: int = 0
     sigma_px: float = 0.1
 
 
@@ -206,6 +103,9 @@ def tow_runs(recorded: Sequence[Recorded], step_s: float) -> list[TowRun]:
         ]
         noises.update(zip(alike, map(list, zip(*together, strict=True)), strict=True))
     found = [_tow_run(each, noises[k], step_s) for k, each in enumerate(recorded)]
+    for alike in pictures.values():
+        for k, run in zip(alike, as_distances_show([found[k] for k in alike]), strict=True):
+            found[k] = run
     return [_with_cell(run) for run in found] if any(run.data.gauge is not None for run in found) else found
 
 
@@ -228,7 +128,13 @@ def without_cell(runs: Sequence[TowRun]) -> list[TowRun]:
     runs : as the diagnosis sees them
     """
     return [
-        replace(run, values=run.values[:, :PULL], covariance=run.covariance[:PULL], modes=run.modes[..., :PULL])
+        replace(
+            run,
+            values=run.values[:, :PULL],
+            covariance=run.covariance[:PULL],
+            modes=run.modes[..., :PULL],
+            lags=run.lags[..., :PULL],
+        )
         for run in runs
     ]
 
@@ -239,6 +145,7 @@ def _with_channel(run: TowRun, values: Array, covariance: Array) -> TowRun:
         values=np.column_stack([run.values, values]),
         covariance=np.concatenate([run.covariance, covariance[None]]),
         modes=np.pad(run.modes, ((0, 0), (0, 0), (0, 1))),
+        lags=np.pad(run.lags, ((0, 0), (0, 0), (0, 1))),
     )
 
 
@@ -260,18 +167,24 @@ def _tow_run(recorded: Recorded, still: Sequence[StillNoise | None], step_s: flo
     data = run_data(run, motion, recorded.common)
     marks = None
     if tracks is not None and fit is not None:
-        tracks = without_lags(tracks)  # left to the slow errors of _covariances
-        few = framed(run, _few(tracks, step_s), fit)
+        few = framed(run, without_lags(_few(tracks, step_s)), fit)
         marks = Marks(run, tracks, fit, few, _places_of(run, poses_of(run, few, fit.mapping.exact()))[0])
     series = _from_pixels(run, marks.tracks, marks.fit) if marks is not None else _from_motion(run, data, motion)
     start = float(series.t_s[0])
     centre, spread, values, count = _blocks(series.t_s - start, series.values, step_s)
     variance = _mean(series.t_s - start, series.variance, step_s)[: len(centre)] / np.maximum(count, 1)[:, None]
     covariance, cross, slow = _covariances(centre, variance, series, still)
-    slow = replace(slow, unfilmed=marks is not None and still[0] is not None and run.file.source.video is None)
+    if marks is not None:
+        seen = still[0] is not None
+        unfilmed = seen and run.file.source.video is None
+        slow = replace(slow, size_px=SLOW_PX if seen else SLOW_UNSEEN_PX, unfilmed=unfilmed)
     water = run.file.water
     width = water.tank_width_m if water is not None else None
-    modes = series.modes
+
+    def of_blocks(modes: Array) -> Array:
+        means = [_mean(series.t_s - start, m, step_s)[: len(centre)] for m in modes]
+        return np.array(means).reshape(len(modes), len(centre), 4)
+
     return TowRun(
         run.name,
         data,
@@ -284,9 +197,8 @@ def _tow_run(recorded: Recorded, still: Sequence[StillNoise | None], step_s: flo
         covariance,
         cross,
         slow,
-        np.array([_mean(series.t_s - start, m, step_s)[: len(centre)] for m in modes]).reshape(
-            len(modes), len(centre), 4
-        ),
+        of_blocks(series.modes[series.lags :]),
+        of_blocks(series.modes[: series.lags]),
         np.array(
             [_mean(series.t_s - start, way.reshape(len(way), -1), step_s)[: len(centre)] for way in series.shutter]
         ).reshape(2, -1, 4, 3),
@@ -298,6 +210,7 @@ def _tow_run(recorded: Recorded, still: Sequence[StillNoise | None], step_s: flo
         spread,
         series.t_s - start,
         series.values[:, LINE],
+        _mean(series.t_s - start, series.x_m[:, None], step_s)[: len(centre), 0],
     )
 
 
@@ -370,7 +283,7 @@ def _from_pixels(run: Run, tracks: pd.DataFrame, fit: DatumFit) -> _Series:
     apart_m = found.modes_m[:, :, 0] - found.modes_m[:, :, 1]
     modes[..., 3] = np.einsum("ni,kni->kn", along, apart_m)
     sigma = float(np.nanmedian(found.sigma_px[np.isfinite(found.pixel_px)]))
-    return _Series(found.t_s, values, spread, modes, _shutter(found, along, run), sigma)
+    return _Series(found.t_s, values, spread, modes, _shutter(found, along, run), pose[:, 0], found.lags, sigma)
 
 
 def _shutter(found, along: Array, run: Run) -> Array:
@@ -406,7 +319,7 @@ def _from_motion(run: Run, data: RunData, motion: pd.DataFrame) -> _Series:
     variance[:, 4] = data.covariance[:, 0, 1]
     modes = np.zeros((len(data.common), n, 4))
     modes[..., :2] = data.common
-    return _Series(data.t_s, values, variance, modes, np.zeros((2, n, 4, 3)))
+    return _Series(data.t_s, values, variance, modes, np.zeros((2, n, 4, 3)), np.full(n, np.nan))
 
 
 def _blocks(t_s: Array, values: Array, step_s: float) -> tuple[Array, Array, Array, Array]:
@@ -416,19 +329,12 @@ def _blocks(t_s: Array, values: Array, step_s: float) -> tuple[Array, Array, Arr
     size = int(index.max())
     size = max(size, 1)
     inside = good & (index < size)
-    mean, count = _means_of(index[inside], values[inside], size)
+    mean, count = means_of(index[inside], values[inside], size)
     centre = np.bincount(index[inside], t_s[inside], minlength=size) / np.maximum(count, 1)
     centre = np.where(count > 0, centre, (np.arange(size) + 0.5) * step_s)
     off = t_s[inside] - centre[index[inside]]
     spread = np.bincount(index[inside], off**2, minlength=size) / np.maximum(count, 1)
     return centre, spread, mean, count
-
-
-def _means_of(index: Array, values: Array, size: int) -> tuple[Array, Array]:
-    """Means (size, columns) of the rows of each index, NaN where there are none, and how many there are."""
-    count = np.bincount(index, minlength=size)
-    total = np.stack([np.bincount(index, v, minlength=size) for v in values.T], axis=1)
-    return np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], np.nan), count
 
 
 def _mean(t_s: Array, values: Array, step_s: float) -> Array:
@@ -450,7 +356,7 @@ def _covariances(
     slow errors on top.
     """
     n = len(centre)
-    lag = _lag(centre)
+    lag = lag_of(centre)
     answer = np.zeros((4, n, n))
     roots, slows = np.zeros((4, n)), np.zeros(4)
     for held, channels in zip(still, TOGETHER, strict=True):
@@ -477,24 +383,4 @@ def _covariances(
     return answer + slow.covariance(lag), cross, slow
 
 
-def _lag(centre_s: Array) -> Array:
-    return np.abs(centre_s[:, None] - centre_s[None, :])
-
-
-def granted(run: TowRun, channels: Sequence[int], share: float) -> TowRun:
-    """The run with a share of the slow errors that it was granted in some channels.
-
-    Parameters
-    ----------
-    run : as the diagnosis sees it
-    channels : of CHANNELS, their places
-    share : of what these have
-    """
-    slow = replace(run.slow, sd=np.where(np.isin(np.arange(4), channels), share, 1.0) * run.slow.sd)
-    lag = _lag(run.centre_s)
-    covariance = run.covariance.copy()
-    covariance[:4] += slow.covariance(lag) - run.slow.covariance(lag)
-    return replace(run, covariance=covariance, cross=run.cross + slow.cross(lag) - run.slow.cross(lag), slow=slow)
-
-
-__all__ = ["CHANNELS", "Marks", "Recorded", "TowRun", "block_step", "corrected", "granted", "tow_runs", "without_cell"]
+__all__ = ["Recorded", "block_step", "corrected", "tow_runs", "without_cell"]

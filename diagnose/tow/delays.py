@@ -13,7 +13,8 @@ import numpy as np
 from ...simulate.model import Array
 from ..effects import Effect, delayed_each, delayed_since
 from ..effects.base import share_since
-from .data import PULL, TowRun
+from .channels import PULL
+from .tow_run import TowRun
 
 LEAST_BLOCKS = 20
 """Means that a run must have for it ..."""

@@ -23,10 +23,11 @@ from ..inference.shooting import (
     integrated,
     stepped,
 )
-from .data import TowRun, corrected
+from .data import corrected
 from .numbers import shared_numbers
 from .rates import OWN, STATES, Fields, Numbers, OtherHull, TowRates, held_before, held_from, tow_of
 from .seen import TowSeen
+from .tow_run import TowRun
 from .variations import PROBE_N, Variations, joined
 
 BEYOND = 4

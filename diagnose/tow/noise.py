@@ -9,7 +9,7 @@ import numpy as np
 
 from ...simulate.model import Array
 from ..inference.noise import TIMES_S, Measured, Noise, RunNoise, force_colour, run_noise
-from .data import TowRun
+from .tow_run import TowRun
 
 MOVING = 2
 """Channels that forces move: y and heading."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...record.priors import ValuePrior
 from ...simulate.model import DERIVATIVE_UNITS, RESISTANCE_EXPONENT, Array
-from .data import TowRun
+from .tow_run import TowRun
 
 SIX = tuple(DERIVATIVE_UNITS)
 SURGE = ("x_udot_kg", "x_vr_kg", "x_vv_kg_m", "x_rr_kg_m", "resistance_exponent")

@@ -10,9 +10,10 @@ from collections.abc import Sequence
 from ...simulate.model import Array
 from ..inference.evidence import Fitted, Inference
 from ..inference.grams import Grams
-from .data import LINE, TowRun, granted
+from .channels import LINE
 from .noise import tow_noise
 from .slow import LEAST
+from .tow_run import TowRun
 
 APART = ([LINE], [0, 1, 3])
 """Channels that are granted more or less together: a line is as steady as it is; the others err by the marks alone."""
@@ -41,7 +42,7 @@ def quieter(runs: Sequence[TowRun], pushed: Sequence[Array], inference: Inferenc
     for channels in APART:
         share = 1.0
         while share > LEAST and any(run.slow.sd[channels].any() for run in best):
-            tried = [granted(run, channels, 0.5) for run in best]
+            tried = [run.granted(run.slow.less(channels, 0.5)) for run in best]
             now = _evidence(tried, pushed, inference, base)
             if not now > reached + SURE:
                 break

@@ -28,8 +28,8 @@ from ...simulate.model import (
     side_by_side,
 )
 from ..effects import SMALLEST_COSINE, Effect, Late, Seen, Situation, on_line
-from .data import TowRun
 from .numbers import COMPLIANCE, SIX, rudder_history, rudder_is_over
+from .tow_run import TowRun
 
 OWN = ("alpha", "beta", "v", "r", "y_b", "beta_b", "tension", "tow_point", "line", "speed", "longer", "ahead")
 """Each run's own numbers; tension: T of a line that keeps it, R of one that keeps its length; longer, ahead: by how much a line

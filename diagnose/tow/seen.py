@@ -11,7 +11,7 @@ import numpy as np
 from ...simulate.model import Array, Tow, full_x_cg, full_x_cg_rate, full_y_cg, full_y_cg_rate
 from ..effects import SMALLEST_COSINE, Late, Seen
 from ..inference.shooting import STATE_STEP
-from .data import PULL, TowRun
+from .channels import PULL
 from .numbers import COMPLIANCE
 from .rates import (
     PAID_STATES,
@@ -23,6 +23,7 @@ from .rates import (
     line_rates,
     tow_of,
 )
+from .tow_run import TowRun
 from .variations import Variations, joined
 
 POINTS, MIDDLE = 6, 2.5

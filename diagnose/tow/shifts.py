@@ -15,7 +15,7 @@ from ...simulate.model import Array
 from ..effects import Effect
 from ..effects.base import share_since
 from ..effects.camera import POST, SHIFT
-from .data import TowRun
+from .tow_run import TowRun
 
 STEP_Z = 8.0
 """A step is looked at as a turned camera when it stands this many standard deviations out: many times are tried. A

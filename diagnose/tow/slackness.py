@@ -13,10 +13,11 @@ from scipy.stats import median_abs_deviation
 from ...geometry.checks.bundle import half_sine
 from ...simulate.model import RESISTANCE_EXPONENT, Array
 from ..effects import Effect, jerked, slack
+from .channels import LINE
 from .courses import by_run
-from .data import LINE, TowRun
 from .jerks import STEP_S, Event, Push, Radius, Straight, events
 from .start import straight_pull
+from .tow_run import TowRun
 
 SLACK_Z = 8.0
 """A window counts as slack when the radius falls short by so many standard deviations: many are tried. A choice."""

@@ -1,18 +1,20 @@
 """Slow errors of measured values that a static record does not show: of a mark's place (codec, texture, the pixels' grid) and of a
 taut line's length.
 
-How large they are is not known: they are granted (SLOW_PX, LINE_SD_M). They last, so that a run's means do not wear them off: where
-there are none, granting them hides every weak effect. Marks that came without a film are granted what they show (``quiet.py``); a
-film's are not, as what light on a deck and a codec do to a mark goes with its place and is no steady noise whose size runs tell.
+They last, so that a run's means do not wear them off. Granted where there are none they hide every weak effect; where there are
+more than are granted, some effect explains them. So much is granted at first (SLOW_PX, LINE_SD_M); a film's marks are granted what
+their distance shows (``lasting.py``), marks without a film what the simulator as it is shows (``quiet.py``).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...simulate.model import Array
+from .channels import LINE
 
 SLOW_PX = 0.015
 """Of a mark's place, beside a static record."""
@@ -34,12 +36,37 @@ class SlowErrors:
     ----------
     sd : (4,) standard deviations of y, heading, line and distance; 0 where nothing was measured
     shared : correlation of y with the heading
+    size_px : of a mark's place; NaN where the run came as motion
     unfilmed : the marks came without a film, beside a static record: there may be less of them
     """
 
     sd: Array
     shared: float
+    size_px: float = float("nan")
     unfilmed: bool = False
+
+    def less(self, channels: Sequence[int], share: float) -> SlowErrors:
+        """A share of them in some channels.
+
+        Parameters
+        ----------
+        channels : of CHANNELS, their places
+        share : of what these have
+        """
+        return replace(self, sd=np.where(np.isin(np.arange(4), channels), share, 1.0) * self.sd)
+
+    def of_size(self, size_px: float) -> SlowErrors:
+        """With another size of a mark's; a line's own errors stay.
+
+        Parameters
+        ----------
+        size_px : of a mark's place
+        """
+        ratio = size_px / self.size_px
+        sd = ratio * self.sd
+        if self.sd[LINE] > 0:
+            sd[LINE] = np.hypot(ratio * np.sqrt(max(self.sd[LINE] ** 2 - LINE_SD_M**2, 0.0)), LINE_SD_M)
+        return replace(self, sd=sd, size_px=size_px)
 
     def covariance(self, lag_s: Array) -> Array:
         """(4, n, n) of the channels, at such distances in time.
@@ -60,4 +87,9 @@ class SlowErrors:
         return self.shared * self.sd[0] * self.sd[1] * np.exp(-lag_s / SLOW_S)
 
 
-__all__ = ["LEAST", "LINE_SD_M", "SLOW_PX", "SLOW_S", "SLOW_UNSEEN_PX", "SlowErrors"]
+def lag_of(centre_s: Array) -> Array:
+    """(n, n) distances of times (n,)."""
+    return np.abs(centre_s[:, None] - centre_s[None, :])
+
+
+__all__ = ["LEAST", "LINE_SD_M", "SLOW_PX", "SLOW_S", "SLOW_UNSEEN_PX", "SlowErrors", "lag_of"]

@@ -20,7 +20,7 @@ from ...simulate.model import Array
 from ..effects import Effect
 from ..effects.line import ELASTIC, springing
 from .courses import by_run
-from .data import TowRun
+from .tow_run import TowRun
 
 LINE = 2
 """The channel."""

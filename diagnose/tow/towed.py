@@ -18,7 +18,7 @@ from ..inference.grams import reduced
 from ..inference.hypothesis import FREE, Hypothesis
 from ..inference.inexact import HALF_SURE, WIDTH
 from ..inference.noise import Noise, RunNoise
-from .data import CHANNELS, TowRun
+from .channels import CHANNELS
 from .delays import delay_effects
 from .model import TowModel
 from .noise import measured_noise, tow_noise
@@ -30,6 +30,7 @@ from .shifts import shift_effects
 from .slackness import jerk_effects, slack_effects
 from .springs import springing_effects
 from .start import base_hypotheses, lawful_hypotheses, settings_of, straight_pull
+from .tow_run import TowRun
 from .unknown import free_forms, one_off, repeating
 from .waves import waves
 from .weak import by_motion
@@ -244,16 +245,14 @@ class TowSimulator(TowModel):
 
 
 def _modes(runs: Sequence[TowRun]) -> list[Array]:
-    """Per run (n, c, k): the cameras' common errors; runs of one datum share them."""
-    keys = list(dict.fromkeys(run.data.common_key for run in runs if len(run.modes)))
-    counts = {k: next(len(r.modes) for r in runs if r.data.common_key == k and len(r.modes)) for k in keys}
-    offsets = dict(zip(keys, np.cumsum([0, *counts.values()])[:-1], strict=True))
+    """Per run (n, c, k): the cameras' common errors and their codecs' lags; runs of one datum, of one camera share them."""
+    counts = {key: len(modes) for run in runs for key, modes in run.shared}
+    offsets = dict(zip(counts, np.cumsum([0, *counts.values()])[:-1], strict=True))
     tables = []
     for run in runs:
         table = np.zeros((*run.values.shape, sum(counts.values())))
-        if len(run.modes):
-            at = offsets[run.data.common_key]
-            table[:, :, at : at + len(run.modes)] = run.modes.transpose(1, 2, 0)
+        for key, modes in run.shared:
+            table[:, :, offsets[key] : offsets[key] + len(modes)] = modes.transpose(1, 2, 0)
         tables.append(table)
     return tables
 

@@ -462,10 +462,8 @@ def _pairs(
 
 def _worse_than_one(inference: Inference, pair: Candidate, singles: Sequence[Candidate]) -> bool:
     """Whether one of its two effects alone leaves less of the runs kept aside: the other has taken up what is these runs' only."""
-    alone: dict[str, Candidate] = {}
-    for c in sorted(singles, key=lambda c: c.log_evidence):
-        if len(c.effects) == 1 and c.names[0] in pair.names:
-            alone[c.names[0]] = c
+    order = sorted(singles, key=lambda c: c.log_evidence)  # of an effect's forms the best one, the last, stands
+    alone = {c.names[0]: c for c in order if len(c.effects) == 1 and c.names[0] in pair.names}
     return any(worse_aside(inference, pair.fitted, c.fitted, None) > WORSE for c in alone.values())
 
 

@@ -88,9 +88,7 @@ def shrink(
     count, free = len(inference.simulator.runs), inference.simulator.free
     lengths = [len(run.centre_s) for run in inference.simulator.runs]
     forces = forces or best.forces
-    turns = [(i, [j for j in range(count) if j != i]) for i in range(count)]
-    if held:
-        turns = [(i, [j for j in range(count) if j not in held]) for i in held]
+    turns = _turns(count, held)
     if none_left(count, held):
         turns = [(i, list(range(count))) for i in range(count)]
     residuals: dict[int, tuple[Array, Array]] = {}
@@ -124,15 +122,19 @@ def worse_aside(inference: Inference, one: Fitted, other: Fitted, held: Sequence
         return float("nan")
     side, moment = (min(getattr(f.forces, name) for f in (one, other)) for name in ("side_n", "moment_n_m"))
     forces = Forces(side, moment, other.forces.time)
-    turns = [(i, [j for j in range(count) if j not in (held or (i,))]) for i in held or range(count)]
     parts = []
-    for run, others in turns:
+    for run, others in _turns(count, held):
         n = len(inference.simulator.runs[run].centre_s)
         a, b = (np.square(aside(inference, f, forces, run, others)).reshape(-1, n).sum(axis=0) for f in (one, other))
         parts.append(np.add.reduceat(a - b, np.arange(0, n, BLOCKS_TOGETHER)))
     differences = np.concatenate(parts)
     error = float(np.sqrt(len(differences)) * differences.std(ddof=1)) if len(differences) > 1 else 0.0
     return float(differences.sum()) / error if error > 0 else float("nan")
+
+
+def _turns(count: int, held: Sequence[int] | None) -> list[tuple[int, list[int]]]:
+    """Runs that are kept aside, each with those that are fitted then."""
+    return [(i, [j for j in range(count) if j not in (held or (i,))]) for i in held or range(count)]
 
 
 def _gap(parts: Sequence[Array], free: int) -> float:

@@ -57,9 +57,8 @@ def as_distances_show(runs: Sequence[TowRun]) -> list[TowRun]:
     runs : filmed alike
     """
     answer = list(runs)
-    sizes = {run.slow.size_px for run in runs if run.marks is not None and not run.slow.unfilmed}
-    for size in sizes:
-        alike = [k for k, run in enumerate(runs) if run.slow.size_px == size and not run.slow.unfilmed]
+    for size in {run.slow.size_px for run in runs if run.slow.by_distance}:
+        alike = [k for k, run in enumerate(runs) if run.slow.by_distance and run.slow.size_px == size]
         shown = lasting_px([_distances(runs[k]) for k in alike], size)
         if shown != size:
             for k in alike:
@@ -74,7 +73,7 @@ def shown_px(runs: Sequence[TowRun]) -> float | None:
     ----------
     runs : of ``tow_runs``
     """
-    return max((run.slow.size_px for run in runs if run.marks is not None and not run.slow.unfilmed), default=None)
+    return max((run.slow.size_px for run in runs if run.slow.by_distance), default=None)
 
 
 def _distances(run: TowRun) -> Distances:

@@ -45,6 +45,11 @@ class SlowErrors:
     size_px: float = float("nan")
     unfilmed: bool = False
 
+    @property
+    def by_distance(self) -> bool:
+        """Whether the distance between two marks tells how large they are: not where ``quiet.py`` does, nor without marks."""
+        return bool(np.isfinite(self.size_px)) and not self.unfilmed
+
     def less(self, channels: Sequence[int], share: float) -> SlowErrors:
         """A share of them in some channels.
 

@@ -5,7 +5,9 @@ there is one) with and without the effect, whitened by the case's true noise, af
 projected out (derivatives, surge within what a person knows of it, each run's start, settings within their errors, place and
 heading of the marks, the camera's pose from the picked datum). Signatures are taken at a twentieth of the size and scaled up: a
 straight line from no effect, so that D counts what can be told and not how far a fit has to walk. What is there or is not (a slack
-line, a line that something holds at a tension) is taken at its whole size; a slack line is no rival of others (its window is free).
+line, a line that something holds at a tension) is taken at its whole size, and so is a soft line: with a twentieth of its
+compliance it would be stiffer than the line that every other tow has, and ring faster than the motion's step can follow. A slack
+line is no rival of others (its window is free).
 """
 
 from __future__ import annotations
@@ -53,7 +55,7 @@ STRENGTH: dict[str, tuple[str, ...]] = {
     "speed_drift": ("share", "ramp_share", "swing_share"),
     "tension_variation": (),
     "constant_tension": (),
-    "elastic_line": ("compliance_m_n", "sag"),
+    "elastic_line": (),
     "slack_line": (),
     "tow_point_offset": ("offset_m", "slip_m", "slide_m"),
     "swivel_friction": ("moment_n_m", "dry_n_m", "oil_n_m", "grease_n_m", "post_n_m"),

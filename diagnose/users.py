@@ -210,7 +210,7 @@ class UsersSimulator:
                 root = forced(answer, TIMES_S[time], lag) * keep
                 return [root, np.zeros_like(root)]
 
-            return Measured(good, run.covariance, channels, roots)
+            return Measured(good, run.covariance, tuple(range(channels)), roots)
 
         return Noise([measured(run) for run in self._runs])
 

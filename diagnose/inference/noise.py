@@ -98,7 +98,7 @@ class RunNoise:
     ----------
     measured : (m n, m n) of what moves
     white : inverse Cholesky factor of it
-    still : per channel without dynamics (line, distance), the inverse Cholesky factor (n, n), or None
+    still : per channel without dynamics (line, distance), in their order, the inverse Cholesky factor (n, n), or None
     log : log determinant of all that is measured
     good : (n, c)
     """
@@ -122,14 +122,14 @@ class Measured:
     ----------
     good : (n, c)
     covariance : (c, n, n)
-    moving : channels that forces move, the first ones; the others (line, marker distance) hold no dynamics
+    moving : channels that forces move, m of them; the others (line, marker distance) hold no dynamics
     roots : how forces move those
     cross : (n, n), covariance of the first channel, which moves, with the second; None: they err apart
     """
 
     good: Array
     covariance: Array
-    moving: int
+    moving: tuple[int, ...]
     roots: Roots
     cross: Array | None = None
 
@@ -167,10 +167,11 @@ class Noise:
 
     def white(self, index: int, values: Array) -> tuple[Array, Array]:
         """(n, c, k) beside the measurement's noise alone: what moves (m n, k), and the other channels."""
-        noise, first = self.runs[index], self.measured[index].moving
+        noise, moved = self.runs[index], self.measured[index].moving
         flat = np.where(noise.good[..., None], values, 0.0)
-        still = [root @ flat[:, c] for c, root in enumerate(noise.still, start=first) if root is not None]
-        moving = noise.white @ np.concatenate([flat[:, c] for c in range(first)])
+        others = [c for c in range(values.shape[1]) if c not in moved]
+        still = [root @ flat[:, c] for c, root in zip(others, noise.still, strict=True) if root is not None]
+        moving = noise.white @ np.concatenate([flat[:, c] for c in moved])
         return moving, np.concatenate(still) if still else np.zeros((0, values.shape[2]))
 
     def whitened(self, index: int, forces: Forces, values: Sequence[Array]) -> list[Array]:
@@ -208,7 +209,7 @@ def _space(white: Array, roots: Sequence[Array]) -> Space:
     return Space(base, np.array([part @ part.T for part in (base.T @ root for root in shown)]), size[::-1])
 
 
-def run_noise(good: Array, covariance: Array, moving: int, cross: Array | None = None) -> RunNoise:
+def run_noise(good: Array, covariance: Array, moving: Sequence[int], cross: Array | None = None) -> RunNoise:
     """What forces do not change of a run's noise.
 
     Parameters
@@ -223,13 +224,13 @@ def run_noise(good: Array, covariance: Array, moving: int, cross: Array | None =
         covariance[channel][np.ix_(np.arange(n), lost)] = 0.0
         usual = float(np.diag(covariance[channel]).max()) or 1.0
         covariance[channel][lost, lost] = usual
-    measured: Array = np.asarray(block_diag(*covariance[:moving]))
+    measured: Array = np.asarray(block_diag(*covariance[list(moving)]))
     if cross is not None:
         both = np.where(np.outer(good[:, 0], good[:, 1]), cross, 0.0)
         measured[:n, n : 2 * n], measured[n : 2 * n, :n] = both, both.T
     white, log = _inverse_root(measured)
     still: list[Array | None] = []
-    for channel in range(moving, channels):
+    for channel in (c for c in range(channels) if c not in moving):
         if not good[:, channel].any():
             still.append(None)
             continue

@@ -78,9 +78,9 @@ def _rest(inference: Inference, fitted: Fitted) -> list[Array]:
     solved, rest = fitted.solved, []
     for index, run in enumerate(inference.simulator.runs):
         left = inference.left(fitted.linear, fitted.forces, solved.shared, solved.own[index], index)
-        moving = inference.noise.measured[index].moving
-        good = np.isfinite(run.values[:, :moving])
-        rest.append(np.where(good, left[: good.size].reshape(moving, -1).T, 0.0))
+        moving = list(inference.noise.measured[index].moving)
+        good = np.isfinite(run.values[:, moving])
+        rest.append(np.where(good, left[: good.size].reshape(len(moving), -1).T, 0.0))
     return rest
 
 

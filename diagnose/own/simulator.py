@@ -429,7 +429,7 @@ class OwnSimulator(UsersSimulator):
                 first, rest = found[:1] or [nothing], found[1:] or [nothing]
                 return [first[0], np.concatenate(rest, axis=1)]
 
-            return Measured(good, run.covariance, channels, roots)
+            return Measured(good, run.covariance, tuple(range(channels)), roots)
 
         return Noise([measured(index, run) for index, run in enumerate(self._runs)])
 

@@ -93,7 +93,7 @@ class Asked:
         even = solve_triangular(self.colour, courses.reshape(count, -1), lower=True)
         values = np.zeros((count, channels, 2, together * tiles))
         for kind, root in enumerate(self.roots):
-            values[:, :moving, kind] = (root @ even).reshape(moving, count, -1).swapaxes(0, 1)
+            values[:, list(moving), kind] = (root @ even).reshape(len(moving), count, -1).swapaxes(0, 1)
         white = noise.whitened(self.run, forces, [values])[0].reshape(-1, 2 * together, tiles).transpose(2, 1, 0)
         solved, part = self.beside.solved, self.beside.solved.reduced
         shared, cross = len(solved.shared), white @ self.slopes

@@ -24,6 +24,7 @@ from ..inference.shooting import (
     stepped,
 )
 from .data import corrected
+from .noise import moved_channels
 from .numbers import shared_numbers
 from .rates import OWN, STATES, Fields, Numbers, OtherHull, TowRates, held_before, held_from, tow_of
 from .seen import TowSeen
@@ -183,14 +184,15 @@ class TowModel:
         return missed * there[..., None], over(change) * there[..., None, None]
 
     def pushed(self, h: Hypothesis) -> list[Array]:
-        """How the means of y and heading answer forces that last one block each, along the hypothesis's own path.
+        """How the means of what moves answer forces that last one block each, along the hypothesis's own path.
 
         A line that swings answers a push otherwise than a straight one, by the square of its angles: forces that move a model by
         centimetres would else leave tenths of a millimetre that no noise explains.
 
         Returns
         -------
-        of each run (n, 2, 2, n): y, m, and heading, rad; by a side force, N, and a moment, N m; in every block
+        of each run (n, m, 2, n): y, m, heading, rad, and what the line pulls with, N, where a load cell says it (``moved_channels``);
+        by a side force, N, and a moment, N m; in every block
         """
         lates, group = _lates([h]), self._variations(h)
         course = self._courses([h], [group], lates, 0)[0]
@@ -204,7 +206,19 @@ class TowModel:
         push = push.reshape(*once.shape[:3], 2 * blocks)
         changes = np.clip(carried(course.transition, push, np.zeros_like(push[0])), -BLOW_UP, BLOW_UP)
         found = self._seen.by_motion(group, course.path, changes, lates)
-        return [answer[:, :2].reshape(len(answer), 2, 2, blocks)[..., : len(answer)] for answer in found]
+        answers = [
+            answer[:, list(moved_channels(run))].reshape(len(answer), -1, 2, blocks)[..., : len(answer)]
+            for run, answer in zip(self.runs, found, strict=True)
+        ]
+        if self.celled:
+            # a taut line pulls harder at once, and not only as what is pushed moves
+            with np.errstate(all="ignore"):
+                pull = self._rates(numbers).pulls(self.node_s[:, None, None], course.path[..., None])[1]
+            for k, answer in enumerate(answers):
+                at = np.arange(len(answer))
+                once = (pull[:, k, 1:3] - pull[:, k, :1]) / PROBE_N
+                answer[at, -1, :, at] += (once[2 * at] + 2 * once[2 * at + 1] + once[2 * at + 2]) / 4
+        return answers
 
     @property
     def celled(self) -> bool:

@@ -9,10 +9,16 @@ import numpy as np
 
 from ...simulate.model import Array
 from ..inference.noise import TIMES_S, Measured, Noise, RunNoise, force_colour, run_noise
+from .channels import PULL
 from .tow_run import TowRun
 
-MOVING = 2
-"""Channels that forces move: y and heading."""
+MOVING = (0, 1)
+"""Channels that forces move: y and heading, and what a line pulls with where a load cell says it."""
+
+
+def moved_channels(run: TowRun) -> tuple[int, ...]:
+    """Those of a run."""
+    return (*MOVING, PULL) if run.celled else MOVING
 
 
 def measured_noise(runs: Sequence[TowRun]) -> list[RunNoise]:
@@ -28,7 +34,7 @@ def measured_noise(runs: Sequence[TowRun]) -> list[RunNoise]:
         good = np.isfinite(run.values)
         key = (id(run.covariance), good.tobytes())
         if key not in found:
-            found[key] = run_noise(good, run.covariance, MOVING, run.cross)
+            found[key] = run_noise(good, run.covariance, moved_channels(run), run.cross)
         answer.append(found[key])
     return answer
 
@@ -44,7 +50,9 @@ def tow_noise(runs: Sequence[TowRun], pushed: Sequence[Array], measured: Sequenc
     """
     return Noise(
         [
-            Measured(np.isfinite(run.values), run.covariance, MOVING, partial(_roots, run, answer), run.cross)
+            Measured(
+                np.isfinite(run.values), run.covariance, moved_channels(run), partial(_roots, run, answer), run.cross
+            )
             for run, answer in zip(runs, pushed, strict=True)
         ],
         measured_noise(runs) if measured is None else measured,
@@ -53,13 +61,13 @@ def tow_noise(runs: Sequence[TowRun], pushed: Sequence[Array], measured: Sequenc
 
 def _roots(run: TowRun, pushed: Array, time: int) -> list[Array]:
     good = np.isfinite(run.values)
-    keep = np.concatenate([good[:, 0], good[:, 1]])[:, None]
-    n = len(good)
+    n, moved = len(good), moved_channels(run)
+    keep = np.concatenate([good[:, c] for c in moved])[:, None]
     lag = np.abs(np.arange(n)[:, None] - np.arange(n)[None, :]) * run.step_s
     colour = force_colour(TIMES_S[time], lag)
     # an answer that grows beyond bounds is a motion's that is refused anyway
-    answers = np.nan_to_num(pushed).transpose(2, 1, 0, 3).reshape(2, MOVING * n, n)
+    answers = np.nan_to_num(pushed).transpose(2, 1, 0, 3).reshape(2, len(moved) * n, n)
     return [keep * (answer @ colour) for answer in answers]
 
 
-__all__ = ["measured_noise", "tow_noise"]
+__all__ = ["measured_noise", "moved_channels", "tow_noise"]

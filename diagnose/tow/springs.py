@@ -2,7 +2,8 @@
 
 The taut line's radius holds no hydrodynamics: what it does faster than the swing is the line's own. One ring a run says it with
 four numbers; a line that is plucked again and again, or goes slack at times, needs its whole course within a band of frequencies.
-Numbers found so are paid for: half the logarithm of what the residual holds over its noise, each.
+Numbers found so are paid for: half the logarithm of what the residual holds over its noise for each size, and for the rate and decay
+of a ring how many of them could be told apart in what was searched (in noise, too, one of them fits best).
 """
 
 from __future__ import annotations
@@ -85,7 +86,7 @@ def _rings(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:
     gain, decay, rate = max(grid)
     if gain < CLEAR + 2 * len(runs):
         return []
-    rings, cost = [], 0.0
+    rings, cost = [], float(np.log(np.log(RATES_HZ[1] / RATES_HZ[0]) / (2 * np.log(LIKE))))
     for run, rest in zip(runs, rests, strict=True):
         end = minimize(
             lambda x, t=run.centre_s, rest=rest: -ring_fit(t, rest, abs(x[0]), x[1])[0],
@@ -104,7 +105,7 @@ def _rings(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:
         # a mean over a block flattens what comes and goes within it
         flat = float(np.sinc(own_rate * step / (2 * np.pi)))
         rings.append(Ring(size * run.usual_sd(LINE) / flat, own_decay, own_rate))
-        cost += 2 * float(np.log1p(max(explained, 0.0) / 4))
+        cost += _searched(run.centre_s, max(explained, 0.0), own_decay, (LIKE - 1 / LIKE) * rate)
     sizes, decays, angular = (np.array([[getattr(r, k)] for r in rings]) for k in ("size_m", "decay_s", "rate_rad_s"))
 
     def bounce(t_s: Any) -> Array:
@@ -112,6 +113,15 @@ def _rings(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:
 
     heard = ", ".join(f"{r.rate_rad_s / (2 * np.pi):.2f}" for r in rings)
     return [springing(bounce, f"springs at {heard} Hz", cost, ELASTIC.form)]
+
+
+def _searched(t_s: Array, explained: float, decay_s: float, rates_rad_s: float) -> float:
+    """What a ring's four numbers cost: its size and phase, and how many rates and decays of those searched can be told apart."""
+    weight = np.exp(-2 * decay_s * t_s)
+    middle = np.average(t_s, weights=weight)
+    # the standard deviation of rate and decay, where what is explained were all of its power (Cramer and Rao)
+    told_s = np.sqrt(explained * np.average((t_s - middle) ** 2, weights=weight) / (2 * np.pi))
+    return float(np.log1p(explained / 2) + np.log1p(rates_rad_s * told_s) + np.log1p(DECAYS_S[-1] * told_s))
 
 
 def _courses(runs: Sequence[TowRun], rests: Sequence[Array]) -> list[Effect]:

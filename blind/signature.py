@@ -2,12 +2,12 @@
 
 D_ij = lambda_i (1 - cos^2 rho_ij), from the generator alone: the noise-free pixels of both marks (and a load cell's record, where
 there is one) with and without the effect, whitened by the case's true noise, after everything that any diagnosis must refit is
-projected out (derivatives, surge within what a person knows of it, each run's start, settings within their errors, place and
-heading of the marks, the camera's pose from the picked datum). Signatures are taken at a twentieth of the size and scaled up: a
+projected out (derivatives, surge and the stretch of a taut line within what a person knows of them, each run's start, settings
+within their errors, place and heading of the marks, the camera's pose from the picked datum). Signatures are taken at a twentieth of the size and scaled up: a
 straight line from no effect, so that D counts what can be told and not how far a fit has to walk. What is there or is not (a slack
 line, a line that something holds at a tension) is taken at its whole size, and so is a soft line: with a twentieth of its
-compliance it would be stiffer than the line that every other tow has, and ring faster than the motion's step can follow. A slack
-line is no rival of others (its window is free).
+compliance it would be stiffer than the line of every other tow, and ring faster than the motion's step can follow. A slack line is
+no rival of others (its window is free).
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ SURGE = {"surge_mass": (0.03, 0), "x_vr": (0.26, 0), "x_vv": (1.2, -1), "x_rr": 
 """What it grants a hull (standard deviation as a share of the mass, times the length to a power)."""
 POWER = 0.1
 """Of the growth of resistance, plainly."""
+GIVES_M_N = 1 / 20000.0
+"""... and of a taut line's stretch: it is as stiff as those of ``one_case``, and nobody has measured it."""
 PLACE_M, HEADING_RAD = 0.0015, 0.0016
 """What it grants each run beside these: a constant error of place across the tank and of heading, standard deviations."""
 START = {"y_release": 0.01, "beta_release": 0.01, "v_release": 0.01, "r_release": 0.01}
@@ -55,7 +57,7 @@ STRENGTH: dict[str, tuple[str, ...]] = {
     "speed_drift": ("share", "ramp_share", "swing_share"),
     "tension_variation": (),
     "constant_tension": (),
-    "elastic_line": (),
+    "elastic_line": ("compliance_m_n", "sag"),
     "slack_line": (),
     "tow_point_offset": ("offset_m", "slip_m", "slide_m"),
     "swivel_friction": ("moment_n_m", "dry_n_m", "oil_n_m", "grease_n_m", "post_n_m"),
@@ -79,6 +81,8 @@ STRENGTH: dict[str, tuple[str, ...]] = {
     "law": ("side0", "turn0", "along0", "lean0", "side1", "turn1", "along1", "lean1"),
 }
 """The numbers that make an effect large or small, those of all its forms."""
+WHOLE = {"elastic_line", *(effect for effect, sizes in STRENGTH.items() if not sizes)}
+"""Effects whose signature is taken at their whole size."""
 Way = dict[str, float]
 """A direction in which an effect moves the picture: its numbers, small."""
 RIVALS: dict[str, tuple[tuple[Way, ...], ...]] = {
@@ -219,7 +223,8 @@ def linear(case: Case) -> Sensed:
     """The case's linear form about its motion without effects."""
     runs = range(len(case.runs))
     base = [lane_of(case, i, effects=False) for i in runs]
-    small = {effect: [_scaled(case, effect, lane_of(case, i), SMALL) for i in runs] for effect in case.effects}
+    shares = {effect: 1.0 if effect in WHOLE else SMALL for effect in case.effects}
+    small = {effect: [_scaled(case, effect, lane_of(case, i), by) for i in runs] for effect, by in shares.items()}
     lanes: list[dict[str, float]] = []
     labels: list[tuple[str, int, float]] = []
 
@@ -234,13 +239,16 @@ def linear(case: Case) -> Sensed:
             add(f"common {name}", i, base[i] | {name: base[i][name] * 1.001}, 0.001)
         for name, sd in surge_sd(case).items():
             add(f"common {name}", i, base[i] | {name: base[i][name] + 0.1 * sd}, 0.1)
+        # its compliance, by a step at which it does not ring faster
+        gives = 1 / base[i]["stiffness_n_m"] + 0.1 * GIVES_M_N
+        add("common stretch", i, base[i] | {"stiffness_n_m": 1 / gives}, 0.1)
         for name, step in START.items():
             add(f"own {name}", i, base[i] | {name: base[i].get(name, 0.0) + 0.01 * step}, 0.01)
         for name, (sd, share) in SETTINGS.items():
             size = sd * (base[i][name] if share else 1.0)
             add(f"own {name}", i, base[i] | {name: base[i][name] + 0.1 * size}, 0.1)
         for effect, cases in small.items():
-            add(f"truth {effect}", i, base[i] | cases[i], SMALL if STRENGTH[effect] else 1.0)
+            add(f"truth {effect}", i, base[i] | cases[i], shares[effect])
         for effect, ways in known.items():
             for label, way in _labelled(effect, ways):
                 add(label, i, base[i] | {f"{effect}.{n}": v for n, v in way.items()}, 1.0)
@@ -383,7 +391,7 @@ def _assembled(
         moved = pose_covariance(tows, path, at_base, t_s, noise["side_n"], noise["moment_n_m"], noise["force_s"])
     eyes: list[Array] = []
     commons, truths, rivals, whiteners, rows, at = [], {e: [] for e in case.effects}, {e: [] for e in known}, [], [], 0
-    surge = tuple(surge_sd(case))
+    surge = (*surge_sd(case), "stretch")
     for run in runs:
         pose = path.at(t_s, index_of["base", run], (X, Y, B, ROLL))
         places = _places(case, pose)

@@ -15,6 +15,7 @@ import pytest
 
 from towline.diagnose.effects import LIBRARY
 from towline.diagnose.gap import diagnosed
+from towline.diagnose.inference import engine
 from towline.diagnose.inference.evidence import Fitted, Inference
 from towline.diagnose.inference.grams import Columns, Grams
 from towline.diagnose.inference.hypothesis import Hypothesis
@@ -206,6 +207,31 @@ def test_random_forces_are_neither_pushes_nor_waves(tows: list[TowRun]) -> None:
         told.append((bool(pushes(inference, drawn_fit)), bool(waves(inference, drawn_fit))))
     expected = campaigns * np.exp(-NOTABLE)
     assert (np.sum(told, axis=0) < expected + 4 * np.sqrt(expected)).all()
+
+
+def wandering(seed: int, side_n: float, moment_n_m: float, lasts_s: float) -> Callable[..., tuple[float, float]]:
+    """First-order random forces, straight between fifths of a second."""
+    rng, t_s = np.random.default_rng(seed), np.arange(0.0, 47.0, 0.2)
+    keep = np.exp(-0.2 / lasts_s)
+    drawn = [rng.normal(size=2)]
+    for noise in rng.normal(size=(len(t_s) - 1, 2)):
+        drawn.append(keep * drawn[-1] + np.sqrt(1 - keep**2) * noise)
+    side, moment = np.array(drawn).T * [[side_n], [moment_n_m]]
+    return lambda t, y, *_: (np.interp(t, t_s, side) + 0.0 * y, np.interp(t, t_s, moment) + 0.0 * y)
+
+
+def test_beside_random_forces_no_effect_ends_far_below_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An effect can be as good as none: what its evidence may fall below is what its own freedom costs, 5 at most here, however
+    small the random forces are that its fit begins with.
+    """
+    monkeypatch.setattr(engine, "GROSS", -np.inf)
+    tows = [
+        made(k, x, y, extra=wandering(k, 0.2, 0.1, 1.0))
+        for k, (x, y) in enumerate(((1.446, 0.2), (1.751, -0.2), (1.6, 0.1)))
+    ]
+    found = diagnosed(TowSimulator(tows), LIBRARY, "test", {}, rng=np.random.default_rng(0))
+    assert len(found.ranking.candidates) > 4
+    assert min(c.log_evidence for c in found.ranking.candidates) > -5
 
 
 def _nothing(simulator: TowSimulator) -> tuple[Inference, Fitted]:

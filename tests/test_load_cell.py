@@ -115,6 +115,36 @@ def test_what_is_said_beside_the_model_is_what_the_simulator_pulls_with(tmp_path
             assert np.abs(slope[:, :PULL, column]).max() == 0.0  # a camera has a clock of its own
 
 
+def test_random_forces_are_felt_by_the_cell_too(tmp_path: Path) -> None:
+    """Against ``simulate_full`` with a push that lasts one block, from a release at 0.22 rad: what it does to the pull, at once and
+    as the model moves, to 2 % of the largest (a cell's samples do not fill a block evenly, and a block has three nodes).
+    """
+    run = with_cell(tmp_path, 0.0)
+    model = TowSimulator([run])
+    shared = np.array([getattr(HULL, n) if n != "compliance_m_n" else 0.0 for n in model.shared_names])
+    own = np.array([[np.arcsin(0.2 / LINE_M), 0, 0, 0, 0, 0, R_N, POINT_M, LINE_M, SPEED, 0, 0]])
+    h = model.begun(Hypothesis(shared, own))
+    found = model.pushed(h)[0]
+    cell_s = np.arange(0.0, 45.0, 0.1)
+    block = np.floor(cell_s / run.step_s + 1e-9).astype(int)
+    inside = block < len(run.centre_s)
+    good = np.isfinite(run.values[:, PULL])
+
+    def means(block_pushed: int, side_n: float, moment_n_m: float) -> np.ndarray:
+        def push(t, y, beta, v, r, alpha):
+            there = (np.floor(t / run.step_s) == block_pushed) + 0.0 * v
+            return side_n * there, moment_n_m * there
+
+        pull = simulate_full(HULL, TOW, Start(y_cg_m=0.2), cell_s, extra=push)["tension_n"].to_numpy()
+        return np.bincount(block[inside], pull[inside]) / np.bincount(block[inside])
+
+    still = means(0, 0.0, 0.0)
+    for pushed in (6, 20):
+        for k, force in enumerate(((0.02, 0.0), (0.0, 0.02))):
+            truth = (means(pushed, *force) - still) / 0.02
+            assert np.abs(found[:, -1, k, pushed] - truth)[good].max() < 0.02 * np.abs(truth[good]).max(), (pushed, k)
+
+
 def test_a_point_beside_the_centre_line_is_felt_by_the_cell_too(tmp_path: Path) -> None:
     """One that could slip, and does not, against one that is fixed, whose equations are exact.
 

@@ -191,8 +191,8 @@ class TowModel:
 
         Returns
         -------
-        of each run (n, m, 2, n): y, m, heading, rad, and what the line pulls with, N, where a load cell says it (``moved_channels``);
-        by a side force, N, and a moment, N m; in every block
+        of each run (n, m, 2, n): y, m, heading, rad, and, where a load cell says it, what the line pulls with, N
+        (``moved_channels``); by a side force, N, and a moment, N m; in every block
         """
         lates, group = _lates([h]), self._variations(h)
         course = self._courses([h], [group], lates, 0)[0]

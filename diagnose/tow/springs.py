@@ -2,8 +2,8 @@
 
 The taut line's radius holds no hydrodynamics: what it does faster than the swing is the line's own. One ring a run says it with
 four numbers; a line that is plucked again and again, or goes slack at times, needs its whole course within a band of frequencies.
-Numbers found so are paid for: half the logarithm of what the residual holds over its noise for each size, and for the rate and decay
-of a ring how many of them could be told apart in what was searched (in noise, too, one of them fits best).
+Numbers found so are paid for: half the logarithm of what the residual holds over its noise for each size, and for a ring's rate and
+decay how many of them could be told apart in what was searched (in noise, too, one of them fits best).
 """
 
 from __future__ import annotations

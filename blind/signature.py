@@ -3,11 +3,11 @@
 D_ij = lambda_i (1 - cos^2 rho_ij), from the generator alone: the noise-free pixels of both marks (and a load cell's record, where
 there is one) with and without the effect, whitened by the case's true noise, after everything that any diagnosis must refit is
 projected out (derivatives, surge and the stretch of a taut line within what a person knows of them, each run's start, settings
-within their errors, place and heading of the marks, the camera's pose from the picked datum). Signatures are taken at a twentieth of the size and scaled up: a
-straight line from no effect, so that D counts what can be told and not how far a fit has to walk. What is there or is not (a slack
-line, a line that something holds at a tension) is taken at its whole size, and so is a soft line: with a twentieth of its
-compliance it would be stiffer than the line of every other tow, and ring faster than the motion's step can follow. A slack line is
-no rival of others (its window is free).
+within their errors, place and heading of the marks, the camera's pose from the picked datum). Signatures are taken at a twentieth
+of the size and scaled up: a straight line from no effect, so that D counts what can be told and not how far a fit has to walk.
+What is there or is not (a slack line, a line that something holds at a tension) is taken at its whole size, and so is a soft line:
+with a twentieth of its compliance it would be stiffer than the line of every other tow, and ring faster than the motion's step can
+follow. A slack line is no rival of others (its window is free).
 """
 
 from __future__ import annotations

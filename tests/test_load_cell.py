@@ -191,7 +191,9 @@ def test_delays_are_found_where_record_and_motion_disagree(since: float | None) 
     assert each.cell is not None
     if since is None:
         # 120 means of a wave of 0.5 N and 10 s tell a delay to 0.004 s
-        assert [float(each.cell(f"r{k}", 1.0, 1.0)) for k in range(2)] == pytest.approx([0.15, -0.2], abs=0.015)
+        found = [one.none for one in each.parameters]
+        assert [float(each.cell(f"r{k}", 1.0, *found)) for k in range(2)] == pytest.approx([0.15, -0.2], abs=0.015)
+        assert float(each.cell("a run without a cell", 1.0, *found)) == 0.0
     else:
         # to a part of a block; the fit goes on from there
         at = jump.parameters[2].none

@@ -452,6 +452,10 @@ DELAY_FORMS = (
 """Where the line keeps its length: its pull follows from the motion, and the load cell's record is compared with it."""
 
 
+FOUND_TO_S = 0.03
+"""A delay is found in the measured motion to so much: the fit goes on from there. A choice."""
+
+
 def delayed_each(late_s: Mapping[str, float], cost: float) -> Effect:
     """A load cell whose clock was started anew before each run; the engine finds the delays in its record.
 
@@ -460,11 +464,18 @@ def delayed_each(late_s: Mapping[str, float], cost: float) -> Effect:
     late_s : run's name -> delay; runs that are not named have none
     cost : log evidence that finding them costs
     """
+    runs = list(late_s)
+
+    def late(run: str, _t_s: Any, *delays_s: Any) -> Any:
+        return delays_s[runs.index(run)] if run in late_s else 0.0 * delays_s[0]
+
     return replace(
         DELAY_FORMS[0],
-        parameters=(Parameter("share", "", 1.0),),
-        cell=lambda run, _t_s, share: share * late_s.get(run, 0.0),
-        variant="in each run another: " + ", ".join(f"{run} {late:.2f} s" for run, late in late_s.items()),
+        parameters=tuple(
+            Parameter(f"delay_{k}_s", "s", FOUND_TO_S, none=found_s) for k, found_s in enumerate(late_s.values(), 1)
+        ),
+        cell=late,
+        variant="in each run another",
         bound=True,
         sizes=(1.0,),
         cost=cost,

@@ -2,6 +2,7 @@
 
     python benchmarks/path_traced.py OUT [--campaigns 10] [--workers 1] [--folders DIR ...] [--keep FOLDER]
     python benchmarks/path_traced.py OUT --check          # is what is rendered where it is said to be?
+    python benchmarks/path_traced.py OUT --again benchmarks/path_traced      # verdicts anew, from the tracks kept there
 
 Ten campaigns of four films (30 s, 25 or 12.5 frames/s, 960x540): hull, camera, lens, lamps, water, marks and codec are drawn; three
 hold an effect that their run.toml does not know. The same campaigns stand in the table with true pixels and white noise instead of
@@ -24,7 +25,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from path_traced_cases import PLANTED, TOWS, drawn, marks_px, motion_of, told, truth_of
-from path_traced_score import kept, table
+from path_traced_score import kept, table, verdict_of
 
 from towline.pipeline.executor.processes import THREADS, in_parallel
 from towline.record.files import write_text
@@ -120,6 +121,33 @@ def keep(out: Path, number: int, seed: int, to: Path) -> None:
     tracks.to_parquet(there / "tracks.parquet", compression="zstd", index=False)
 
 
+def again(kept_there: Path, out: Path, number: int) -> str:
+    """The verdict on a campaign's kept tracks, in a line; the films' own lag of the codec is not kept."""
+    there, home = kept_there / f"{number:02d}", out / f"{number:02d}-again"
+    case = json.loads((there / "case.json").read_text(encoding="utf-8"))
+    folders = []
+    for run, tracks in pd.read_parquet(there / "tracks.parquet").groupby("run", sort=True):
+        folders.append(home / str(run))
+        folders[-1].mkdir(parents=True, exist_ok=True)
+        columns = ["frame", "t_s", "marker", "u_px", "v_px", "sigma_u_px", "sigma_v_px", "status"]
+        table = tracks.rename(columns={"mark": "marker"}).assign(t_s=tracks["frame"] / case["rate_hz"])
+        seen = table["u_px"].notna()
+        table.assign(status=np.where(seen, "measured", "lost"))[columns].to_csv(folders[-1] / "tracks.csv", index=False)
+        page = (there / f"{run}.toml").read_text(encoding="utf-8")
+        (folders[-1] / "run.toml").write_text(page.replace('video = "video.mp4"', 'tracks = "tracks.csv"'), "utf-8")
+    found = verdict_of(folders)
+    if "verdict_error" in found:
+        return f"{number:02d}  {found['verdict_error']}"
+    first, planted = "", PLANTED.get(number, "nothing")
+    if found["ranking"]:
+        best = found["ranking"][0]
+        first = f"first {' + '.join(best['effects'])} {best['p']:.2f}"
+    return (
+        f"{number:02d}  planted {planted:18} verdict {found['verdict']:14} no gap {found['p_no_gap']:5.2f}  "
+        f"unknown {found['p_unknown']:5.2f}  {first}"
+    )
+
+
 def main() -> None:
     """Make what is missing, print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -132,6 +160,9 @@ def main() -> None:
         "--keep", type=Path, metavar="FOLDER", help="truth, seeds, tracks and scores, without the films"
     )
     parser.add_argument("--check", action="store_true", help="only say how far the pictures are from the formulae")
+    parser.add_argument(
+        "--again", type=Path, metavar="FOLDER", help="only verdicts, from the tracks that are kept there"
+    )
     parser.add_argument("--no-films", action="store_true", help="score what is filmed already")
     given = parser.parse_args()
     for name in THREADS:
@@ -142,6 +173,10 @@ def main() -> None:
         print("\n".join(checked(list(range(given.campaigns)), given.seed)))
         return
     given.out.mkdir(parents=True, exist_ok=True)
+    if given.again is not None:
+        for number in range(given.campaigns):
+            print(again(given.again, given.out, number), flush=True)
+        return
     answers: dict[str, Any] = {}
     for folder in given.folders:
         if (found := beside(folder, given.out)) is not None:

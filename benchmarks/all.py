@@ -82,6 +82,10 @@ TABLES = {
         "benchmarks/path_traced.py {out}/path-traced --keep benchmarks/path_traced", "path_traced.txt", 180,
         "10 campaigns path-traced by mitsuba, film to derivatives to verdict",
     ),
+    "path_traced_again": Table(
+        "benchmarks/path_traced.py {out}/path-traced-again --again benchmarks/path_traced", "path_traced_again.txt", 2,
+        "verdicts on their kept tracks",
+    ),
     "blind": Table(
         "-m towline blind {out}/blind --cases 600 --nulls 300 --seed 2029 --workers 2 --html", "blind/score.txt", 75,
         "600 campaigns whose truth is sealed",

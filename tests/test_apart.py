@@ -23,6 +23,10 @@ from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
 from towline.record import InputError, read_run
 
 WAVE = Effect("wave", "sensor", (Parameter("b", "rad", 0.005),), "It shakes.", "Hold it.", sizes=(1.0,))
+BEYOND = Effect(
+    "beyond", "sensor", (Parameter("c", "", 1.0), Parameter("d", "", 1.0)), "It runs off.", "", sizes=(1.0,)
+)
+"""Its two numbers do the same, by so much that the prior is lost in rounding."""
 TOL = 1e-5
 """Of log evidences near 1e4, from slopes that are differences."""
 STEP_S, SIZE, NOISE = 0.2, 2e-5, 5e-4
@@ -32,7 +36,8 @@ def line(run: UsersRun, n: dict, effects: dict) -> np.ndarray:
     """A straight line, and a wave as the effect: all linear; k side by side."""
     (size,) = effects.get("wave", (0.0,))
     t_s = run.centre_s[:, None]
-    return (n["a0"] + n["rate"] * t_s + size * np.cos(t_s))[:, None]
+    gone = 1e12 * sum(effects.get("beyond", (0.0, 0.0))) * np.sin(2 * t_s)
+    return (n["a0"] + n["rate"] * t_s + size * np.cos(t_s) + gone)[:, None]
 
 
 def fitted(effect: Effect | None, apart: dict[str, Apart]) -> tuple[Inference, Fitted]:
@@ -91,6 +96,13 @@ def test_a_score_foresees_what_a_measurement_adds() -> None:
     inference, base = fitted(None, told(3e-5, 1e-5))
     score = screened(inference, base, [WAVE], (1.0,)).seen["wave"]
     assert score == pytest.approx(fitted(WAVE, told(3e-5, 1e-5))[1].log_evidence - base.log_evidence, abs=TOL)
+
+
+def test_slopes_that_have_run_off_take_no_other_effect_with_them() -> None:
+    inference, base = fitted(None, {})
+    both = screened(inference, base, [BEYOND, WAVE], (1.0,)).seen
+    assert both["beyond"] == -np.inf
+    assert both["wave"] == screened(inference, base, [WAVE], (1.0,)).seen["wave"]
 
 
 def test_what_can_be_measured_is_offered_once() -> None:

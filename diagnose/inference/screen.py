@@ -100,7 +100,10 @@ def _score(effect: Effect, left: Array, pull: Array) -> float:
     """Log evidence that an effect would add, by its information ``left`` (p, p) and its gradient ``pull`` (p,)."""
     sd = np.array([p.sd for p in effect.parameters])
     sided = np.flatnonzero([p.one_sided for p in effect.parameters])
-    logs = log_evidence(sd[:, None] * left * sd, sd * pull, shares_of([effect]), sided)
+    try:
+        logs = log_evidence(sd[:, None] * left * sd, sd * pull, shares_of([effect]), sided)
+    except np.linalg.LinAlgError:  # slopes of a motion that has run off cancel beyond all digits
+        return -np.inf
     value = mixed(logs) - effect.cost
     return value if np.isfinite(value) else -np.inf
 

@@ -125,6 +125,7 @@ class Measured:
     moving : channels that forces move, m of them; the others (line, marker distance) hold no dynamics
     roots : how forces move those
     cross : (n, n), covariance of the first channel, which moves, with the second; None: they err apart
+    scanned : how many of those that move, the first ones, are searched for something left over; None: all
     """
 
     good: Array
@@ -132,6 +133,7 @@ class Measured:
     moving: tuple[int, ...]
     roots: Roots
     cross: Array | None = None
+    scanned: int | None = None
 
 
 class Noise:

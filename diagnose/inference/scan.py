@@ -74,11 +74,12 @@ def standing_out(inference: Inference, fitted: Fitted) -> list[float]:
 
 
 def _rest(inference: Inference, fitted: Fitted) -> list[Array]:
-    """Per run (n, moving channels), whitened."""
+    """Per run (n, channels), whitened, of the moving channels that are searched."""
     solved, rest = fitted.solved, []
     for index, run in enumerate(inference.simulator.runs):
         left = inference.left(fitted.linear, fitted.forces, solved.shared, solved.own[index], index)
-        moving = list(inference.noise.measured[index].moving)
+        measured = inference.noise.measured[index]
+        moving = list(measured.moving[: measured.scanned])
         good = np.isfinite(run.values[:, moving])
         rest.append(np.where(good, left[: good.size].reshape(len(moving), -1).T, 0.0))
     return rest

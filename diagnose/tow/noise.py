@@ -13,7 +13,8 @@ from .channels import PULL
 from .tow_run import TowRun
 
 MOVING = (0, 1)
-"""Channels that forces move: y and heading, and what a line pulls with where a load cell says it."""
+"""Channels that forces move: y and heading, and what a line pulls with where a load cell says it. Something left over is searched
+in the first two alone: a line that rings after the release shows in the third."""
 
 
 def moved_channels(run: TowRun) -> tuple[int, ...]:
@@ -51,7 +52,12 @@ def tow_noise(runs: Sequence[TowRun], pushed: Sequence[Array], measured: Sequenc
     return Noise(
         [
             Measured(
-                np.isfinite(run.values), run.covariance, moved_channels(run), partial(_roots, run, answer), run.cross
+                np.isfinite(run.values),
+                run.covariance,
+                moved_channels(run),
+                partial(_roots, run, answer),
+                run.cross,
+                len(MOVING),
             )
             for run, answer in zip(runs, pushed, strict=True)
         ],

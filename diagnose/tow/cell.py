@@ -14,8 +14,10 @@ SCALE_REL, ZERO_REL = 0.003, 0.003
 """Scale and zero of a load cell where [priors] is silent, as a share of its reading and of its mean."""
 SLOW_REL, SLOW_S = 0.002, 4.0
 """What else comes and goes within the second, as a share of its mean (a creeping cell, ripples of the carriage)."""
-SETTLES_S = 1.0
-"""A model that is let go bounces on its line for so long: no pull of a line that keeps its length."""
+SETTLES_S = 3.0
+"""A model that is let go bounces on its line for so long: no pull of a line that keeps its length. 80 kg on 20 kN/m, damped by a
+twentieth, has a third of its bounce left after one and a half seconds, a tenth after three.
+"""
 
 
 @dataclass(frozen=True)

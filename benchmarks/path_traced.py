@@ -76,14 +76,21 @@ def beside(given: Path, out: Path) -> dict[str, Any] | None:
     return scored(home, folders, json.loads((home / "truth.json").read_text(encoding="utf-8"))) | {"codec": "as filmed"}
 
 
+def of_tracks(folder: Path, tracks: pd.DataFrame, said: str) -> Path:
+    """A run folder of tracks, with what is ``said`` of its film; the folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    tracks.to_csv(folder / "tracks.csv", index=False)
+    page = said.replace('video = "video.mp4"', 'tracks = "tracks.csv"')
+    (folder / "run.toml").write_text(page, encoding="utf-8")
+    return folder
+
+
 def by_pixels(out: Path, number: int, seed: int) -> dict[str, Any]:
     """The score of a campaign from its true pixels with white noise of ``NOISE_PX``: what settings and fit leave."""
     case, home = drawn(number, seed), out / f"{number:02d}-pixels"
     rng = np.random.default_rng([seed, number, 3])
     folders = []
     for k, said in enumerate(told(case, seed)):
-        folders.append(home / f"run-{k + 1}")
-        folders[-1].mkdir(parents=True, exist_ok=True)
         motion = motion_of(case, k)
         parts = []
         for mark, pixels in zip(case["marks"], marks_px(case, motion).transpose(1, 0, 2), strict=True):
@@ -93,9 +100,7 @@ def by_pixels(out: Path, number: int, seed: int) -> dict[str, Any]:
                 {"frame": range(len(u)), "t_s": motion["t_s"], "marker": mark["name"], "u_px": u, "v_px": v}
             )
             parts.append(part.assign(**sd))
-        pd.concat(parts).to_csv(folders[-1] / "tracks.csv", index=False)
-        page = said.replace('video = "video.mp4"', 'tracks = "tracks.csv"')
-        (folders[-1] / "run.toml").write_text(page, encoding="utf-8")
+        folders.append(of_tracks(home / f"run-{k + 1}", pd.concat(parts), said))
     return kept(home / "score.json", folders, truth_of(case), diagnose=False) | {"codec": "true pixels"}
 
 
@@ -127,14 +132,11 @@ def again(kept_there: Path, out: Path, number: int) -> str:
     case = json.loads((there / "case.json").read_text(encoding="utf-8"))
     folders = []
     for run, tracks in pd.read_parquet(there / "tracks.parquet").groupby("run", sort=True):
-        folders.append(home / str(run))
-        folders[-1].mkdir(parents=True, exist_ok=True)
         columns = ["frame", "t_s", "marker", "u_px", "v_px", "sigma_u_px", "sigma_v_px", "status"]
         table = tracks.rename(columns={"mark": "marker"}).assign(t_s=tracks["frame"] / case["rate_hz"])
         seen = table["u_px"].notna()
-        table.assign(status=np.where(seen, "measured", "lost"))[columns].to_csv(folders[-1] / "tracks.csv", index=False)
-        page = (there / f"{run}.toml").read_text(encoding="utf-8")
-        (folders[-1] / "run.toml").write_text(page.replace('video = "video.mp4"', 'tracks = "tracks.csv"'), "utf-8")
+        table = table.assign(status=np.where(seen, "measured", "lost"))[columns]
+        folders.append(of_tracks(home / str(run), table, (there / f"{run}.toml").read_text(encoding="utf-8")))
     found = verdict_of(folders)
     if "verdict_error" in found:
         return f"{number:02d}  {found['verdict_error']}"

@@ -119,7 +119,7 @@ def _searched(t_s: Array, explained: float, decay_s: float, rates_rad_s: float) 
     """What a ring's four numbers cost: its size and phase, and how many rates and decays of those searched can be told apart."""
     weight = np.exp(-2 * decay_s * t_s)
     middle = np.average(t_s, weights=weight)
-    # the standard deviation of rate and decay, where what is explained were all of its power (Cramer and Rao)
+    # one over what rate and decay are known to (Cramer and Rao), and over the width of a normal density
     told_s = np.sqrt(explained * np.average((t_s - middle) ** 2, weights=weight) / (2 * np.pi))
     return float(np.log1p(explained / 2) + np.log1p(rates_rad_s * told_s) + np.log1p(DECAYS_S[-1] * told_s))
 

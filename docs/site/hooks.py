@@ -16,9 +16,13 @@ FENCE = re.compile(r"^(\s*)(`{3,})(\w*)(.*)$")
 ITEM = re.compile(r"^\s*(?:[-*]|\d+\.)\s")
 
 
-def on_config(config: Any) -> Any:
-    """The web page's own page comes into the navigation as soon as it is there; mkdocstrings reads the rooms alone."""
+def on_startup(**_: Any) -> None:
+    """mkdocstrings reads the rooms alone: where their folder is not there before the configuration, all of the checkout."""
     _api(ROOT).sources(ROOT)
+
+
+def on_config(config: Any) -> Any:
+    """The web page's own page comes into the navigation as soon as it is there."""
     if (Path(config["docs_dir"]) / APP).is_file() and APP not in str(config["nav"]):
         use = next(part["Use"] for part in config["nav"] if "Use" in part)
         use.insert(1, {"The app": APP})

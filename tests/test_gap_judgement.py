@@ -17,7 +17,7 @@ from towline.diagnose.effects import LIBRARY, Effect, Parameter
 from towline.diagnose.effects.hull import CURRENT
 from towline.diagnose.gap import NAMED, Diagnosis, best_measurement, called, diagnosed, rests_on, rival_of, twins_of
 from towline.diagnose.inference.apart import Apart
-from towline.diagnose.inference.engine import P_UNKNOWN, extended
+from towline.diagnose.inference.engine import P_UNKNOWN, RUNS_AWAY, extended
 from towline.diagnose.inference.evidence import LARGEST_SD, LARGEST_SHARE, Fitted, Inference, within
 from towline.diagnose.inference.grams import Grams
 from towline.diagnose.inference.held_out import removed_share, shrink, taken
@@ -49,6 +49,8 @@ def shape(effect: str, run: str) -> np.ndarray:
         return WAVE if run == "run-0" else np.zeros(COUNT)
     if effect == "kick":
         return WAVE
+    if effect == "runaway":
+        return 1e70 * WAVE  # what a motion that grows beyond bounds makes of any size
     if effect == "knock" and run != "run-0":
         return np.zeros(COUNT)
     return np.sin(0.6 * T_S + 0.5)
@@ -249,6 +251,17 @@ def test_a_free_force_weighs_by_the_prior_that_it_has(base: tuple[Inference, Fit
 )
 def test_the_share_of_a_gap_that_is_taken(before: float, after: float, noise: float, share: float) -> None:
     assert taken(before, after, noise) == pytest.approx(share, rel=1e-12)
+
+
+def test_an_effect_whose_motion_runs_off_ends_no_diagnosis() -> None:
+    """It is excluded in words, and the one that is there is named; with nothing else to try it is said as well."""
+    runaway = Effect("runaway", "yaw", (Parameter("moment", "m", 0.01),), "It grows.", "", sizes=(1.0,))
+    data = [n + SIZE_M * shape("push", f"run-{k}") for k, n in enumerate(white(4))]
+    for library, verdict in (([runaway, PUSH], "effect"), ([runaway], "unknown")):
+        found = diagnosed(campaign(data), library, "test", {}, rng=np.random.default_rng(0)).file
+        assert (found.verdict, found.excluded["runaway"]) == (verdict, RUNS_AWAY)
+        assert all("runaway" not in row.effects for row in found.ranking)
+        assert verdict == "unknown" or found.ranking[0].effects == ["push"]
 
 
 def test_an_effect_in_another_form_is_named_and_something_else_is_not() -> None:

@@ -64,7 +64,7 @@ FAR_BEHIND = 2000.0
 """A fit from the measured motion that is this far behind the best when its path shall be closed is not gone on with: the right ones
 stand within 500 of their end there, the others' motion mostly runs away, which takes long to integrate."""
 RUNS_AWAY = "no motion with it follows these runs"
-"""Of an effect that was begun from the measured motion and is far behind."""
+"""Of an effect that was begun from the measured motion and is far behind, or whose motion runs off where it is begun."""
 STILL_GOING = 2
 """So many fits that are not at their end are gone on with beside the best few."""
 WORTH_REFINING = 0.3
@@ -134,7 +134,8 @@ def ranked(
     ]
     candidates += _as_candidates(inference, base, unlike, single_prior)
     followed = {name for c in candidates for name in c.names}
-    excluded |= {n: RUNS_AWAY for _, h, _ in unlike for n in (h.effects[0].name,) if n not in followed}
+    begun = [*(h.effects[0].name for _, h, _ in unlike), *(e.name for e in singles)]
+    excluded |= {name: RUNS_AWAY for name in begun if name not in followed}
     free_found = [
         Candidate(effects, f, f.worth - base.log_evidence, np.log(P_UNKNOWN))
         for effects, f in fitted
@@ -146,6 +147,8 @@ def ranked(
     candidates += _pairs(inference, candidates, base, usable, simulator.suggested, len(names), say, gross, forms)
     free_form = _best_free(inference, base, free_found, candidates[0].log_evidence if candidates else 0.0)
     beside = _beside(inference, candidates, base, simulator.free_beside(), say)
+    ranks = {name for c in candidates for name in c.names}
+    excluded = {name: why for name, why in excluded.items() if name not in ranks}
     return (
         simulator,
         inference,
@@ -306,10 +309,7 @@ def _siblings(
             for effect in sorted(alike, key=lambda e: -by_label[e.label])[:SIBLINGS]:
                 others[effect.label] = effect, best.log_prior
     fitted = _fit_all(inference, base, [(e,) for e, _ in others.values()], gross) if others else []
-    return [
-        Candidate(effects, f, f.worth - base.log_evidence, prior)
-        for (effects, f), (_, prior) in zip(fitted, others.values(), strict=True)
-    ]
+    return [Candidate(effects, f, f.worth - base.log_evidence, others[effects[0].label][1]) for effects, f in fitted]
 
 
 def _converged(inference: Inference, candidates: list[Candidate], base: Fitted) -> list[Candidate]:
@@ -404,10 +404,15 @@ def _fit_all(
     starts: Sequence[Hypothesis] = (),
     ahead: float = -np.inf,
 ) -> list[tuple[tuple[Effect, ...], Fitted]]:
-    """Fits of ``sets`` of effects from the base, and from ``starts`` if they may come near to the log evidence ``ahead``."""
+    """Fits of ``sets`` of effects from the base, and from ``starts`` if they may come near to the log evidence ``ahead``.
+
+    Without those whose motion runs off from the base on: no step leads anywhere.
+    """
     hypotheses = [with_effects(base.hypothesis, list(effects)) for effects in sets]
     share, steps, turns = (SMALL_FORCES, GROSS_STEPS, (GROSS_STEPS - 1,)) if gross else (1.0, REFIT_STEPS, (1,))
-    found = inference.fit(hypotheses, [base.forces.scaled(share)] * len(sets), steps, turns)
+    ends = _each_fit(inference, hypotheses, base.forces.scaled(share), steps, turns)
+    sets, hypotheses = ([one[k] for k, end in enumerate(ends) if end is not None] for one in (sets, hypotheses))
+    found = [end for end in ends if end is not None]
     # an effect can be as good as none: a fit that ends far below the base has lost its way beside forces that are too small
     astray = [k for k, f in enumerate(found) if gross and f.worth < base.log_evidence - CONVERGED_GAIN]
     again = inference.fit([hypotheses[k] for k in astray], [base.forces] * len(astray), REFIT_STEPS, (1,))
@@ -425,6 +430,18 @@ def _fit_all(
         for k, end in zip(going, ends, strict=True):
             found[k] = max(found[k], end, key=lambda f: f.worth)
     return list(zip(sets, found, strict=True))
+
+
+def _each_fit(
+    inference: Inference, hypotheses: Sequence[Hypothesis], forces: Forces, steps: int, turns: Sequence[int]
+) -> list[Fitted | None]:
+    """Fits side by side; where one cannot even begin, each by itself, and None for such a one: it ends no diagnosis."""
+    try:
+        return list(inference.fit(hypotheses, [forces] * len(hypotheses), steps, turns))
+    except EstimationError:
+        if len(hypotheses) == 1:
+            return [None]
+    return [_each_fit(inference, [h], forces, steps, turns)[0] for h in hypotheses]
 
 
 def _pairs(

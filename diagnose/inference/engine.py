@@ -411,7 +411,8 @@ def _fit_all(
     hypotheses = [with_effects(base.hypothesis, list(effects)) for effects in sets]
     share, steps, turns = (SMALL_FORCES, GROSS_STEPS, (GROSS_STEPS - 1,)) if gross else (1.0, REFIT_STEPS, (1,))
     ends = _each_fit(inference, hypotheses, base.forces.scaled(share), steps, turns)
-    sets, hypotheses = ([one[k] for k, end in enumerate(ends) if end is not None] for one in (sets, hypotheses))
+    begun = [k for k, end in enumerate(ends) if end is not None]
+    sets, hypotheses = [sets[k] for k in begun], [hypotheses[k] for k in begun]
     found = [end for end in ends if end is not None]
     # an effect can be as good as none: a fit that ends far below the base has lost its way beside forces that are too small
     astray = [k for k, f in enumerate(found) if gross and f.worth < base.log_evidence - CONVERGED_GAIN]

@@ -133,9 +133,6 @@ def ranked(
         if effects[0] not in free
     ]
     candidates += _as_candidates(inference, base, unlike, single_prior)
-    followed = {name for c in candidates for name in c.names}
-    begun = [*(h.effects[0].name for _, h, _ in unlike), *(e.name for e in singles)]
-    excluded |= {name: RUNS_AWAY for name in begun if name not in followed}
     free_found = [
         Candidate(effects, f, f.worth - base.log_evidence, np.log(P_UNKNOWN))
         for effects, f in fitted
@@ -147,8 +144,9 @@ def ranked(
     candidates += _pairs(inference, candidates, base, usable, simulator.suggested, len(names), say, gross, forms)
     free_form = _best_free(inference, base, free_found, candidates[0].log_evidence if candidates else 0.0)
     beside = _beside(inference, candidates, base, simulator.free_beside(), say)
-    ranks = {name for c in candidates for name in c.names}
-    excluded = {name: why for name, why in excluded.items() if name not in ranks}
+    followed = {name for c in candidates for name in c.names}
+    begun = [*(h.effects[0].name for _, h, _ in unlike), *(e.name for e in singles)]
+    excluded |= {name: RUNS_AWAY for name in begun if name not in followed}
     return (
         simulator,
         inference,

@@ -36,6 +36,10 @@ def is_unseen(file: GapFile) -> bool:
 
 
 STILL_MOVING = "; its fit has not come to its end, so that sizes and gap may be further off than this says"
+DISAGREE = (
+    "The runs do not agree about the numbers that they share: {} asks for others, most of all. What is missing acts otherwise in "
+    "each of them; look for what differs between them."
+)
 ALONE = (
     "No other run was there to be kept aside: the gaps are those of what was fitted itself, and fall further than another run's "
     "would. Much of what one run has its derivatives alone can take up: an effect counts as found when a second tow, of another "
@@ -179,6 +183,8 @@ def _second(file: GapFile, titles: Mapping[str, str]) -> str:
 def _left_over(rest: Leftover) -> str:
     if rest.log_evidence <= NOTABLE:
         return "What is left over stands out nowhere: it follows the motion, as a force of another form would."
+    if rest.disagree:
+        return DISAGREE.format(rest.run)
     at = f"at {rest.band_hz[0]:.2f} Hz in all runs" if rest.band_hz else ""
     at = f"in {rest.run}, from {rest.span_s[0]:.0f} to {rest.span_s[1]:.0f} s" if rest.span_s else at
     return f"What is left over stands out {at}; look for what happens there."

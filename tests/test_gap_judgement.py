@@ -227,7 +227,8 @@ def test_a_free_force_weighs_by_the_prior_that_it_has(base: tuple[Inference, Fit
     """A law of evidence 118 and prior e^-5.9, a free force of 115.5: with all of the unknown's prior it stands against the law, as
     one of thirty forces without a form it does not. Odds by hand; nothing is left over, and no gap is out of the question."""
     inference, fit = base
-    law = replace(candidate(fit, 118.0, replace(named("law"), form=0.0)), log_prior=-5.9)
+    with_law = fitted(campaign(white(2)), replace(OTHER, name="law", form=0.0))[1]
+    law = Candidate(with_law.hypothesis.effects, with_law, 118.0, -5.9)
     shares = {}
     for fields in (1, 30):
         prior = float(np.log(P_UNKNOWN / fields))

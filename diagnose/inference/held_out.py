@@ -101,6 +101,20 @@ def shrink(
     return Shrink(before, after, removed_share(before, after), interval, residuals)
 
 
+def size_aside(inference: Inference, fitted: Fitted, forces: Forces) -> float:
+    """Mean square of the whitened residuals of what moves, each run kept aside in turn; 1: noise alone.
+
+    Parameters
+    ----------
+    inference : the simulator with its runs and noise, two at least
+    fitted : a hypothesis, fitted
+    forces : random forces
+    """
+    turns = _turns(len(inference.simulator.runs), None)
+    left = [aside(inference, fitted, forces, run, others) for run, others in turns]
+    return _gap(left, inference.simulator.free) ** 2
+
+
 def worse_aside(inference: Inference, one: Fitted, other: Fitted, held: Sequence[int] | None) -> float:
     """By how many of its standard errors one fit leaves more of the runs kept aside than another does.
 

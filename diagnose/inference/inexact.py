@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import expit, softmax
 
-from .held_out import taken
+from .held_out import size_aside, taken
 from .noise import SMALLEST, Forces
 
 if TYPE_CHECKING:
@@ -149,7 +149,8 @@ def _sure_of(inference: Inference, ranking: Ranking, candidate: Candidate) -> fl
 
 def share_of(inference: Inference, ranking: Ranking, candidate: Candidate) -> float:
     """Share of the gap that a candidate takes, of what the best explanation takes: half by the gap's size beside quiet random
-    forces, half by the log evidence (beside what stands out of what the best hypothesis leaves).
+    forces, half by the log evidence (beside what stands out of what the best hypothesis leaves). Where the runs disagree, what is
+    taken of each by its own numbers explains nothing: there it is the share that goes of runs kept aside.
 
     Parameters
     ----------
@@ -163,6 +164,8 @@ def share_of(inference: Inference, ranking: Ranking, candidate: Candidate) -> fl
     best = max([*ranking.candidates, *free], key=lambda c: c.log_evidence)
     own, most = candidate.fitted.forces, QUIET * inference.simulator.most_force
     forces = Forces(min(own.side_n, most), min(own.moment_n_m, most), own.time)
+    if ranking.rest.disagree and ranking.rest.log_evidence > 0:
+        return taken(*(size_aside(inference, f, forces) for f in (ranking.base, candidate.fitted)))
     before, after, least = (size_of(inference, f, forces) for f in (ranking.base, candidate.fitted, best.fitted))
     whole = max(best.log_evidence, candidate.log_evidence + max(ranking.rest.log_evidence, 0.0))
     return 0.5 * (taken(before, after, min(least, 1.0)) + candidate.log_evidence / whole)

@@ -1,9 +1,9 @@
-"""Something left over that the noise does not have: bursts in one run, lines and narrow bands in all.
+"""Something left over that the noise does not have: bursts in one run, lines and narrow bands in all, numbers each run's own.
 
 Free forms (``unknown``) stand for forces and faults that follow the motion. A push at one time, a slosh at its own frequency, a
 carriage that sticks for a second follow nothing. After whitening, noise has unit variance in every stretch of time and every band
 of frequencies; a narrow one that has several times that holds something else. Narrow ones only: a noise model that is a little off
-everywhere must not alarm.
+everywhere must not alarm. What follows the motion stands out in neither, but asks for other numbers in every run (``disagree``).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...simulate.model import Array
+from .disagree import disagreement
 from .evidence import Fitted, Inference
 
 LENGTHS = (3, 6, 12)
@@ -25,24 +26,28 @@ COST = 4.0
 simulated campaigns without any effect, half of them with coloured noise, what stands out most reaches 3.6 in one of a hundred, and
 5.4 at most, before this is taken off.
 """
+KINDS = 3
+"""Something may be left over at a time, at a frequency, or in the numbers of each run: of its prior each has a share."""
 
 
 @dataclass(frozen=True)
 class Leftover:
-    """The stretch of time or frequency that stands out most.
+    """The stretch of time or frequency that stands out most, or that the runs disagree.
 
     Attributes
     ----------
     log_evidence : that its variance is larger (at its best), against one everywhere; what looking everywhere and
-        fitting costs is taken off
-    run : name, or "" for all
+        fitting costs is taken off. Or that the runs have numbers of their own
+    run : name, or "" for all; where they disagree: the one that does most
     span_s, band_hz : where, the other one empty
+    disagree : whether it is that
     """
 
     log_evidence: float
     run: str = ""
     span_s: tuple[float, ...] = ()
     band_hz: tuple[float, ...] = ()
+    disagree: bool = False
 
 
 def leftover(inference: Inference, fitted: Fitted) -> Leftover:
@@ -57,7 +62,12 @@ def leftover(inference: Inference, fitted: Fitted) -> Leftover:
     names = [run.name for run in inference.simulator.runs]
     tiles = (*_bursts(rest, names, step), *_bands(rest, step))
     most = max(tiles, key=lambda found: found.log_evidence, default=Leftover(0.0))
-    return replace(most, log_evidence=most.log_evidence - COST)
+    apart = disagreement(inference, fitted)
+    return max(
+        replace(most, log_evidence=most.log_evidence - COST),
+        Leftover(apart.log_evidence - np.log(KINDS), names[int(np.argmax(apart.by_run))], disagree=True),
+        key=lambda found: found.log_evidence,
+    )
 
 
 def standing_out(inference: Inference, fitted: Fitted) -> list[float]:

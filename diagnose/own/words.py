@@ -8,7 +8,7 @@ from ...record.gap_file import GapFile
 from ..inference.evidence import CONVERGED_GAIN
 from ..inference.held_out import Shrink
 from ..inference.scan import Leftover
-from ..words import NOTABLE, STILL_MOVING, is_open
+from ..words import DISAGREE, NOTABLE, STILL_MOVING, is_open
 
 CHANGED = 0.01
 """A number that changes by less than this share with what is missing is not spoken of."""
@@ -102,6 +102,8 @@ def _placed(file: GapFile) -> str:
 def _left_over(rest: Leftover) -> str:
     if rest.log_evidence <= NOTABLE:
         return "What is left over stands out nowhere: it goes with the motion."
+    if rest.disagree:
+        return DISAGREE.format(rest.run)
     at = f"at {rest.band_hz[0]:.3g} Hz in all records" if rest.band_hz else ""
     at = f"in {rest.run}, from {rest.span_s[0]:.3g} to {rest.span_s[1]:.3g} s" if rest.span_s else at
     return f"What is left over stands out {at}; look for what happens there."

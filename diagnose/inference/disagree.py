@@ -1,0 +1,101 @@
+"""Whether the runs agree about the numbers that they share: derivatives and effects.
+
+A simulator that misses something, or an effect in the wrong place, follows every run with other numbers: what it lacks differs from
+tow to tow. Random forces may be as large as to swallow what is left over in each of them; numbers that the runs do not share they
+cannot make alike. Of a fit that says what there is, every run's own wish to move the shared numbers is noise of known covariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from ...simulate.model import Array
+from .evidence import Fitted, Inference
+
+SPREADS = np.geomspace(0.1, 1e3, 80)
+"""Spreads that are held for equally likely (their logarithms are), in standard deviations with which an average run alone tells the
+numbers: from where next to nothing shows to where nothing is shared.
+"""
+TOLD = 1e-10
+"""Directions of which the runs together know less than this share of what they know of the best one are left out: rounding."""
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """What the runs say apart.
+
+    Attributes
+    ----------
+    log_evidence : that each run has numbers of its own, normally spread about the shared ones, against one set for all
+    spread : the likeliest one, in standard deviations with which an average run alone tells the numbers
+    by_run : (runs,) squared distance of each run's numbers from the others', as many as ``count`` expected of noise
+    count : of numbers
+    """
+
+    log_evidence: float
+    spread: float
+    by_run: Array
+    count: int
+
+
+def disagreement(inference: Inference, fitted: Fitted) -> Disagreement:
+    """How far the runs' own values of the shared numbers scatter beyond noise.
+
+    With M_i the information of run i about the shared numbers (its own eliminated), g_i = b_i - M_i s the slope that it has at
+    the common optimum s, and C the covariance of s, slopes of a right hypothesis have the covariance A = [M_i if i = j] - M_i C
+    M_j. Numbers that scatter by tau^2 D (D: inverse of the mean M_i) add tau^2 A D A to it. Camera modes are of one camera: they
+    stay shared.
+
+    Parameters
+    ----------
+    inference : the simulator with its runs and noise
+    fitted : a hypothesis, fitted
+    """
+    h, runs = fitted.hypothesis, len(inference.simulator.runs)
+    moved = np.r_[0 : len(h.shared), inference.fixed(h) : inference.fixed(h) + h.size]
+    none = Disagreement(0.0, 0.0, np.zeros(runs), 0)
+    if runs < 2 or not len(moved):
+        return none
+    solved = inference.solve(fitted.grams, h, fitted.forces)
+    step = solved.shared if solved.free is None else solved.free
+    parts = [inference.reduced(fitted.grams, h, fitted.forces, [run]) for run in range(runs)]
+    units = _units(sum(part.matrix for part in parts)[np.ix_(moved, moved)] / runs)  # pyright: ignore
+    if not units.shape[1]:
+        return none
+    slopes = np.stack([units.T @ (part.right - part.matrix @ step)[moved] for part in parts])
+    rows = np.stack([units.T @ part.matrix[moved] for part in parts])
+    own = np.stack([row[:, moved] @ units for row in rows])
+    count = units.shape[1]
+    covariance = -np.einsum("iak,kl,jbl->iajb", rows, solved.covariance, rows)
+    for run in range(runs):
+        covariance[run, :, run] += own[run]
+    by_run = [_squared(slopes[run], covariance[run, :, run]) for run in range(runs)]
+    value, vectors = np.linalg.eigh(covariance.reshape(runs * count, -1))
+    value, along = np.maximum(value, 0.0), np.square(vectors.T @ slopes.ravel())
+
+    square = SPREADS[:, None] ** 2
+    logs = 0.5 * (square * along / (1 + square * value) - np.log1p(square * value)).sum(axis=1)
+    evidence = float(logsumexp(logs) - np.log(len(SPREADS)))
+    return Disagreement(evidence, float(SPREADS[int(np.argmax(logs))]), np.array(by_run), count)
+
+
+def _units(information: Array) -> Array:
+    """(n, k) directions in each of which an average run knows a number to 1; k: those of which the runs know anything."""
+    size = np.sqrt(np.maximum(np.diag(information), 0.0))
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
+    value, vectors = np.linalg.eigh(information * np.outer(scale, scale))
+    known = value > TOLD * max(float(value[-1]), np.finfo(float).tiny)
+    return scale[:, None] * vectors[:, known] / np.sqrt(value[known])
+
+
+def _squared(slope: Array, covariance: Array) -> float:
+    """Squared length of a slope, by its covariance, in the directions that this has."""
+    value, vectors = np.linalg.eigh(covariance)
+    known = value > TOLD * max(float(value[-1]), np.finfo(float).tiny)
+    return float(((vectors[:, known].T @ slope) ** 2 / value[known]).sum())
+
+
+__all__ = ["Disagreement", "disagreement"]

@@ -5,6 +5,8 @@ The campaign is linear, y = a0 + rate t (+ size sin), in white noise, with a sta
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import logsumexp
@@ -91,12 +93,19 @@ def test_it_is_the_evidence_of_numbers_of_each_runs_own(unlike: float) -> None:
     assert (found.log_evidence > 3) == (unlike > 3)
 
 
-def test_an_effects_number_is_one_of_them() -> None:
-    planted = white(2, 4) + 2 * NOISE_M * np.array([3.0, 1.0, 1.0, 1.0])[:, None] * WAVE
-    found = told(campaign(planted), BEND)
-    assert found.log_evidence == pytest.approx(by_density(planted, [T_S, WAVE], [WIDE_M, EFFECT_M]), abs=0.02)
+@pytest.mark.parametrize(("usual_m", "within"), [(EFFECT_M, 0.02), (1e-2 * EFFECT_M, 1.0)])
+def test_an_effects_number_is_one_of_them_however_large_it_is(usual_m: float, within: float) -> None:
+    """Thirty times its usual size in one run and ten times in three others are a disagreement, sixty times in all are none. What is
+    usual of it hardly counts: it may be as large as it was found, one standard deviation then, worth half a unit.
+    """
+    planted = white(2, 4) + NOISE_M * np.array([3.0, 1.0, 1.0, 1.0])[:, None] * WAVE
+    bend = replace(BEND, parameters=(replace(BEND.parameters[0], sd=usual_m),))
+    found = told(campaign(planted), bend)
+    assert found.log_evidence == pytest.approx(by_density(planted, [T_S, WAVE], [WIDE_M, WIDE_M]), abs=within)
     assert found.count == 2
     assert int(np.argmax(found.by_run)) == 0
+    alike = told(campaign(white(2, 4) + 6 * NOISE_M * WAVE), bend)
+    assert alike.log_evidence < 0
 
 
 def test_of_noise_odds_are_no_larger_than_chance_allows() -> None:

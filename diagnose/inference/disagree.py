@@ -45,9 +45,9 @@ def disagreement(inference: Inference, fitted: Fitted) -> Disagreement:
     """How far the runs' own values of the shared numbers scatter beyond noise.
 
     With M_i the information of run i about the shared numbers (its own eliminated), g_i = b_i - M_i s the slope that it has at
-    the common optimum s, and C the covariance of s, slopes of a right hypothesis have the covariance A = [M_i if i = j] - M_i C
-    M_j. Numbers that scatter by tau^2 D (D: inverse of the mean M_i) add tau^2 A D A to it. Camera modes are of one camera: they
-    stay shared.
+    what all runs together say, s, and C the covariance of s, slopes of a right hypothesis have the covariance A = [M_i if i = j] -
+    M_i C M_j. Numbers that scatter by tau^2 D (D: inverse of the mean M_i) add tau^2 A D A to it. An effect that is larger than it
+    usually is contradicts no run: its numbers may be as large as they were found. Camera modes are of one camera: they stay shared.
 
     Parameters
     ----------
@@ -59,27 +59,45 @@ def disagreement(inference: Inference, fitted: Fitted) -> Disagreement:
     none = Disagreement(0.0, 0.0, np.zeros(runs), 0)
     if runs < 2 or not len(moved):
         return none
-    solved = inference.solve(fitted.grams, h, fitted.forces)
-    step = solved.shared if solved.free is None else solved.free
+    modes = slice(len(h.shared), inference.fixed(h))
     parts = [inference.reduced(fitted.grams, h, fitted.forces, [run]) for run in range(runs)]
-    units = _units(sum(part.matrix for part in parts)[np.ix_(moved, moved)] / runs)  # pyright: ignore
-    if not units.shape[1]:
-        return none
-    slopes = np.stack([units.T @ (part.right - part.matrix @ step)[moved] for part in parts])
-    rows = np.stack([units.T @ part.matrix[moved] for part in parts])
-    own = np.stack([row[:, moved] @ units for row in rows])
+    units = _units(np.mean([part.matrix[np.ix_(moved, moved)] for part in parts], axis=0))
     count = units.shape[1]
-    covariance = -np.einsum("iak,kl,jbl->iajb", rows, solved.covariance, rows)
+    if not count:
+        return none
+    known = np.zeros((len(parts[0].right), count + inference.mode_count))
+    known[moved, :count] = units
+    known[modes, count:] = np.eye(inference.mode_count)
+    matrices = np.stack([known.T @ part.matrix @ known for part in parts])
+    rights = np.stack([known.T @ part.right for part in parts])
+    held, pull = _beside_the_runs(inference, fitted)
+    common = np.linalg.inv(matrices.sum(axis=0) + known.T @ (held[:, None] * known))
+    slopes = (rights - matrices @ (common @ (rights.sum(axis=0) + known.T @ pull)))[:, :count]
+    rows = matrices[:, :count]
+    covariance = -np.einsum("iak,kl,jbl->iajb", rows, common, rows)
     for run in range(runs):
-        covariance[run, :, run] += own[run]
+        covariance[run, :, run] += matrices[run, :count, :count]
     by_run = [_squared(slopes[run], covariance[run, :, run]) for run in range(runs)]
     value, vectors = np.linalg.eigh(covariance.reshape(runs * count, -1))
     value, along = np.maximum(value, 0.0), np.square(vectors.T @ slopes.ravel())
-
     square = SPREADS[:, None] ** 2
     logs = 0.5 * (square * along / (1 + square * value) - np.log1p(square * value)).sum(axis=1)
     evidence = float(logsumexp(logs) - np.log(len(SPREADS)))
     return Disagreement(evidence, float(SPREADS[int(np.argmax(logs))]), np.array(by_run), count)
+
+
+def _beside_the_runs(inference: Inference, fitted: Fitted) -> tuple[Array, Array]:
+    """Inverse variances of what is known of shared numbers, modes and effects beside the runs, and its pull; those of an effect's
+    numbers as wide as these were found.
+    """
+    h, prior = fitted.hypothesis, inference.priors(fitted.hypothesis)
+    if not h.size:
+        return prior.precision, prior.pull
+    step = fitted.solved.shared if fitted.solved.free is None else fitted.solved.free
+    found = np.concatenate(h.numbers) - [q.none for e in h.effects for q in e.parameters] + step[inference.fixed(h) :]
+    narrower = np.ones(len(prior.precision))
+    narrower[inference.fixed(h) :] = 1 / np.maximum(1.0, prior.precision[inference.fixed(h) :] * found**2)
+    return prior.precision * narrower, prior.pull * narrower
 
 
 def _units(information: Array) -> Array:

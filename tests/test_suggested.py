@@ -143,6 +143,23 @@ def test_a_step_in_line_and_distance_suggests_when_the_camera_turned(runs: list)
     assert found.when(runs[2].name, run.centre_s).all()
 
 
+@pytest.mark.parametrize("at_s", [21.31, 21.37, 21.52])
+@pytest.mark.parametrize("size_m", [0.01, 0.1])
+def test_a_gross_turn_is_timed_as_finely_as_it_shows(runs: list, size_m: float, at_s: float) -> None:
+    """Its share of the block it is in is known to that block's noise over the step, and to what two straight lines beside it, of
+    six blocks each, leave open: half as much variance. What a step does goes on changing as the model moves.
+    """
+    rng, run = np.random.default_rng(8), runs[1]
+    share = np.clip((run.centre_s + run.step_s / 2 - at_s) / run.step_s, 0, 1)
+    course = size_m * share * (1 + 0.02 * (run.centre_s - at_s))
+    step = [np.zeros(len(r.centre_s)) if r is not run else course for r in runs]
+    offered = shift_effects(runs, left(runs, rng, step, [-s for s in step]))
+    found = next(e for e in offered if e.variant.startswith(f"from {run.name}, 21.") and e.variant.endswith(" s on"))
+    assert found.when is not None
+    sd = np.sqrt(1.5) / np.hypot(size_m / run.usual_sd(2), size_m / run.usual_sd(3))
+    np.testing.assert_allclose(found.when(run.name, run.centre_s), share, atol=4 * sd)
+
+
 def test_a_camera_that_was_turned_for_a_while_is_offered_with_both_its_times(runs: list) -> None:
     rng, run, (begin, end) = np.random.default_rng(6), runs[1], (14.3, 27.9)
     inside = [np.clip((run.centre_s + run.step_s / 2 - t) / run.step_s, 0, 1) for t in (begin, end)]

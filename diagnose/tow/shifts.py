@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from ...simulate.model import Array
 from ..effects import Effect
@@ -160,25 +161,37 @@ def _step(run: TowRun, residual: Array) -> tuple[float, float]:
     if not len(both):
         return 0.0, 0.0
     n = len(run.centre_s)
-    squares = [_shown(run, both, float(run.centre_s[k]) + run.step_s / 2, slice(None)) for k in range(EDGE, n - EDGE)]
+    squares = [_shown(run, both, float(run.centre_s[k]) + run.step_s / 2) for k in range(EDGE, n - EDGE)]
     at = EDGE + int(np.argmax(squares))
     return float(np.sqrt(max(squares))), _sharp(run, both, at + 1)
 
 
-def _shown(run: TowRun, both: Array, time_s: float, some: slice) -> float:
-    """What a step at a time explains of some blocks."""
-    share = share_since(run.centre_s[some], time_s, run.step_s)
-    share, rest = share - share.mean(), both[:, some] - both[:, some].mean(axis=1, keepdims=True)
+def _shown(run: TowRun, both: Array, time_s: float) -> float:
+    """What a step at a time explains of all blocks."""
+    share = share_since(run.centre_s, time_s, run.step_s)
+    share, rest = share - share.mean(), both - both.mean(axis=1, keepdims=True)
     return float(((rest @ share) ** 2).sum() / max(share @ share, 1e-9))
 
 
 def _sharp(run: TowRun, both: Array, first: int) -> float:
     """When within its block the step was, about the begin of block ``first``."""
-    # what a turned camera does changes as the model moves: close by, it is a step, and within its block
     at = first - 1
     near = slice(max(at - NEAR, 0), at + NEAR + 1)
+    centre_s = run.centre_s[near]
+    away = (centre_s - centre_s.mean()) / run.step_s
+
+    def left(time_s: float) -> float:
+        # what a turned camera does changes as the model moves: close by, a straight line before and another one behind
+        share = share_since(centre_s, time_s, run.step_s)
+        course = np.stack([np.ones_like(away), away, share, share * away], axis=1)
+        return float(
+            np.square(both[:, near].T - course @ np.linalg.lstsq(course, both[:, near].T, rcond=None)[0]).sum()
+        )
+
     times = [float(run.centre_s[at]) + run.step_s * k / 20 for k in range(-10, 31)]
-    return max(times, key=lambda t: _shown(run, both, t, near))
+    best, width = min(times, key=left), run.step_s / 20
+    # a step of many pixels says it far more finely
+    return float(minimize_scalar(left, bounds=(best - width, best + width), method="bounded").x)
 
 
 __all__ = ["shift_effects"]

@@ -160,6 +160,30 @@ def test_a_gross_turn_is_timed_as_finely_as_it_shows(runs: list, size_m: float, 
     np.testing.assert_allclose(found.when(run.name, run.centre_s), share, atol=4 * sd)
 
 
+@pytest.mark.parametrize("size_m", [0.0, 0.01])
+def test_a_turn_that_shows_across_the_tank_alone_is_found_by_its_jump(runs: list, size_m: float) -> None:
+    """Line and marker distance stay as they are. What a model does that the base lacks, half a centimetre of slow motion, is no
+    jump, though it is as large.
+    """
+    rng, run, at_s = np.random.default_rng(11), runs[1], 22.4
+    rows = left(runs, rng)
+    for row, each in zip(rows, runs, strict=True):
+        row[:, 0] += 0.005 * np.sin(0.5 * each.centre_s)
+        row[:, 1] += 0.003 * np.sin(0.7 * each.centre_s)
+    share = np.clip((run.centre_s + run.step_s / 2 - at_s) / run.step_s, 0, 1)
+    rows[1][:, 0] += size_m * share
+    found = [e for e in shift_effects(runs, rows) if e.name == "camera_shift" and f"{run.name}, " in e.variant]
+    if not size_m:
+        assert found == []
+        return
+    turned = next(e for e in found if e.variant.startswith("from"))
+    assert turned.when is not None
+    # noise of its block, and at most twice as much variance of the curves beside it
+    np.testing.assert_allclose(
+        turned.when(run.name, run.centre_s), share, atol=4 * np.sqrt(3) * run.usual_sd(0) / size_m
+    )
+
+
 def test_a_camera_that_was_turned_for_a_while_is_offered_with_both_its_times(runs: list) -> None:
     rng, run, (begin, end) = np.random.default_rng(6), runs[1], (14.3, 27.9)
     inside = [np.clip((run.centre_s + run.step_s / 2 - t) / run.step_s, 0, 1) for t in (begin, end)]

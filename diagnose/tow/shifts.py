@@ -41,7 +41,7 @@ NEAR = 6
 
 def shift_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Effect]:
     """Turned before each run but the first, little by little in all of them, and where one run's line and marker distance show the
-    clearest step: for good, for a while, or slowly. And a post that was moved before a run.
+    clearest step, or all that is seen jumps: for good, for a while, or slowly. And a post that was moved before a run.
 
     Parameters
     ----------
@@ -55,14 +55,24 @@ def shift_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Ef
     found += [_since(SHIFT, names, k) for k in range(1, len(runs))]
     if len(runs) > 1:
         found += _little_by_little(runs)
-    steps = [(*_step(run, residuals[k]), k) for k, run in enumerate(runs)]
-    clearest, time, where = max(steps)
+    since, windows = _jumping(runs, residuals)
+    clearest, time, where = max((*_step(run, residuals[k]), k) for k, run in enumerate(runs))
     if clearest > STEP_Z:
-        found.append(_since(SHIFT, names, where, time, runs[where].step_s))
-        windows = _while(runs[where], residuals[where])
-        found += [_between(names, where, begin, end, runs[where].step_s) for begin, end in windows]
+        since.append((where, time))
+        windows += [(where, *ends) for ends in _while(runs[where], residuals[where])]
         found += [_slowly(names, where, time, over) for over in OVER_S]
-    return found
+    found += [_since(SHIFT, names, k, at_s, runs[k].step_s) for k, at_s in _unlike(since, runs)]
+    return found + [_between(names, k, begin, end, runs[k].step_s) for k, begin, end in _unlike(windows, runs)]
+
+
+def _unlike(times: Sequence[tuple[float, ...]], runs: Sequence[TowRun]) -> list[tuple]:
+    """Run and times, without those that are within a block of others before them."""
+    kept: list[tuple] = []
+    for place, *own in times:
+        step_s = runs[int(place)].step_s
+        if not any(k == place and np.allclose(own, others, rtol=0, atol=step_s) for k, *others in kept):
+            kept.append((int(place), *own))
+    return kept
 
 
 def _since(effect: Effect, names: Sequence[str], first: int, time_s: float = 0.0, step_s: float = 1.0) -> Effect:
@@ -144,10 +154,10 @@ def _while(run: TowRun, residual: Array) -> list[tuple[float, float]]:
     return [(begin_s, end_s)]
 
 
-def _rests(run: TowRun, residual: Array) -> Array:
+def _rests(run: TowRun, residual: Array, channels: Sequence[int] = (2, 3)) -> Array:
     """(channels, n): line and marker distance over their noise, about their means; none where too little was seen."""
     rests = [np.zeros((0, len(run.centre_s)))]
-    for channel in (2, 3):
+    for channel in channels:
         good = np.isfinite(residual[:, channel])
         if good.sum() >= 4 * EDGE:
             sd = run.usual_sd(channel)
@@ -173,20 +183,68 @@ def _shown(run: TowRun, both: Array, time_s: float) -> float:
     return float(((rest @ share) ** 2).sum() / max(share @ share, 1e-9))
 
 
-def _sharp(run: TowRun, both: Array, first: int) -> float:
-    """When within its block the step was, about the begin of block ``first``."""
+def _jumping(runs: Sequence[TowRun], residuals: Sequence[Array]) -> tuple[list[tuple], list[tuple]]:
+    """Where all that is seen jumps, in the run that jumps most: run and time of what is for good; run, begin and end of what is
+    for one end of the run, or between two jumps.
+    """
+    jumps, where = max(((_jumps(run, residuals[k]), k) for k, run in enumerate(runs)), key=lambda each: each[0][:1])
+    if not jumps:
+        return [], []
+    run, half_s = runs[where], runs[where].step_s / 2
+    times = sorted(time_s for _, time_s in jumps)
+    ends = [float(run.centre_s[0]) - half_s, *times, float(run.centre_s[-1]) + half_s]
+    windows = [(ends[1], ends[2])] if len(times) == 2 else [(ends[0], ends[1]), (ends[1], ends[2])]
+    return [(where, time_s) for time_s in times], [(where, *window) for window in windows]
+
+
+def _jumps(run: TowRun, residual: Array) -> list[tuple[float, float]]:
+    """Significance and time of the clearest one or two jumps from a block to the next in all that is seen: what moves does not.
+
+    By how much better a step beside a cubic says what is about it than a fourth power does.
+    """
+    both = _rests(run, residual, range(residual.shape[1]))
+    inner = range(NEAR, len(run.centre_s) - NEAR)
+    if not len(both) or not len(inner):
+        return []
+    gains = np.zeros(len(run.centre_s))
+    for k in inner:
+        seen = both[:, k - NEAR : k + NEAR + 1].T
+        stepped = _broken(run, k, float(run.centre_s[k]) + run.step_s / 2, 4)[:, :5]
+        gains[k] = _squares(seen, _powers(run, k, 5)) - _squares(seen, stepped)
+    found: list[tuple[float, float]] = []
+    while len(found) < 2 and gains.max() > STEP_Z**2:
+        at = int(np.argmax(gains))
+        found.append((float(np.sqrt(gains[at])), _sharp(run, both, at + 1, 4)))
+        gains[max(at - 2 * NEAR, 0) : at + 2 * NEAR + 1] = 0.0
+    return found
+
+
+def _powers(run: TowRun, at: int, count: int) -> Array:
+    """(n, count) powers of the time, from 0 on, of the blocks about ``at``."""
+    centre_s = run.centre_s[max(at - NEAR, 0) : at + NEAR + 1]
+    return ((centre_s - centre_s.mean()) / (NEAR * run.step_s))[:, None] ** np.arange(count)
+
+
+def _broken(run: TowRun, at: int, time_s: float, count: int) -> Array:
+    """(n, count + 2) the same with a step at a time, and with another slope behind it."""
+    powers = _powers(run, at, count)
+    share = share_since(run.centre_s[max(at - NEAR, 0) : at + NEAR + 1], time_s, run.step_s)
+    return np.column_stack([powers, share, share * powers[:, 1]])
+
+
+def _squares(seen: Array, course: Array) -> float:
+    """What is left of ``seen`` (n, channels) beside a course of some numbers in each."""
+    return float(np.square(seen - course @ np.linalg.lstsq(course, seen, rcond=None)[0]).sum())
+
+
+def _sharp(run: TowRun, both: Array, first: int, count: int = 2) -> float:
+    """When within its block the step was, about the begin of block ``first``, beside so many powers of the time."""
     at = first - 1
-    near = slice(max(at - NEAR, 0), at + NEAR + 1)
-    centre_s = run.centre_s[near]
-    away = (centre_s - centre_s.mean()) / run.step_s
+    seen = both[:, max(at - NEAR, 0) : at + NEAR + 1].T
 
     def left(time_s: float) -> float:
-        # what a turned camera does changes as the model moves: close by, a straight line before and another one behind
-        share = share_since(centre_s, time_s, run.step_s)
-        course = np.stack([np.ones_like(away), away, share, share * away], axis=1)
-        return float(
-            np.square(both[:, near].T - course @ np.linalg.lstsq(course, both[:, near].T, rcond=None)[0]).sum()
-        )
+        # what a turned camera does changes as the model moves: a step and another slope behind it
+        return _squares(seen, _broken(run, at, time_s, count))
 
     times = [float(run.centre_s[at]) + run.step_s * k / 20 for k in range(-10, 31)]
     best, width = min(times, key=left), run.step_s / 20

@@ -184,6 +184,16 @@ def test_a_turn_that_shows_across_the_tank_alone_is_found_by_its_jump(runs: list
     )
 
 
+def test_a_mark_that_is_lost_for_a_while_is_no_turned_camera(runs: list) -> None:
+    """Beside its mean, what a base lacks is far off before and after it: that is no jump."""
+    rows = left(runs, np.random.default_rng(12))
+    for row, each in zip(rows, runs, strict=True):
+        row[:, 0] += 0.02 * np.sin(0.5 * each.centre_s)
+    rows[1][40:60, :2] = np.nan
+    found = [e for e in shift_effects(runs, rows) if e.name == "camera_shift" and " s on" in e.variant]
+    assert found == []
+
+
 def test_a_camera_that_was_turned_for_a_while_is_offered_with_both_its_times(runs: list) -> None:
     rng, run, (begin, end) = np.random.default_rng(6), runs[1], (14.3, 27.9)
     inside = [np.clip((run.centre_s + run.step_s / 2 - t) / run.step_s, 0, 1) for t in (begin, end)]

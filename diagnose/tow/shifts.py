@@ -207,7 +207,10 @@ def _jumps(run: TowRun, residual: Array) -> list[tuple[float, float]]:
     if not len(both) or not len(inner):
         return []
     gains = np.zeros(len(run.centre_s))
+    seen_whole = np.isfinite(residual[:, np.isfinite(residual).any(axis=0)]).all(axis=1)
     for k in inner:
+        if not seen_whole[k - NEAR : k + NEAR + 1].all():
+            continue  # where a mark was lost nothing is known of a jump
         seen = both[:, k - NEAR : k + NEAR + 1].T
         stepped = _broken(run, k, float(run.centre_s[k]) + run.step_s / 2, 4)[:, :5]
         gains[k] = _squares(seen, _powers(run, k, 5)) - _squares(seen, stepped)

@@ -78,6 +78,7 @@ class UsersSimulator:
     usual_force : size of the random forces that stay when nothing is missing
     most_force : above this they are a gap
     apart : effect.number -> what was measured of it apart from the runs
+    noise_known : whether ``covariance`` is known well enough to say that runs disagree about shared numbers
 
     Raises
     ------
@@ -94,6 +95,7 @@ class UsersSimulator:
         usual_force: float = FORCE_SD_N,
         most_force: float = np.inf,
         apart: Mapping[str, Apart] | None = None,
+        noise_known: bool = True,
     ) -> None:
         if not runs:
             raise InputError("runs", "", "none given, expected at least one")
@@ -114,6 +116,7 @@ class UsersSimulator:
         self.least: float | Array = np.array([n.size for n in shared])
         self.most_force = most_force / self.force_scale
         self.half_sure, self.sure_width = HALF_SURE, WIDTH
+        self.noise_known = noise_known
         self.apart: Mapping[str, Apart] = apart or {}
 
     @property

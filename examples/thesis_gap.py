@@ -192,7 +192,10 @@ def diagnose(fits: Path, runs: Path, model: Model) -> Diagnosis:
         UsersNumber(name, float(v), sd=SURE * abs(float(v)), size=abs(float(v)))
         for name, v in zip(DERIVATIVE_UNITS, model.six, strict=True)
     ]
-    simulator = UsersSimulator(made, modes(conditions, model), shared, [], usual_force=0.01, most_force=0.04)
+    # the noise is the scatter of a few tows: whether groups disagree beyond it, it does not say
+    simulator = UsersSimulator(
+        made, modes(conditions, model), shared, [], usual_force=0.01, most_force=0.04, noise_known=False
+    )
     return diagnosed(simulator, EFFECTS, "example", {}, rng=np.random.default_rng(0))
 
 

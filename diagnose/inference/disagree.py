@@ -19,7 +19,9 @@ SPREADS = np.geomspace(0.1, 1e3, 80)
 """Spreads that are held for equally likely (their logarithms are), in standard deviations with which an average run alone tells the
 numbers: from where next to nothing shows to where nothing is shared.
 """
-TOLD = 1e-10
+LEAST_TOLD = 1e-4
+"""A number of which the runs together know less than this share of what is known of it beside them takes no part."""
+TOLD = 1e-8
 """Directions of which the runs together know less than this share of what they know of the best one are left out: rounding."""
 
 
@@ -55,12 +57,18 @@ def disagreement(inference: Inference, fitted: Fitted) -> Disagreement:
     fitted : a hypothesis, fitted
     """
     h, runs = fitted.hypothesis, len(inference.simulator.runs)
-    moved = np.r_[0 : len(h.shared), inference.fixed(h) : inference.fixed(h) + h.size]
     none = Disagreement(0.0, 0.0, np.zeros(runs), 0)
-    if runs < 2 or not len(moved):
+    if runs < 2:
         return none
-    modes = slice(len(h.shared), inference.fixed(h))
     parts = [inference.reduced(fitted.grams, h, fitted.forces, [run]) for run in range(runs)]
+    held, pull = _beside_the_runs(inference, fitted)
+    modes = slice(len(h.shared), inference.fixed(h))
+    # of a number that is known far better beside the runs (an effect that never acted in them) they say nothing but rounding
+    told = np.diag(sum(part.matrix for part in parts)) > LEAST_TOLD * held  # pyright: ignore[reportCallIssue,reportArgumentType]
+    told[modes] = False
+    moved = np.flatnonzero(told)
+    if not len(moved):
+        return none
     units = _units(np.mean([part.matrix[np.ix_(moved, moved)] for part in parts], axis=0))
     count = units.shape[1]
     if not count:
@@ -70,7 +78,6 @@ def disagreement(inference: Inference, fitted: Fitted) -> Disagreement:
     known[modes, count:] = np.eye(inference.mode_count)
     matrices = np.stack([known.T @ part.matrix @ known for part in parts])
     rights = np.stack([known.T @ part.right for part in parts])
-    held, pull = _beside_the_runs(inference, fitted)
     common = np.linalg.inv(matrices.sum(axis=0) + known.T @ (held[:, None] * known))
     slopes = (rights - matrices @ (common @ (rights.sum(axis=0) + known.T @ pull)))[:, :count]
     rows = matrices[:, :count]

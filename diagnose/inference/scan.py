@@ -62,11 +62,14 @@ def leftover(inference: Inference, fitted: Fitted) -> Leftover:
     names = [run.name for run in inference.simulator.runs]
     tiles = (*_bursts(rest, names, step), *_bands(rest, step))
     most = max(tiles, key=lambda found: found.log_evidence, default=Leftover(0.0))
+    found = replace(most, log_evidence=most.log_evidence - COST)
+    if not inference.simulator.noise_known:
+        return found
     apart = disagreement(inference, fitted)
     return max(
-        replace(most, log_evidence=most.log_evidence - COST),
+        found,
         Leftover(apart.log_evidence - np.log(KINDS), names[int(np.argmax(apart.by_run))], disagree=True),
-        key=lambda found: found.log_evidence,
+        key=lambda one: one.log_evidence,
     )
 
 

@@ -53,6 +53,8 @@ class Simulator(Protocol):
     most_force : random forces above this are a gap, not noise
     half_sure, sure_width : ``inexact``: an effect that takes this share of a gap is as likely itself, in another form, as something
         else, and how fast that goes over
+    noise_known : whether the runs' noise is known well enough to say that they disagree about shared numbers; not where it is
+        the scatter of a few points
     force_scale : unit of the random forces' sizes
     apart : effect.number -> what was measured of it apart from the runs
     """
@@ -70,6 +72,7 @@ class Simulator(Protocol):
     most_force: float
     half_sure: float
     sure_width: float
+    noise_known: bool
     force_scale: float
     apart: Mapping[str, Apart]
 

@@ -141,6 +141,7 @@ class OwnSimulator(UsersSimulator):
         self._dynamic = [s for s in system.states if self.random.get(s.name)]
         self.most_force = MOST_FORCE / USUAL_FORCE * FORCE_SD_N
         self.half_sure, self.sure_width = HALF_SURE, WIDTH
+        self.noise_known = True
 
     @property
     def longest_step_s(self) -> float:

@@ -108,6 +108,7 @@ class TowSimulator(TowModel):
         self._measured: list[RunNoise] | None = None
         self._last: tuple[Array, Noise] | None = None
         self.half_sure, self.sure_width = HALF_SURE, WIDTH
+        self.noise_known = True
         self.most_force = LARGEST_FORCE_SHARE * float(np.mean([straight_pull(run)[0] for run in runs]))
 
     def starts(self) -> Sequence[Hypothesis]:

@@ -207,7 +207,8 @@ def _jumps(run: TowRun, residual: Array) -> list[tuple[float, float]]:
     if not len(both) or not len(inner):
         return []
     gains = np.zeros(len(run.centre_s))
-    seen_whole = np.isfinite(residual[:, np.isfinite(residual).any(axis=0)]).all(axis=1)
+    good = np.isfinite(residual)
+    seen_whole = np.all(good[:, good.any(axis=0)], axis=1, keepdims=True)
     for k in inner:
         if not seen_whole[k - NEAR : k + NEAR + 1].all():
             continue  # where a mark was lost nothing is known of a jump
@@ -252,7 +253,8 @@ def _sharp(run: TowRun, both: Array, first: int, count: int = 2) -> float:
     times = [float(run.centre_s[at]) + run.step_s * k / 20 for k in range(-10, 31)]
     best, width = min(times, key=left), run.step_s / 20
     # a step of many pixels says it far more finely
-    return float(minimize_scalar(left, bounds=(best - width, best + width), method="bounded").x)
+    found = minimize_scalar(left, bounds=(best - width, best + width), method="bounded")
+    return float(found.x)  # pyright: ignore[reportAttributeAccessIssue]
 
 
 __all__ = ["shift_effects"]

@@ -11,6 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from linear_fits import NONE, fitted
 from scipy.optimize import minimize
 
 from towline.diagnose.effects import LIBRARY, Effect, Parameter
@@ -19,10 +20,9 @@ from towline.diagnose.gap import NAMED, Diagnosis, best_measurement, called, dia
 from towline.diagnose.inference.apart import Apart
 from towline.diagnose.inference.engine import P_UNKNOWN, RUNS_AWAY, extended
 from towline.diagnose.inference.evidence import LARGEST_SD, LARGEST_SHARE, Fitted, Inference, within
-from towline.diagnose.inference.grams import Grams
 from towline.diagnose.inference.held_out import removed_share, shrink, taken
 from towline.diagnose.inference.hypothesis import with_effects
-from towline.diagnose.inference.noise import TIMES_S, Forces
+from towline.diagnose.inference.noise import TIMES_S
 from towline.diagnose.inference.ranking import Candidate, Ranking
 from towline.diagnose.inference.scan import BANDS, COST, LENGTHS, Leftover, leftover
 from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
@@ -38,8 +38,6 @@ PUSH = Effect(
     "push", "yaw", (Parameter("moment", "m", 0.01),), "It is pushed.", "Do not push it.", lag_s=2.0, sizes=(1.0,)
 )
 OTHER = Effect("bend", "sway", (Parameter("y_b", "m", 0.01),), "It bends.", "Straighten it.", sizes=(1.0,))
-NONE = Forces(1e-9, 1e-9, 1)
-"""No random forces: what is left is white."""
 
 
 def shape(effect: str, run: str) -> np.ndarray:
@@ -76,18 +74,6 @@ def campaign(planted: list[np.ndarray]) -> UsersSimulator:
 
 def white(seed: int, runs: int = 3) -> list[np.ndarray]:
     return list(NOISE_M * np.random.default_rng(seed).normal(size=(runs, COUNT)))
-
-
-def fitted(simulator: UsersSimulator, *effects: Effect) -> tuple[Inference, Fitted]:
-    """At the optimum, without random forces."""
-    h = with_effects(simulator.starts()[0], list(effects))
-    inference = Inference(simulator, simulator.noise(h))
-    for _ in range(8):
-        linear = inference.linear([h])[0]
-        grams = Grams(linear.columns, inference.noise)
-        found = Fitted(h, NONE, 0.0, inference.solve(grams, h, NONE), linear, grams)
-        h = inference.stepped(found, 1.0)
-    return inference, found
 
 
 def left(simulator: UsersSimulator, columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:

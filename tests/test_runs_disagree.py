@@ -9,16 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from linear_fits import fitted
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from towline.diagnose.effects import Effect, Parameter
 from towline.diagnose.gap import diagnosed
 from towline.diagnose.inference.disagree import SPREADS, Disagreement, disagreement
-from towline.diagnose.inference.evidence import Fitted, Inference
-from towline.diagnose.inference.grams import Grams
-from towline.diagnose.inference.hypothesis import with_effects
-from towline.diagnose.inference.noise import Forces
 from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
 
 NOISE_M, STEP_S, COUNT = 1e-3, 0.2, 40
@@ -27,7 +24,6 @@ RATE_M_S, START_M, EFFECT_M = 0.02, 0.1, 0.01
 WAVE = np.sin(4.0 * T_S + 0.5)
 BEND = Effect("bend", "sway", (Parameter("y_b", "m", EFFECT_M),), "It bends.", "Straighten it.", sizes=(1.0,))
 TWIST = Effect("twist", "yaw", (Parameter("n_t", "m", EFFECT_M),), "It twists.", "Untwist it.", sizes=(1.0,))
-NONE = Forces(1e-9, 1e-9, 1)
 WIDE_M = 300 * NOISE_M
 """As good as unknown, and no trouble to numbers."""
 
@@ -55,14 +51,7 @@ def white(seed: int, runs: int) -> np.ndarray:
 
 def told(simulator: UsersSimulator, *effects: Effect) -> Disagreement:
     """Of the fit with these effects, without random forces."""
-    h = with_effects(simulator.starts()[0], list(effects))
-    inference = Inference(simulator, simulator.noise(h))
-    for _ in range(4):
-        linear = inference.linear([h])[0]
-        grams = Grams(linear.columns, inference.noise)
-        found = Fitted(h, NONE, 0.0, inference.solve(grams, h, NONE), linear, grams)
-        h = inference.stepped(found, 1.0)
-    return disagreement(inference, found)
+    return disagreement(*fitted(simulator, *effects))
 
 
 def by_density(planted: np.ndarray, columns: list[np.ndarray], sd: list[float]) -> float:

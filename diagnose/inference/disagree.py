@@ -32,13 +32,11 @@ class Disagreement:
     Attributes
     ----------
     log_evidence : that each run has numbers of its own, normally spread about the shared ones, against one set for all
-    spread : the likeliest one, in standard deviations with which an average run alone tells the numbers
     by_run : (runs,) squared distance of each run's numbers from the others', as many as ``count`` expected of noise
-    count : of numbers
+    count : of numbers; 0: it cannot be asked
     """
 
     log_evidence: float
-    spread: float
     by_run: Array
     count: int
 
@@ -57,27 +55,25 @@ def disagreement(inference: Inference, fitted: Fitted) -> Disagreement:
     fitted : a hypothesis, fitted
     """
     h, runs = fitted.hypothesis, len(inference.simulator.runs)
-    none = Disagreement(0.0, 0.0, np.zeros(runs), 0)
-    if runs < 2:
+    none = Disagreement(0.0, np.zeros(runs), 0)
+    if runs < 2 or not inference.simulator.noise_known:
         return none
     parts = [inference.reduced(fitted.grams, h, fitted.forces, [run]) for run in range(runs)]
+    whole, rights = np.stack([part.matrix for part in parts]), np.stack([part.right for part in parts])
     held, pull = _beside_the_runs(inference, fitted)
     modes = slice(len(h.shared), inference.fixed(h))
     # of a number that is known far better beside the runs (an effect that never acted in them) they say nothing but rounding
-    told = np.diag(sum(part.matrix for part in parts)) > LEAST_TOLD * held  # pyright: ignore[reportCallIssue,reportArgumentType]
+    told = np.diagonal(whole.sum(axis=0)) > LEAST_TOLD * held
     told[modes] = False
     moved = np.flatnonzero(told)
     if not len(moved):
         return none
-    units = _units(np.mean([part.matrix[np.ix_(moved, moved)] for part in parts], axis=0))
+    units = _units(whole.mean(axis=0)[np.ix_(moved, moved)])
     count = units.shape[1]
-    if not count:
-        return none
-    known = np.zeros((len(parts[0].right), count + inference.mode_count))
+    known = np.zeros((len(held), count + inference.mode_count))
     known[moved, :count] = units
     known[modes, count:] = np.eye(inference.mode_count)
-    matrices = np.stack([known.T @ part.matrix @ known for part in parts])
-    rights = np.stack([known.T @ part.right for part in parts])
+    matrices, rights = known.T @ whole @ known, rights @ known
     common = np.linalg.inv(matrices.sum(axis=0) + known.T @ (held[:, None] * known))
     slopes = (rights - matrices @ (common @ (rights.sum(axis=0) + known.T @ pull)))[:, :count]
     rows = matrices[:, :count]
@@ -89,8 +85,7 @@ def disagreement(inference: Inference, fitted: Fitted) -> Disagreement:
     value, along = np.maximum(value, 0.0), np.square(vectors.T @ slopes.ravel())
     square = SPREADS[:, None] ** 2
     logs = 0.5 * (square * along / (1 + square * value) - np.log1p(square * value)).sum(axis=1)
-    evidence = float(logsumexp(logs) - np.log(len(SPREADS)))
-    return Disagreement(evidence, float(SPREADS[int(np.argmax(logs))]), np.array(by_run), count)
+    return Disagreement(float(logsumexp(logs) - np.log(len(SPREADS))), np.array(by_run), count)
 
 
 def _beside_the_runs(inference: Inference, fitted: Fitted) -> tuple[Array, Array]:
@@ -103,24 +98,29 @@ def _beside_the_runs(inference: Inference, fitted: Fitted) -> tuple[Array, Array
     step = fitted.solved.shared if fitted.solved.free is None else fitted.solved.free
     found = np.concatenate(h.numbers) - [q.none for e in h.effects for q in e.parameters] + step[inference.fixed(h) :]
     narrower = np.ones(len(prior.precision))
-    narrower[inference.fixed(h) :] = 1 / np.maximum(1.0, prior.precision[inference.fixed(h) :] * found**2)
+    own = slice(inference.fixed(h), None)
+    narrower[own] = 1 / np.maximum(1.0, prior.precision[own] * found**2)
     return prior.precision * narrower, prior.pull * narrower
 
 
 def _units(information: Array) -> Array:
     """(n, k) directions in each of which an average run knows a number to 1; k: those of which the runs know anything."""
-    size = np.sqrt(np.maximum(np.diag(information), 0.0))
-    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
-    value, vectors = np.linalg.eigh(information * np.outer(scale, scale))
-    known = value > TOLD * max(float(value[-1]), np.finfo(float).tiny)
-    return scale[:, None] * vectors[:, known] / np.sqrt(value[known])
+    scale = 1 / np.sqrt(np.diag(information))
+    value, vectors = _known(information * np.outer(scale, scale))
+    return scale[:, None] * vectors / np.sqrt(value)
 
 
 def _squared(slope: Array, covariance: Array) -> float:
     """Squared length of a slope, by its covariance, in the directions that this has."""
-    value, vectors = np.linalg.eigh(covariance)
+    value, vectors = _known(covariance)
+    return float(((vectors.T @ slope) ** 2 / value).sum())
+
+
+def _known(matrix: Array) -> tuple[Array, Array]:
+    """Eigenvalues and vectors of a symmetric matrix without those that are rounding."""
+    value, vectors = np.linalg.eigh(matrix)
     known = value > TOLD * max(float(value[-1]), np.finfo(float).tiny)
-    return float(((vectors[:, known].T @ slope) ** 2 / value[known]).sum())
+    return value[known], vectors[:, known]
 
 
 __all__ = ["Disagreement", "disagreement"]

@@ -508,16 +508,10 @@ def _borne_out(inference: Inference, pairs: Sequence[Candidate], singles: Sequen
     """Those that all runs bear out: a second effect that makes the runs disagree, and more so than the first alone did, has taken
     up what is some runs' only.
     """
-    if not inference.simulator.noise_known:
-        return list(pairs)
-    alone: dict[str, float] = {}
     kept = []
     for pair in pairs:
-        first = _first_of(pair, singles)
         apart = disagreement(inference, pair.fitted).log_evidence
-        if apart > 0 and first.effects[0].label not in alone:
-            alone[first.effects[0].label] = disagreement(inference, first.fitted).log_evidence
-        if apart <= max(0.0, alone.get(first.effects[0].label, 0.0)):
+        if apart <= 0 or apart <= disagreement(inference, _first_of(pair, singles).fitted).log_evidence:
             kept.append(pair)
     return kept
 

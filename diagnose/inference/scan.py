@@ -63,9 +63,9 @@ def leftover(inference: Inference, fitted: Fitted) -> Leftover:
     tiles = (*_bursts(rest, names, step), *_bands(rest, step))
     most = max(tiles, key=lambda found: found.log_evidence, default=Leftover(0.0))
     found = replace(most, log_evidence=most.log_evidence - COST)
-    if not inference.simulator.noise_known:
-        return found
     apart = disagreement(inference, fitted)
+    if not apart.count:
+        return found
     return max(
         found,
         Leftover(apart.log_evidence - np.log(KINDS), names[int(np.argmax(apart.by_run))], disagree=True),

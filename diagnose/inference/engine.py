@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from scipy.special import logsumexp
 
 from ...record.errors import EstimationError
 from ..effects import Effect
+from .begun import FAR_BEHIND, End, ends_from, ends_unlike, first_fit
 from .diagnosable import Diagnosable
 from .disagree import disagreement
 from .evidence import CONVERGED_GAIN, Fitted, Inference
@@ -32,9 +32,8 @@ P_NO_GAP, P_SINGLE, P_PAIR, P_UNKNOWN = 0.5, 0.36, 0.07, 0.07
 TRIED_SINGLE, TRIED_PAID, TRIED_PAIR, SIBLINGS, RIVALS = 6, 4, 3, 3, 2
 """How many are fitted in full, the best by their scores: single effects, as they are seen and as they are paid, second effects of a
 pair, and further variants of each of so many best effects. Choices, for time."""
-BASE_STEPS, OPEN_STEPS, REFIT_STEPS, GROSS_STEPS = 8, 3, 3, 5
-"""Gauss-Newton steps: of the base fit, those of it in which paths may stay open, of a refinement, and of the first fit of an effect
-where scores are very large."""
+REFIT_STEPS, GROSS_STEPS = 3, 5
+"""Gauss-Newton steps: of a refinement, and of the first fit of an effect where scores are very large."""
 AT_MOST = 0.9
 """A fit whose random forces exceed this share of the largest that counts as noise explains nothing."""
 SMALL_FORCES = 0.05
@@ -64,9 +63,6 @@ there taken out of the library it was up to a twentieth.
 """
 MOST_REFINEMENTS, BASE_REFINEMENTS = 5, 15
 """A fit is refined at most so often, and the base, which all others are held against."""
-FAR_BEHIND = 2000.0
-"""A fit from the measured motion that is this far behind the best when its path shall be closed is not gone on with: the right ones
-stand within 500 of their end there, the others' motion mostly runs away, which takes long to integrate."""
 RUNS_AWAY = "no motion with it follows these runs"
 """Of an effect that was begun from the measured motion and is far behind, or whose motion runs off where it is begun."""
 STILL_GOING = 2
@@ -103,13 +99,13 @@ def ranked(
     """
     say = progress or (lambda _: None)
     say("the simulator as it is")
-    first, forces = _first_fit(simulator, spread)
-    inference = Inference(simulator, simulator.noise(first), spread)
-    base = _settled(inference, _refined(inference, inference.fit([first], [forces], 2, (0,)))[0])
-    unlike = _unlike(simulator, base, spread)
-    if unlike and unlike[0][0] > base.log_evidence:
+    first = first_fit(simulator, spread)
+    inference = Inference(simulator, simulator.noise(first.hypothesis), spread)
+    base = _settled(inference, _refined(inference, inference.fit([first.hypothesis], [first.forces], 2, (0,)))[0])
+    unlike = ends_unlike(simulator, base, spread)
+    if unlike and unlike[0].log_evidence > base.log_evidence:
         # the base cannot follow these runs: what random forces do is about a hull that can
-        inference, base = _based_anew(simulator, unlike[0][1], base, spread)
+        inference, base = _based_anew(simulator, unlike[0].hypothesis, base, spread)
     # beside lines with a law of their own, held against the noise as it was granted, it stays so
     quiet = simulator if unlike else simulator.as_quiet_as(inference, base)
     if quiet is not simulator:
@@ -128,7 +124,7 @@ def ranked(
     say("fitting " + ", ".join(dict.fromkeys(e.name for e in singles)))
     gross = max(scores.seen.values(), default=0.0) > GROSS
     starts = [] if base.forces.follow(simulator.most_force) else simulator.starts()
-    ahead = unlike[0][0] if unlike else -np.inf
+    ahead = unlike[0].log_evidence if unlike else -np.inf
     fitted = _fit_all(inference, base, [(e,) for e in (*singles, *best_free)], gross, starts, ahead)
     single_prior, forms = np.log(P_SINGLE / max(len(names), 1)), _of_forms(scores.paid, usable)
     candidates = [
@@ -149,7 +145,7 @@ def ranked(
     free_form = _best_free(inference, base, free_found, candidates[0].log_evidence if candidates else 0.0)
     beside = _beside(inference, candidates, base, simulator.free_beside(), say)
     followed = {name for c in candidates for name in c.names}
-    begun = [*(h.effects[0].name for _, h, _ in unlike), *(e.name for e in singles)]
+    begun = [*(end.hypothesis.effects[0].name for end in unlike), *(e.name for e in singles)]
     excluded |= {name: RUNS_AWAY for name in begun if name not in followed}
     return (
         simulator,
@@ -183,95 +179,20 @@ def extended(inference: Inference, ranking: Ranking, candidates: Sequence[Candid
     )
 
 
-def _unlike(simulator: Diagnosable, base: Fitted, spread: Spread) -> list[tuple[float, Hypothesis, Forces]]:
-    """The best end of every effect that no step from the base leads to, the best first."""
-    opened = [f for f in spread(partial(_opened, simulator), simulator.unlike(base)) if f is not None]
-    going = _hopeful(opened, base.log_evidence)
-    found = [_end_of(f) for k, f in enumerate(opened) if k not in going]
-    found += [end for end in spread(partial(_closed, simulator), [opened[k] for k in going]) if end is not None]
-    best: dict[str, tuple[float, Hypothesis, Forces]] = {}
-    for end in sorted(found, key=lambda end: -end[0]):
-        best.setdefault(end[1].effects[0].label, end)
-    return list(best.values())
-
-
-def _as_candidates(
-    inference: Inference, base: Fitted, unlike: Sequence[tuple[float, Hypothesis, Forces]], single_prior: float
-) -> list[Candidate]:
+def _as_candidates(inference: Inference, base: Fitted, unlike: Sequence[End], single_prior: float) -> list[Candidate]:
     """These with the noise of all others, without those that are far behind, and behind the base."""
-    found, behind = [], max([base.log_evidence, *(end[0] for end in unlike)]) - FAR_BEHIND
-    for reached, h, forces in unlike:
-        if reached < min(behind, base.log_evidence):
+    found, behind = [], max([base.log_evidence, *(end.log_evidence for end in unlike)]) - FAR_BEHIND
+    for end in unlike:
+        if end.log_evidence < min(behind, base.log_evidence):
             continue
         try:
-            fitted = inference.fit([h], [forces], REFIT_STEPS, (1,))[0]
+            fitted = inference.fit([end.hypothesis], [end.forces], REFIT_STEPS, (1,))[0]
         except EstimationError:
             continue
         # one that has run off beyond all numbers is none
         if np.isfinite(fitted.worth):
-            found.append(Candidate(h.effects, fitted, fitted.worth - base.log_evidence, single_prior))
+            found.append(Candidate(end.hypothesis.effects, fitted, fitted.worth - base.log_evidence, single_prior))
     return found
-
-
-def _ended(simulator: Simulator, start: Hypothesis) -> tuple[float, Hypothesis, Forces] | None:
-    """Where a fit from the measured motion ends, at first without asking that it is one motion; with its log evidence."""
-    opened = _opened(simulator, start)
-    return None if opened is None else _closed(simulator, opened)
-
-
-def _opened(simulator: Simulator, start: Hypothesis) -> Fitted | None:
-    """The first steps of a fit from the measured motion, in which paths stay open; None: it gets nowhere."""
-    try:
-        return _open(Inference(simulator, None), [start])[0]
-    except (EstimationError, np.linalg.LinAlgError):
-        return None
-
-
-def _closed(simulator: Simulator, opened: Fitted) -> tuple[float, Hypothesis, Forces] | None:
-    """Where it ends."""
-    try:
-        return _end_of(_close(Inference(simulator, None), [opened])[0])
-    except (EstimationError, np.linalg.LinAlgError):
-        return None
-
-
-def _open(inference: Inference, starts: Sequence[Hypothesis]) -> list[Fitted]:
-    """The first steps of fits from the measured motion, in which paths stay open."""
-    return inference.fit(starts, [Forces()] * len(starts), OPEN_STEPS - 1, None, OPEN_STEPS)
-
-
-def _close(inference: Inference, opened: Sequence[Fitted]) -> list[Fitted]:
-    """The rest of them."""
-    hypotheses, forces = [f.hypothesis for f in opened], [f.forces for f in opened]
-    return inference.fit(hypotheses, forces, BASE_STEPS - OPEN_STEPS + 1, (1,), 0, opened)
-
-
-def _end_of(found: Fitted) -> tuple[float, Hypothesis, Forces]:
-    """Of where it stands, not of where its next step points to: an end that is still on its way is none."""
-    return found.log_evidence - found.promised, found.hypothesis, found.forces
-
-
-def _hopeful(opened: Sequence[Fitted], best: float) -> list[int]:
-    """Which of them are worth going on with, beside something of log evidence ``best``."""
-    best = max([best, *(f.log_evidence for f in opened)])
-    return [k for k, f in enumerate(opened) if f.log_evidence > best - FAR_BEHIND]
-
-
-def _first_fit(simulator: Simulator, spread: Spread) -> tuple[Hypothesis, Forces]:
-    """From the measured motion, at first without asking that it is one motion; the best end of all starts."""
-    ended = partial(_ended, simulator)
-    first, *others = simulator.starts()
-    end = ended(first)
-    found = [end] if end is not None else []
-    if end is None or not end[2].follow(simulator.most_force):
-        found += [end for end in spread(ended, others) if end is not None]
-    if not found:
-        raise EstimationError(
-            "the simulator without effects cannot follow these runs at all: its motion grows beyond bounds; for a tow: is it "
-            "stable (X_T > X_v), and are tow_point_m and tension_n right?"
-        )
-    _, best, forces = max(found, key=lambda end: end[0])
-    return best, forces
 
 
 def _based_anew(simulator: Simulator, about: Hypothesis, base: Fitted, spread: Spread) -> tuple[Inference, Fitted]:
@@ -421,17 +342,10 @@ def _fit_all(
     again = inference.fit([hypotheses[k] for k in astray], [base.forces] * len(astray), REFIT_STEPS, (1,))
     for k, end in zip(astray, again, strict=True):
         found[k] = max(found[k], end, key=lambda f: f.worth)
-    for start in starts:
-        # a base that does not follow its runs has numbers that make up for what is missing: no place to begin from
-        again = [with_effects(start, list(effects)) for effects in sets]
-        try:
-            opened = _open(inference, again)
-            going = _hopeful(opened, max([ahead, *(f.log_evidence for f in found)]))
-            ends = _close(inference, [opened[k] for k in going])
-        except (EstimationError, np.linalg.LinAlgError):
-            continue
-        for k, end in zip(going, ends, strict=True):
-            found[k] = max(found[k], end, key=lambda f: f.worth)
+    # a base that does not follow its runs has numbers that make up for what is missing: no place to begin from
+    best = max([ahead, *(f.log_evidence for f in found)])
+    for k, end in enumerate(ends_from(inference, starts, sets, best) if starts else ()):
+        found[k] = found[k] if end is None else max(found[k], end, key=lambda f: f.worth)
     return list(zip(sets, found, strict=True))
 
 

@@ -17,6 +17,7 @@ import pandas as pd
 from scipy.optimize import fsolve
 from scipy.signal import lfilter
 
+from towline.blind.truth.hulls import MARINER as TOWED
 from towline.blind.truth.motion import swim
 from towline.identify.bracket import bracket_words, neutral_bracket
 from towline.identify.report import tow_stability
@@ -35,6 +36,7 @@ FRIGATE = Hull(4.655, 0.3519, -6.804, -1.00, -1.490076, -0.9457, speed_m_s=0.725
 """Of sample_videos/leander_steady: it settles."""
 TOW = Tow(1.28, 0.91, 1.5, 3.96, rudder_rad=np.radians(-15.0))
 FRIGATE_TOW = Tow(0.725, 0.71, 0.5, None, 0.50, rudder_rad=-0.28)
+TAUT = {name: TOWED[name] for name in ("surge_mass", "stiffness_n_m", "line_damping")}
 POINTS_M = (1.446, 1.548, 1.649, 1.751)
 LENGTH_M = {MARINER: 2.66, FRIGATE: 1.13}
 RATE_HZ = 25.0
@@ -89,9 +91,9 @@ def angles_of(hull: Hull, tow: Tow, aside_rad: float, t_s: np.ndarray, other_cod
         return simulate_full(hull, tow, start, t_s)[["alpha_rad", "beta_rad"]].to_numpy()
     assert tow.tension_n is not None
     lane = {
-        "x_t": tow.tow_point_m, "line": tow.line_length_m, "tension": tow.tension_n, "speed": tow.speed_m_s,
+        **TAUT, "x_t": tow.tow_point_m, "line": tow.line_length_m, "tension": tow.tension_n, "speed": tow.speed_m_s,
         "speed_ref": tow.speed_m_s,
-        "surge_mass": 82.0, "m": hull.m_minus_y_vdot, "i": hull.i_minus_n_rdot, "y_v": hull.y_v, "y_r": hull.y_r_minus_mu,
+        "m": hull.m_minus_y_vdot, "i": hull.i_minus_n_rdot, "y_v": hull.y_v, "y_r": hull.y_r_minus_mu,
         "n_v": hull.n_v, "n_r": hull.n_r, "duration": t_s[-1], "beta_release": beta,
         "y_release": tow.line_length_m * np.sin(alpha) - tow.tow_point_m * np.sin(beta),
     }  # fmt: skip

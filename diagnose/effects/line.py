@@ -93,9 +93,20 @@ def _followed(s: Situation, offset: Any, rate: Any, rate2: Any) -> Any:
     sine, cosine = np.sin(s.alpha_rad + s.beta_rad), np.cos(s.alpha_rad + s.beta_rad)
     faster = (rate * sine + offset * s.bend_rate * cosine) / cosine
     turned = offset * (s.bend_rate2 * cosine - s.bend_rate**2 * sine)
-    weighed = (rate2 * sine + 2 * rate * s.bend_rate * cosine + turned) / cosine / s.gain
+    return carried(s, faster, (rate2 * sine + 2 * rate * s.bend_rate * cosine + turned) / cosine)
+
+
+def carried(s: Situation, faster: Any, sooner: Any) -> Any:
+    """What a line that keeps its length pulls more where it makes the model go ahead otherwise, N; 0 on any other line.
+
+    Parameters
+    ----------
+    s : where a change of T is asked
+    faster, sooner : by how much, m/s and m/s2
+    """
     resistance = np.where(np.isfinite(s.gain), s.tension_n - s.beyond_n, 0.0)
-    return weighed + RESISTANCE_EXPONENT * resistance / s.speed_m_s * faster / cosine
+    cosine = np.cos(s.alpha_rad + s.beta_rad)
+    return sooner / s.gain + RESISTANCE_EXPONENT * resistance / s.speed_m_s * faster / cosine
 
 
 def _slipped(t_s: Any, before: Any, slipped: Any, when: Any) -> Any:

@@ -102,6 +102,8 @@ def ranked(
     first = first_fit(simulator, spread)
     inference = Inference(simulator, simulator.noise(first.hypothesis), spread)
     base = _settled(inference, _refined(inference, inference.fit([first.hypothesis], [first.forces], 2, (0,)))[0])
+    if base.promised >= CONVERGED_GAIN and not base.forces.follow(simulator.most_force):
+        inference, base = _begun_anew(inference, base)
     unlike = ends_unlike(simulator, base, spread)
     if unlike and unlike[0].log_evidence > base.log_evidence:
         # the base cannot follow these runs: what random forces do is about a hull that can
@@ -199,6 +201,17 @@ def _based_anew(simulator: Simulator, about: Hypothesis, base: Fitted, spread: S
     """The base fitted beside the simulator's noise about another hypothesis, or beside another simulator's."""
     inference = Inference(simulator, simulator.noise(about), spread)
     return inference, _settled(inference, inference.fit([base.hypothesis], [base.forces], 2, (0,))[0])
+
+
+def _begun_anew(inference: Inference, base: Fitted) -> tuple[Inference, Fitted]:
+    """The base from where fits begin, by the noise that is known now: what stands where no step gains though the next one promises
+    much has scores that mean nothing.
+    """
+    simulator = inference.simulator
+    end = ends_from(inference, simulator.starts(), [()], base.log_evidence - base.promised)[0]
+    if end is None or end.worth < base.worth + CONVERGED_GAIN:
+        return inference, base
+    return _based_anew(simulator, end.hypothesis, end, inference.spread)
 
 
 def _settled(inference: Inference, base: Fitted) -> Fitted:

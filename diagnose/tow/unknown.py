@@ -12,6 +12,7 @@ import numpy as np
 
 from ...simulate.model import Array
 from ..effects import Effect, Parameter, Seen, Situation
+from ..effects.line import carried
 from ..effects.members import Members
 from .beside import MOST_N
 from .pushes import Push
@@ -39,6 +40,8 @@ SEEN = 12
 """How many ``shapes_of`` there are."""
 SHAKES = 4
 """Frequencies that are tried."""
+POST = 4
+"""Where the numbers of a post that shakes stand, to starboard, behind those of two forces and of x and y."""
 OFF_HZ = 0.01
 """A peak of a run of 45 s is as wide."""
 NAMED = (0, 5, 6, 7, 8, 9, 10, 14, 15)
@@ -207,19 +210,28 @@ def _shaken(runs: int, hz: float) -> list[Effect]:
     what = (("side", "N"), ("moment", "N m"), ("x", "m"), ("y", "m"), ("post", "m"))
     width = 2 * len(what)
 
-    def waves(t_s: Any, numbers: Sequence[Any], which: int) -> Any:
+    def waves(t_s: Any, numbers: Sequence[Any], which: int, later: float = 0.0) -> Any:
         sine, cosine = (
             np.stack([np.atleast_1d(numbers[run * width + 2 * which + k]) for run in range(runs)]) for k in range(2)
         )
-        angle = 2 * np.pi * (hz + numbers[-1]) * t_s
+        angle = 2 * np.pi * ((hz + numbers[-1]) * t_s + later)
         return sine * np.sin(angle) + cosine * np.cos(angle)
 
     def force(s: Situation, *numbers):
         return waves(s.t_s, numbers, 0), waves(s.t_s, numbers, 1)
 
+    def tension(s: Situation, *numbers):
+        # the mass of what it draws back and ahead
+        turns = 2 * np.pi * (hz + numbers[-1])
+        post = waves(s.t_s, numbers, POST)
+        rate, rate2 = turns * waves(s.t_s, numbers, POST, 0.25), -(turns**2) * post
+        sine, cosine = np.sin(s.alpha_rad), np.cos(s.alpha_rad)
+        faster = -(rate * sine + post * s.alpha_rate * cosine)
+        return carried(s, faster, -(rate2 * sine + 2 * rate * s.alpha_rate * cosine))
+
     def observe(seen: Seen, *numbers):
-        # a taut line whose post moves aside carries the model ahead and back
-        ahead = np.sin(seen.alpha_rad) * waves(seen.t_s, numbers, 4)
+        # a taut line whose post moves further away draws the model ahead
+        ahead = -np.sin(seen.alpha_rad) * waves(seen.t_s, numbers, POST)
         nothing = 0.0 * seen.side
         return waves(seen.t_s, numbers, 2) + ahead, waves(seen.t_s, numbers, 3), nothing, nothing
 
@@ -241,6 +253,7 @@ def _shaken(runs: int, hz: float) -> list[Effect]:
             "Something swings at one frequency, whatever the model does.",
             "Look for what shakes at that frequency: carriage, camera, the tank's own wave.",
             force=force,
+            tension=tension,
             observe=observe,
             sizes=(1.0,),
             bound=True,

@@ -30,6 +30,9 @@ PACKAGES = (
     "jax-sysid", "pysindy", "cosmic-ray", "pytest-cov", "mitsuba",
 )  # fmt: skip
 
+OUTPUTS = (":(exclude)benchmarks/**/*.txt", ":(exclude)benchmarks/*.txt", ":(exclude)*.svg", ":(exclude)*.html")
+"""What benchmarks write into the tree."""
+
 
 @dataclass(frozen=True)
 class Table:
@@ -103,14 +106,21 @@ def head(command: str) -> str:
             found.append(f"{name} {version(name)}")
         except PackageNotFoundError:
             continue
-    commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], cwd=HERE, capture_output=True, text=True, check=False
-    ).stdout.strip()
     machine = f"{platform.machine()}, {os.cpu_count()} cores, {_processor()}"
     return (
-        f"# python {command}\n# {date.today()}, commit {commit or 'unknown'}, {machine}, load {_load()} before\n"
+        f"# python {command}\n# {date.today()}, commit {_commit()}, {machine}, load {_load()} before\n"
         f"# python {platform.python_version()}, {', '.join(found)}\n"
     )
+
+
+def _commit() -> str:
+    """With "-dirty" where more than tables and pictures of other benchmarks is not as it was committed."""
+    found = _git("describe", "--always")
+    return f"{found}-dirty" if _git("status", "--porcelain", "--", ".", *OUTPUTS) else found or "unknown"
+
+
+def _git(*words: str) -> str:
+    return subprocess.run(["git", *words], cwd=HERE.parent, capture_output=True, text=True, check=False).stdout.strip()
 
 
 def _load() -> str:

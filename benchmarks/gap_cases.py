@@ -16,7 +16,17 @@ from scipy.spatial.transform import Rotation
 from towline.geometry import Camera, Lens
 from towline.record import Run, RunFile
 from towline.record.toml import check_tables
-from towline.simulate.model import RESISTANCE_EXPONENT, Hull, Line, Tow, alpha_from_y, full_rates, full_x_cg, full_y_cg
+from towline.simulate.model import (
+    RESISTANCE_EXPONENT,
+    Hull,
+    Line,
+    Tow,
+    alpha_from_y,
+    full_rates,
+    full_state,
+    full_x_cg,
+    full_y_cg,
+)
 from towline.simulate.motion import Histories, Start, simulate_full
 
 SIX = (149.19, 62.11, -52.87, -66.33, -48.51, -57.60)
@@ -151,7 +161,10 @@ def _tow(
         path = _swum(hull, tow, np.array([start, beta, 0.0, 0.0]), motion_t, histories, force)
         alpha, heading = path[:, 0], path[:, 1]
         pose = np.column_stack([full_x_cg(alpha, heading, tow), full_y_cg(0.0, alpha, heading, tow), heading])
-    pose = _geometry(planted, size, pose, alpha, motion_t, tow, index)
+        if planted == "marker_roll":  # by what the line pulls to the side, of a straight tow's pull
+            pull = full_state(motion_t, tuple(path.T), hull, tow).tension_n / tow.tension_n
+            pose[:, 1] += size * pull * np.sin(alpha + heading)
+    pose = _geometry(planted, size, pose, motion_t)
     tracks = _filmed(planted, size, camera, pose, depth, t_s, rng, noise)
     held = np.tile(pose[:1], (int(STATIC_S * RATE_HZ), 1))
     static = _filmed(planted, size, camera, held, depth, np.arange(len(held)) / RATE_HZ, rng, noise)
@@ -281,9 +294,7 @@ def _hanging(tow: Tow, weight_n_m: float) -> Tow:
     return replace(tow, line_length_m=(early + late) / 2 - pull / stiffness, stiffness_n_m=stiffness)
 
 
-def _geometry(
-    planted: str, size: float, pose: np.ndarray, alpha: np.ndarray, t_s: np.ndarray, tow: Tow, index: int
-) -> np.ndarray:
+def _geometry(planted: str, size: float, pose: np.ndarray, t_s: np.ndarray) -> np.ndarray:
     pose = pose.copy()
     if planted == "slack_line":
         share = (t_s - 20.0) / 3.0
@@ -291,8 +302,6 @@ def _geometry(
         pose[:, :2] += ahead[:, None] * np.column_stack([np.cos(pose[:, 2]), np.sin(pose[:, 2])])
     if planted == "datum_bias":
         pose[:, :2] += [0.5 * size, size]
-    if planted == "marker_roll":
-        pose[:, 1] += size * np.sin(alpha + pose[:, 2])
     return pose
 
 

@@ -30,13 +30,25 @@ from towline.record.toml import check_tables
 from towline.simulate import Hull, Start, Tow, linear_system, simulate_full
 from towline.simulate.model import full_rates
 
-MARINER = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28, y_delta=-2.0, n_delta=2.4)
+MARINER = Hull(
+    149.19,
+    62.11,
+    -52.87,
+    -66.33,
+    -48.51,
+    -57.60,
+    speed_m_s=1.28,
+    y_delta=-2.0,
+    n_delta=2.4,
+    mass_kg=78.0,
+    x_udot_kg=-4.0,
+)
 """The ITTC derivatives of Table 8.2; the rudder's are ours."""
 FRIGATE = Hull(4.655, 0.3519, -6.804, -1.00, -1.490076, -0.9457, speed_m_s=0.725, y_delta=0.5, n_delta=-0.25425)
 """Of sample_videos/leander_steady: it settles."""
 TOW = Tow(1.28, 0.91, 1.5, 3.96, rudder_rad=np.radians(-15.0))
 FRIGATE_TOW = Tow(0.725, 0.71, 0.5, None, 0.50, rudder_rad=-0.28)
-TAUT = {name: TOWED[name] for name in ("surge_mass", "stiffness_n_m", "line_damping")}
+TAUT = {name: TOWED[name] for name in ("surge_mass", "power", "stiffness_n_m", "line_damping")}
 POINTS_M = (1.446, 1.548, 1.649, 1.751)
 LENGTH_M = {MARINER: 2.66, FRIGATE: 1.13}
 RATE_HZ = 25.0
@@ -111,7 +123,12 @@ def angles_of(hull: Hull, tow: Tow, aside_rad: float, t_s: np.ndarray, other_cod
 
 def run_of(hull: Hull, tow: Tow, name: str = "tow") -> Run:
     """A run that comes with its motion."""
-    table = {"speed_m_s": tow.speed_m_s, "line_length_m": tow.line_length_m, "tow_point_m": tow.tow_point_m}
+    table = {
+        "speed_m_s": tow.speed_m_s,
+        "line_length_m": tow.line_length_m,
+        "tow_point_m": tow.tow_point_m,
+        "line": tow.line,
+    }
     if tow.tension_n is not None:
         table["tension_n"] = tow.tension_n
     tables = {
@@ -154,6 +171,8 @@ def swung(seed: int, other_code: bool, low: float, high: float) -> Swung:
     """A random swinging MARINER tow; size log-uniform from ``low`` to ``high`` times what matters, 12 degrees at most."""
     rng = np.random.default_rng([seed, int(other_code)])
     tow = replace(TOW, tow_point_m=float(rng.choice(POINTS_M)), rudder_rad=float(np.radians(rng.uniform(-20, -4))))
+    if other_code:  # its lines keep their length
+        tow = replace(tow, line="surge")
     t_s = np.arange(0.0, rng.uniform(25, 60), 1 / RATE_HZ)
     root = swing_root(MARINER, tow)
     error, kind = noise(rng, t_s)

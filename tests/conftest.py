@@ -274,6 +274,12 @@ def surge_cases(root: Path) -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def steady_tows(root: Path) -> ModuleType:
+    """Swinging and settled tows, by two simulators."""
+    return _cases(root, "steady")
+
+
+@pytest.fixture(scope="session")
 def doors_wire(root: Path) -> ModuleType:
     """Attacks on a started app over its port."""
     return _cases(root, "doors_wire")

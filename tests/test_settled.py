@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pandas as pd
@@ -30,6 +31,9 @@ FRIGATE = Hull(4.655, 0.3519, -6.804, -1.00, -1.490076, -0.9457, speed_m_s=0.725
 TOW = Tow(1.28, 0.91, 1.649, 3.96, rudder_rad=np.radians(-5.0))
 FRIGATE_TOW = Tow(0.725, 0.71, 0.5, None, 0.50, rudder_rad=-0.28)
 SLOWEST_S = slowest_swing_s(2.66, 1.28)
+STRETCH_RAD = 1e-4
+"""A line of 20 kN/m is let go at the length that 3.96 N give it; what the tow pulls besides, 4 % of that, is 8e-6 m of 0.91 m, and
+rings. The rest of a line that keeps its tension is 1e-3 off, and a tow let go there swings by 2e-3."""
 
 
 def rest_of(hull: Hull, tow: Tow) -> np.ndarray:
@@ -298,3 +302,16 @@ def test_a_small_force_is_no_x_v() -> None:
     flat = np.zeros((len(t), 2))
     assert stands_off(steady_state(run_of(TOW), motion_of(t, flat + np.array([0.1, 0.02])), None))
     assert not stands_off(steady_state(run_of(TOW), motion_of(t, flat + np.array([0.04, 0.005])), None))
+
+
+@pytest.mark.parametrize("other_code", [False, True])
+def test_tows_of_both_simulators_rest_where_their_lines_let_them(steady_tows: ModuleType, other_code: bool) -> None:
+    """Let go at rest each stays there, but for what a taut line's stretch moves; one that swings by what matters is refused."""
+    tow = replace(TOW, line="surge" if other_code else "constant")
+    times = np.arange(0.0, 30.0, 0.04)
+    hull = steady_tows.MARINER
+    still = steady_tows.angles_of(hull, tow, 0.0, times, other_code)
+    assert np.abs(still - steady_tows.at_rest(hull, tow)).max() < STRETCH_RAD
+    swung = steady_tows.swung(0, other_code, 10.0, 20.0)
+    with pytest.raises(UnsettledError):
+        steady_state(swung.run, swung.motion, None)

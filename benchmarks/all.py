@@ -143,7 +143,8 @@ def made(table: Table, out: Path) -> bool:
     done = subprocess.run(
         [sys.executable, *command],
         cwd=HERE.parent,
-        env={**os.environ, **one},
+        # byte code is kept, whatever the environment says: a command that compiles the package first is no measure of its start
+        env={**os.environ, **one, "PYTHONDONTWRITEBYTECODE": ""},
         stdout=subprocess.PIPE,
         text=True,
         check=False,

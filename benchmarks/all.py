@@ -30,7 +30,7 @@ PACKAGES = (
     "jax-sysid", "pysindy", "cosmic-ray", "pytest-cov", "mitsuba",
 )  # fmt: skip
 
-OUTPUTS = (":(exclude)benchmarks/**/*.txt", ":(exclude)benchmarks/*.txt", ":(exclude)*.svg", ":(exclude)*.html")
+OUTPUTS = (":(exclude)benchmarks/*.txt", ":(exclude)*.svg", ":(exclude)*.html")
 """What benchmarks write into the tree."""
 
 

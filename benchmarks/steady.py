@@ -170,9 +170,9 @@ def smallest(slope: float, force: float, error: np.ndarray, omega: float, span_s
 def swung(seed: int, other_code: bool, low: float, high: float) -> Swung:
     """A random swinging MARINER tow; size log-uniform from ``low`` to ``high`` times what matters, 12 degrees at most."""
     rng = np.random.default_rng([seed, int(other_code)])
-    tow = replace(TOW, tow_point_m=float(rng.choice(POINTS_M)), rudder_rad=float(np.radians(rng.uniform(-20, -4))))
-    if other_code:  # its lines keep their length
-        tow = replace(tow, line="surge")
+    point, rudder = float(rng.choice(POINTS_M)), float(np.radians(rng.uniform(-20, -4)))
+    # the other program's lines keep their length
+    tow = replace(TOW, tow_point_m=point, rudder_rad=rudder, line="surge" if other_code else TOW.line)
     t_s = np.arange(0.0, rng.uniform(25, 60), 1 / RATE_HZ)
     root = swing_root(MARINER, tow)
     error, kind = noise(rng, t_s)

@@ -17,12 +17,12 @@ from laws_truth import sways_m
 from towline.blind.truth.cases import Case, lane_of
 from towline.blind.truth.laws import TERMS, law_ahead, law_force, law_lean
 from towline.diagnose.effects import Effect, Parameter, Seen, Situation, rolled
-from towline.diagnose.inference.engine import P_NO_GAP
 from towline.diagnose.inference.evidence import Fitted, Inference
 from towline.diagnose.inference.grams import Grams
 from towline.diagnose.inference.held_out import removed_share
 from towline.diagnose.inference.hypothesis import Hypothesis
 from towline.diagnose.inference.noise import Forces
+from towline.diagnose.inference.ranking import P_NO_GAP
 from towline.diagnose.tow.towed import TowSimulator
 
 WIDE = 3.0

@@ -12,7 +12,7 @@ from ..__version__ import __version__
 from ..diagnose.effects import Effect
 from ..diagnose.effects.camera import ROLL as MARKER_ROLL
 from ..diagnose.gap import Diagnosed
-from ..diagnose.inference.engine import CLEAR
+from ..diagnose.inference.refining import CLEAR
 from ..diagnose.law.answer import TOLD, Law, Searched
 from ..diagnose.law.choose import Groups
 from ..diagnose.law.search import searched

@@ -21,8 +21,8 @@ from towline.diagnose.inference.grams import Columns, Grams
 from towline.diagnose.inference.hypothesis import Hypothesis
 from towline.diagnose.tow.beside import NOTABLE, beside_smaller
 from towline.diagnose.tow.data import Recorded, tow_runs
+from towline.diagnose.tow.fields import Fields
 from towline.diagnose.tow.pushes import pushes
-from towline.diagnose.tow.rates import Fields
 from towline.diagnose.tow.slow import SLOW_S, SLOW_UNSEEN_PX
 from towline.diagnose.tow.tow_run import TowRun
 from towline.diagnose.tow.towed import TowSimulator

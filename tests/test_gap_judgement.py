@@ -18,12 +18,12 @@ from towline.diagnose.effects import LIBRARY, Effect, Parameter
 from towline.diagnose.effects.hull import CURRENT
 from towline.diagnose.gap import NAMED, Diagnosis, best_measurement, called, diagnosed, rests_on, rival_of, twins_of
 from towline.diagnose.inference.apart import Apart
-from towline.diagnose.inference.engine import P_UNKNOWN, RUNS_AWAY, extended
+from towline.diagnose.inference.engine import RUNS_AWAY, extended
 from towline.diagnose.inference.evidence import LARGEST_SD, LARGEST_SHARE, Fitted, Inference, within
 from towline.diagnose.inference.held_out import removed_share, shrink, taken
 from towline.diagnose.inference.hypothesis import with_effects
 from towline.diagnose.inference.noise import TIMES_S
-from towline.diagnose.inference.ranking import Candidate, Ranking
+from towline.diagnose.inference.ranking import P_UNKNOWN, Candidate, Ranking
 from towline.diagnose.inference.scan import BANDS, COST, LENGTHS, Leftover, leftover
 from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
 from towline.diagnose.where import shortest_stretch, where

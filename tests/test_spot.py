@@ -26,7 +26,8 @@ from towline.vision.spots.model import (
     V_2,
     expected,
 )
-from towline.vision.spots.refine import Refiner, Stack
+from towline.vision.spots.refine import Refiner
+from towline.vision.spots.stack import Stack
 
 AMPLITUDE_DN, GROUND_DN, READ_DN, ELECTRONS_PER_DN = 160.0, 20.0, 3.0, 20.0
 NOISE = (READ_DN**2, 1 / ELECTRONS_PER_DN)

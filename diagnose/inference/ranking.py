@@ -9,6 +9,9 @@ from ..effects import Effect
 from .evidence import Fitted
 from .scan import Leftover
 
+P_NO_GAP, P_SINGLE, P_PAIR, P_UNKNOWN = 0.5, 0.36, 0.07, 0.07
+"""Prior shares: of no gap, all single effects, all pairs, and what is in no library."""
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -112,4 +115,4 @@ class Ranking:
         return kept
 
 
-__all__ = ["Candidate", "Ranking"]
+__all__ = ["P_NO_GAP", "P_PAIR", "P_SINGLE", "P_UNKNOWN", "Candidate", "Ranking"]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import logsumexp
 
 from ...geometry.normal import inverse_of_normal
 from ...simulate.model import Array
@@ -108,4 +109,39 @@ def _score(effect: Effect, left: Array, pull: Array) -> float:
     return value if np.isfinite(value) else -np.inf
 
 
-__all__ = ["Screened", "screened"]
+def of_forms(scores: dict[str, float], effects: Sequence[Effect]) -> dict[str, float]:
+    """Name -> log of what its best form has of the name's prior, spread over its forms, by their scores: all of it where all forms
+    say the same, 1/n where one of n does.
+
+    Parameters
+    ----------
+    scores : by the forms' labels
+    effects : all forms
+    """
+    by_name: dict[str, list[float]] = {}
+    for effect in effects:
+        by_name.setdefault(effect.name, []).append(scores[effect.label])
+    return {
+        n: float(logsumexp(found) - np.log(len(found)) - max(found)) if np.isfinite(max(found)) else 0.0
+        for n, found in by_name.items()
+    }
+
+
+def best_variants(scores: dict[str, float], effects: Sequence[Effect], count: int) -> list[Effect]:
+    """The best variant of each name, the best ``count`` names.
+
+    Parameters
+    ----------
+    scores : by the variants' labels
+    effects : all variants
+    count : of names
+    """
+    best: dict[str, Effect] = {}
+    for effect in effects:
+        old = best.get(effect.name)
+        if old is None or scores[effect.label] > scores[old.label]:
+            best[effect.name] = effect
+    return sorted(best.values(), key=lambda e: -scores[e.label])[:count]
+
+
+__all__ = ["Screened", "best_variants", "of_forms", "screened"]

@@ -11,10 +11,10 @@ import numpy as np
 from ...record.errors import EstimationError
 from ...simulate.model import Array
 from ..effects import Effect
-from ..inference.engine import P_PAIR, P_SINGLE, P_UNKNOWN
 from ..inference.evidence import Fitted, Inference
 from ..inference.hypothesis import Hypothesis, with_effects
 from ..inference.noise import Forces
+from ..inference.ranking import P_PAIR, P_SINGLE, P_UNKNOWN
 from .field import GROUPS, HEELING, field_effect, groups_of
 from .functions import Range, term
 from .table import Choice, Table

@@ -23,10 +23,12 @@ from ..inference.shooting import (
     integrated,
     stepped,
 )
+from .columns import OWN, STATES, Numbers, held_before, held_from
 from .data import corrected
+from .fields import Fields, OtherHull, tow_of
 from .noise import moved_channels
 from .numbers import shared_numbers
-from .rates import OWN, STATES, Fields, Numbers, OtherHull, TowRates, held_before, held_from, tow_of
+from .rates import TowRates
 from .seen import TowSeen
 from .tow_run import TowRun
 from .variations import PROBE_N, Variations, joined

@@ -11,9 +11,9 @@ from ...simulate.model import Tow, alpha_from_y
 from ..inference.discern import distance_left
 from ..inference.evidence import STEEP, Array, Fitted, Inference
 from ..inference.hypothesis import Hypothesis
+from .columns import OWN, own_numbers
 from .model import TowModel
 from .noise import tow_noise
-from .rates import OWN, own_numbers
 from .start import straight_pull
 from .tow_run import TowRun
 from .towed import TowSimulator, own_sds

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from ...simulate.model import (
     Answering,
@@ -27,225 +26,17 @@ from ...simulate.model import (
     paid_state,
     side_by_side,
 )
-from ..effects import SMALLEST_COSINE, Effect, Late, Seen, Situation, on_line
-from .numbers import COMPLIANCE, SIX, rudder_history, rudder_is_over
-from .tow_run import TowRun
+from ..effects import SMALLEST_COSINE, Effect, Late, Situation, on_line
+from .columns import PAID_STATES, STATES, Active, Numbers, columns_of, held_before
+from .fields import Fields
+from .numbers import COMPLIANCE
 
-OWN = ("alpha", "beta", "v", "r", "y_b", "beta_b", "tension", "tow_point", "line", "speed", "longer", "ahead")
-"""Each run's own numbers; tension: T of a line that keeps it, R of one that keeps its length; longer, ahead: by how much a line
-with a law of its own is longer at the start, and the model faster than the carriage."""
-SPEED, LONGER, AHEAD = (OWN.index(name) for name in ("speed", "longer", "ahead"))
-"""Where these stand."""
-STATES, PAID_STATES = 4, 6
-"""alpha, beta, v, r; with a law of the line's own its length beyond the stated one and u as well. Lagged velocities follow."""
 LARGEST_ANGLE = 1.4
 """Line angle and alpha + beta are held within this, rad (80 degrees): beyond, the equations have no answer."""
 SHORTEST = 0.05
 """A line with a law of its own is never shorter than this share of what is stated."""
 SOON_S = 0.05
 """An effect on the carriage's speed is differentiated over so long to either side."""
-
-
-class OtherHull(Protocol):
-    """The hull of another simulator, in place of towline's own equations of it."""
-
-    def __call__(self, hull: Hull, tow: Tow, runs: int, columns: int) -> Answering:
-        """With these derivatives and R of these tows, both at the hull's speed; fields that broadcast to (runs, columns)."""
-        ...
-
-
-@dataclass(frozen=True)
-class Active:
-    """An effect in the columns where it is not absent.
-
-    Attributes
-    ----------
-    effect : which
-    columns : of all
-    numbers : (p, columns)
-    """
-
-    effect: Effect
-    columns: slice
-    numbers: Array
-
-
-@dataclass(frozen=True)
-class Numbers:
-    """What the columns hold.
-
-    Attributes
-    ----------
-    shared : (s, columns), of all runs
-    own : (runs, len(OWN), columns)
-    active : effects
-    lates : how velocities are held back, sorted
-    """
-
-    shared: Array
-    own: Array
-    active: tuple[Active, ...]
-    lates: tuple[Late, ...] = ()
-
-    @property
-    def width(self) -> int:
-        """Columns."""
-        return self.shared.shape[1]
-
-    @property
-    def lawful(self) -> bool:
-        """Whether the line has a law of its own, in every column."""
-        return any(a.effect.law is not None for a in self.active)
-
-    def start(self) -> Array:
-        """(states, runs, columns) at the runs' beginning; lagged velocities begin as the velocities."""
-        first = [self.own[:, k] for k in range(STATES)]
-        if self.lawful:
-            first += [self.own[:, LONGER], self.own[:, SPEED] + self.own[:, AHEAD]]
-        held = [self.own[:, k] if k else np.zeros_like(self.own[:, 0]) for k in held_from(self.lates)]
-        return np.stack(first + held)
-
-
-class Fields:
-    """What effects may ask of the runs, and what is stated of them, once for all.
-
-    Parameters
-    ----------
-    runs : of the campaign
-    duration_s : of the runs, (runs, 1)
-    speed_m_s : of the quoted derivatives
-    names : of the shared numbers
-    other : the hull's equations, where they are another simulator's
-
-    Attributes
-    ----------
-    surge : (runs, 1), whether the line keeps its length
-    lines : which lines there are
-    loaded, steered, driven : whether any run has a history of T that moves it, of the rudder, of the carriage's speed
-    """
-
-    def __init__(
-        self,
-        runs: Sequence[TowRun],
-        duration_s: Array,
-        speed_m_s: float,
-        names: tuple[str, ...] = SIX,
-        other: OtherHull | None = None,
-    ) -> None:
-        self.speed_m_s, self.names, self.other = speed_m_s, names, other
-        tows = [run.data.tow for run in runs]
-        self.surge = np.array([[t.line == "surge"] for t in tows])
-        self.lines = tuple(dict.fromkeys(t.line for t in tows))
-        self.offset_m = np.array([[t.tow_point_offset_m] for t in tows], dtype=float)
-        self.post_x_m = np.array([[t.post_m[0]] for t in tows], dtype=float)
-        self.mass_kg = np.array([[r.run.model.mass_kg] for r in runs], dtype=float) if self.surge.any() else None
-        self.post = _posts(runs)
-        self.rudder_rad: Any = 0.0
-        if any(rudder_is_over(run) for run in runs):
-            self.rudder_rad = np.array([[t.rudder_rad] for t in tows], dtype=float)
-        fixed = ("length_pp_m", "density_kg_m3", "half_width_m")
-        self.fixed = {n: np.array([[getattr(r, n)] for r in runs], dtype=float) for n in fixed}
-        self.fixed["duration_s"] = duration_s
-        self._start_s = [r.start_s for r in runs]
-        moved = [r.data.tension if r.data.tow.line == "constant" else None for r in runs]
-        self._tensions = [
-            None if h is None else (h[0], h[1] / float(t.tension_n or 1.0)) for h, t in zip(moved, tows, strict=True)
-        ]
-        self._rudders = [rudder_history(run) for run in runs]
-        self._speeds = [_smooth(run) for run in runs]
-        self.loaded, self.steered, self.driven = (
-            any(h is not None for h in histories) for histories in (self._tensions, self._rudders, self._speeds)
-        )
-
-    def history(self, t_s: Any) -> Array:
-        """Tension over its mean, (..., runs, columns), at times that broadcast to that."""
-        return self._interpolated(self._tensions, t_s) if self.loaded else np.ones((len(self._start_s), 1))
-
-    def rudder(self, t_s: Any) -> Any:
-        """Rudder angle, rad, (..., runs, 1)."""
-        if not self.steered:
-            return self.rudder_rad
-        still = np.array([[h is None] for h in self._rudders])
-        return np.where(still, self.rudder_rad, self._interpolated(self._rudders, t_s))
-
-    def pace(self, t_s: Any) -> tuple[Any, Any]:
-        """The carriage's speed over its mean and the rate of that, 1/s, (..., runs, 1)."""
-        times = self._times(t_s)
-        pace, rate = np.ones(times.shape), np.zeros(times.shape)
-        for i, spline in enumerate(self._speeds):
-            if spline is not None:
-                at = np.clip(times[..., i, :], spline.x[0], spline.x[-1])
-                pace[..., i, :], rate[..., i, :] = spline(at), spline(at, 1)
-        return pace, rate
-
-    def _times(self, t_s: Any) -> Array:
-        return np.broadcast_arrays(np.asarray(t_s, dtype=float), np.zeros((len(self._start_s), 1)))[0]
-
-    def _interpolated(self, histories: Sequence[tuple[Array, Array] | None], t_s: Any) -> Array:
-        times = self._times(t_s)
-        rows = [
-            np.interp(times[..., i, :] + start, *history) if history is not None else np.ones_like(times[..., i, :])
-            for i, (start, history) in enumerate(zip(self._start_s, histories, strict=True))
-        ]
-        return np.stack(rows, axis=-2)
-
-
-def _posts(runs: Sequence[TowRun]) -> dict[str, Any]:
-    """How the posts swing: fields of Tow, (runs, 1), on the runs' own clocks."""
-    tows = [run.data.tow for run in runs]
-    if not any(t.post_amplitude_m for t in tows):
-        return {}
-    early = [2 * np.pi * t.post_frequency_hz * run.start_s for t, run in zip(tows, runs, strict=True)]
-    return {
-        "post_amplitude_m": np.array([[t.post_amplitude_m] for t in tows]),
-        "post_frequency_hz": np.array([[t.post_frequency_hz] for t in tows]),
-        "post_phase_rad": np.array([[t.post_phase_rad + e] for t, e in zip(tows, early, strict=True)]),
-    }
-
-
-def _smooth(run: TowRun) -> CubicSpline | None:
-    """A carriage's speed over its mean, by a run's own clock: through the means over blocks, so that its rate is no noise's."""
-    if run.data.speed is None:
-        return None
-    t_s, values = run.data.speed[0] - run.start_s, run.data.speed[1]
-    block = np.floor((t_s - t_s[0]) / run.step_s).astype(int)
-    count = np.bincount(block)
-    there = count > 0
-    centre, mean = (np.bincount(block, x)[there] / count[there] for x in (t_s, values))
-    if len(centre) < 2:
-        return None
-    return CubicSpline(centre, mean / run.data.tow.speed_m_s)
-
-
-def tow_of(fields: Fields, numbers: Numbers) -> Tow:
-    """The tow of every run and column; its fields are arrays that broadcast to (runs, columns).
-
-    Parameters
-    ----------
-    fields : of the runs
-    numbers : of the hypothesis, by name
-    """
-    column = {name: numbers.own[:, k] for k, name in enumerate(OWN)}
-    line, offset = column["line"].copy(), np.tile(fields.offset_m, (1, numbers.width))
-    for a in numbers.active:
-        if a.effect.length is not None:
-            line[:, a.columns] += a.effect.length(
-                column["tension"][:, a.columns], column["line"][:, a.columns], *a.numbers
-            )
-        if a.effect.offset is not None:
-            offset[:, a.columns] += a.effect.offset(*a.numbers)
-    return side_by_side(
-        Tow,
-        speed_m_s=column["speed"],
-        line_length_m=line,
-        tow_point_m=column["tow_point"],
-        tension_n=column["tension"],
-        tow_point_offset_m=offset,
-        post_m=(fields.post_x_m, 0.0),
-        rudder_rad=fields.rudder_rad,
-        line=fields.lines[0],
-        **fields.post,
-    )
 
 
 @dataclass(frozen=True)
@@ -521,24 +312,6 @@ def line_rates(t_s: Any, state: Sequence[Array], tow: Tow) -> tuple[Array, Any]:
     return line_angle_rate(tow, beta, v, r, cosine, tow.post_motion(t_s)[1]), 0.0
 
 
-def held_from(lates: Sequence[Late]) -> list[int]:
-    """Of each state that is held back the number of OWN that it begins as; 0: it begins at nothing."""
-    return [k for late in lates for k in (2, 3, 0, 0)[: late.size]]
-
-
-def held_before(lates: Sequence[Late], late: Late) -> int:
-    """How many states that are held back stand before those of one."""
-    return sum(one.size for one in lates[: lates.index(late)])
-
-
-def own_numbers(**named: float) -> Array:
-    """One run's own numbers (len(OWN),), those not named 0."""
-    row = np.zeros(len(OWN))
-    for name, value in named.items():
-        row[OWN.index(name)] = value
-    return row
-
-
 def _hull_of(fields: Fields, numbers: Numbers) -> Hull:
     """The hull of every column, with the cross added masses that effects give it."""
     coupled = [a for a in numbers.active if a.effect.coupling is not None]
@@ -554,50 +327,4 @@ def _hull_of(fields: Fields, numbers: Numbers) -> Hull:
     )
 
 
-Asked = TypeVar("Asked", Situation, Seen)
-"""What an effect is given."""
-
-
-def columns_of(whole: Asked, columns: slice) -> Asked:
-    """What an effect is given, in its own columns: every array of it that has columns, and tuples of such arrays.
-
-    Parameters
-    ----------
-    whole : what the effect is asked with
-    columns : its own
-    """
-    changes = {}
-    for name in whole.columns:
-        value = getattr(whole, name)
-        if isinstance(value, tuple):
-            changes[name] = tuple(_in_columns(part, columns) for part in value)
-        else:
-            changes[name] = _in_columns(value, columns)
-    return replace(whole, **changes)
-
-
-def _in_columns(value: Any, columns: slice) -> Any:
-    """Restricted to some columns, where it has more than one: the others are the same in all."""
-    several = isinstance(value, np.ndarray) and value.ndim > 1 and value.shape[-1] > 1
-    return value[..., columns] if several else value
-
-
-__all__ = [
-    "AHEAD",
-    "LONGER",
-    "OWN",
-    "PAID_STATES",
-    "SPEED",
-    "STATES",
-    "Active",
-    "Fields",
-    "Numbers",
-    "OtherHull",
-    "TowRates",
-    "columns_of",
-    "held_before",
-    "held_from",
-    "line_rates",
-    "own_numbers",
-    "tow_of",
-]
+__all__ = ["TowRates", "line_rates"]

@@ -12,17 +12,10 @@ from ...simulate.model import Array, Tow, full_x_cg, full_x_cg_rate, full_y_cg, 
 from ..effects import SMALLEST_COSINE, Late, Seen
 from ..inference.shooting import STATE_STEP
 from .channels import PULL
+from .columns import PAID_STATES, STATES, Numbers, columns_of
+from .fields import Fields, tow_of
 from .numbers import COMPLIANCE
-from .rates import (
-    PAID_STATES,
-    STATES,
-    Fields,
-    Numbers,
-    TowRates,
-    columns_of,
-    line_rates,
-    tow_of,
-)
+from .rates import TowRates, line_rates
 from .tow_run import TowRun
 from .variations import Variations, joined
 

@@ -16,8 +16,8 @@ from ...simulate.model import Array, Tow, full_x_cg_rate
 from ..effects import Effect
 from ..inference.hypothesis import Hypothesis, Path, with_effects
 from .channels import CHANNELS
+from .columns import AHEAD, LONGER, SPEED, STATES, own_numbers
 from .model import BEYOND
-from .rates import AHEAD, LONGER, SPEED, STATES, own_numbers
 from .tow_run import TowRun
 
 Y, BETA, LINE = (CHANNELS.index(name) for name in ("y", "beta", "line"))

@@ -19,13 +19,14 @@ from ..inference.hypothesis import FREE, Hypothesis
 from ..inference.inexact import HALF_SURE, WIDTH
 from ..inference.noise import Noise, RunNoise
 from .channels import CHANNELS
+from .columns import OWN, own_numbers
 from .delays import delay_effects
+from .fields import OtherHull
 from .model import TowModel
 from .noise import measured_noise, tow_noise
 from .numbers import SIX, shared_numbers
 from .pushes import pushes
 from .quiet import quieter
-from .rates import OWN, OtherHull, own_numbers
 from .shifts import shift_effects
 from .slackness import jerk_effects, slack_effects
 from .springs import springing_effects

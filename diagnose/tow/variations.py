@@ -10,8 +10,8 @@ import numpy as np
 from ...simulate.model import Array
 from ..effects import Effect, Late
 from ..inference.hypothesis import EFFECT_STEP, Hypothesis
+from .columns import AHEAD, LONGER, OWN, SPEED, Active, Numbers, held_from
 from .numbers import COMPLIANCE
-from .rates import AHEAD, LONGER, OWN, SPEED, Active, Numbers, held_from
 
 STEPS = {"alpha": 1e-5, "beta": 1e-5, "v": 1e-5, "r": 1e-5, "y_b": 1e-4, "beta_b": 1e-4, "longer": 1e-5, "ahead": 1e-5}
 """Of the one-sided differences by a run's own numbers: start in m, rad, m/s, rad/s; biases in m and rad."""

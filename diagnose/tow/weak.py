@@ -15,8 +15,8 @@ from ...geometry.normal import inverse_of_normal
 from ...geometry.robust import MAD_TO_SD
 from ...simulate.model import Array
 from ..inference.hypothesis import Hypothesis
+from .columns import STATES
 from .model import TowModel
-from .rates import STATES
 
 WINDOW_S = 1.0
 """Over which the equations are integrated: a choice between noise and what a window flattens."""

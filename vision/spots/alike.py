@@ -13,7 +13,8 @@ import numpy as np
 
 from .candidates import Array
 from .model import expected
-from .refine import LADDER, LEAST_SURE_PX, Refined, Refiner, Stack
+from .refine import LADDER, LEAST_SURE_PX, Refined, Refiner
+from .stack import Stack
 
 WIDER = 1.2
 """A mark wider than its narrowest fellow by less than this factor is like it."""

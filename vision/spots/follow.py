@@ -6,8 +6,6 @@ stretch is where the next one begins.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 import pandas as pd
 
@@ -19,13 +17,15 @@ from ..backend import Backend
 from ..follower import Glance
 from ..recording import Frame
 from ..rows import DAMAGED
+from .acquire import KNOCK_PX_S, UNCLEAR, Acquisition, Look
 from .alike import Seen, like_their_fellows
-from .candidates import Array, Candidates
-from .identity import CLEAR_COST, SEEN_SD_PX, Assignment
+from .candidates import Array
+from .identity import SEEN_SD_PX
 from .judge import BRIGHTNESS_RANGE, JUMP_PX, WIDTH_RANGE, Rigid, judge, largest_sigma_px, seen_sigma_px
 from .live import LiveMark
-from .refine import WIDEST_PX, Refined, Refiner, Stack, wide_as_seemed
+from .refine import WIDEST_PX, Refined, Refiner, wide_as_seemed
 from .search import Search
+from .stack import Stack
 from .stretch import Found, Mark, Stretch, table_of
 
 NOT_FOUND, OUTSIDE, NO_SPOT = "not found yet", "outside the picture", "no spot"
@@ -44,64 +44,11 @@ REACQUIRE_FRAMES = 10
 """While marks are lost, the whole frame is searched every so many frames: a choice, for its cost."""
 SEARCH_SOON = (2, 5)
 """When all marks are lost at once, it is searched after so many frames too."""
-KNOCK_PX, KNOCK_PX_S = 30.0, 100.0
-"""A mark that is lost is looked for on the whole frame, about where it was seen last: a knocked camera, and its own way since."""
-SEEN_S = 2.0
-"""What the user says of where a mark is seen holds for so long, less and less: by ``KNOCK_PX_S``."""
-SECOND_PX_S = 300.0
-"""How fast a mark may be in the second frame in which it is seen, standard deviation: a choice, 10 px a frame of usual film."""
-UNCLEAR = 10
-"""After so many frames in which marks could be taken for one another, nothing is expected of more: a choice."""
-SURE_COST = 16.0
-"""A set of spots that costs more than this (four standard deviations) is not taken at first sight, however clear of others it is:
-the marks themselves may not be among the spots."""
-UNCLEAR_MARGIN = 2.0
-"""One set of spots that moves on through all of these frames, and fits better than any other by a cost of so much in their mean
-(odds of e to 1 in each), is taken: a choice."""
-SECOND_TURN_RAD = np.radians(30.0)
-"""No model turns by more than this from the first to the second frame in which it is seen: a choice."""
-MOST_RETRIES, RETRY_COST = 2, 2 * CLEAR_COST
-"""A frame in which a set of spots that did not hold was taken for the marks is looked at again for the next best, so often, as
-long as that costs no more than the first by so much: choices."""
+KNOCK_PX = 30.0
+"""A mark that is lost is looked for on the whole frame, about where it was seen last: a knocked camera, and with ``KNOCK_PX_S`` its
+own way since."""
 CONFIRMED = 0.6
 """Of the frames of its probation a mark must be measured in this share."""
-ACQUIRE_EVERY_FRAME = 20
-"""While nothing has been found: every frame at first, then ..."""
-ACQUIRE_STRIDE = 15
-"""... every so many frames: a choice, half a second of usual film."""
-
-
-@dataclass(frozen=True)
-class Steady:
-    """One set of spots, the best of every frame but not by much: since when it moves on unchanged.
-
-    Attributes
-    ----------
-    places_px, t_s : of the last frame, (marks, 2)
-    chosen : which marks have a spot
-    margins : of each frame, by how much the next set costs more
-    """
-
-    places_px: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    t_s: float = 0.0
-    chosen: tuple[bool, ...] = ()
-    margins: tuple[float, ...] = ()
-
-    def with_next(self, best: Assignment, candidates: Candidates, t_s: float) -> Steady:
-        """The best set of another frame: the same one moved on, or a new beginning."""
-        chosen = tuple(c >= 0 for c in best.chosen)
-        places = candidates.centre_px[[c for c in best.chosen if c >= 0]]
-        margins: tuple[float, ...] = ()
-        if chosen == self.chosen:
-            reach = SEEN_SD_PX + SECOND_PX_S * (t_s - self.t_s)
-            if (np.linalg.norm(places - self.places_px, axis=1) < reach).all():
-                margins = self.margins
-        return Steady(places, t_s, chosen, (*margins, best.margin))
-
-    @property
-    def settled(self) -> bool:
-        """It was the best for long enough, and by enough."""
-        return len(self.margins) >= UNCLEAR and float(np.mean(self.margins)) >= UNCLEAR_MARGIN
 
 
 class SpotFollower:
@@ -110,27 +57,25 @@ class SpotFollower:
     def __init__(self, run: Run, markers: tuple[Marker, ...], mapping: Mapping, backend: Backend) -> None:
         self.markers, self.backend = markers, backend
         self.search = Search(run, markers, mapping)
+        self.acquisition = Acquisition(self.search)
         self.rigid = Rigid(markers, mapping)
         self.marks: list[Mark | None] = [None] * len(markers)
         self.stretch = Stretch(len(markers))
         self.done: list[Found] = []
         self.size_px = (0, 0)
-        self.tried = 0
-        self.ambiguous = False
-        self.unclear = 0
-        self.waiting: list[tuple[Frame, Candidates]] = []
-        self.steady = self.steady_moving = Steady()
         self.tries: list[Frame] = []
-        self.taken: list[Array | None] = []
-        self.taken_cost = np.inf
         self.on_probation = True
         self.unproven: list[Found] = []
         self.first_sight = False
-        self.looks: list[tuple[float, float] | None] = [None] * len(markers)
-        self.began_s: float | None = None
+        self.looks: list[Look | None] = [None] * len(markers)
         self.losses = 0
         self.searched = -REACQUIRE_FRAMES
         self.stretch_frames = STRETCH_FRAMES
+
+    @property
+    def ambiguous(self) -> bool:
+        """When the marks were found, another set of spots was nearly as good."""
+        return self.acquisition.ambiguous
 
     @property
     def never_found(self) -> bool:
@@ -227,32 +172,10 @@ class SpotFollower:
 
         While it is open which spots are the marks, the frames that wait for it are kept together.
         """
-        if self.waiting:
+        if self.acquisition.waits:
             return 2 * UNCLEAR
         short = self.on_probation or any(m is not None and m.lost for m in self.marks)
         return PROBATION_FRAMES if short else self.stretch_frames
-
-    @staticmethod
-    def _not_turned(
-        chosen: tuple[int, ...], held: list[Array | None], candidates: Candidates
-    ) -> tuple[int, ...] | None:
-        """The spots of marks that were ``held`` a frame before, two of them in the other order where the body would have turned.
-
-        Noise makes small marks brighter in turn, and two that move by half of their distance lie as near to each other's places as
-        to their own. None: they are other spots.
-        """
-        known = [index for index, place in enumerate(held) if place is not None]
-        first, last = known[0], known[-1]
-        if first == last:
-            return chosen
-        exchanged = list(chosen)
-        exchanged[first], exchanged[last] = chosen[last], chosen[first]
-        was = np.asarray(held[last]) - np.asarray(held[first])
-        for spots in (chosen, *([tuple(exchanged)] if len(known) == 2 else [])):
-            now = candidates.centre_px[spots[last]] - candidates.centre_px[spots[first]]
-            if was @ now >= np.cos(SECOND_TURN_RAD) * np.hypot(*was) * np.hypot(*now):
-                return spots
-        return None
 
     def _search_due(self, frame: Frame) -> bool:
         """Time to look for a lost mark on the whole frame."""
@@ -266,61 +189,36 @@ class SpotFollower:
         )
 
     def _acquire(self, frame: Frame) -> None:
-        self.tried += 1
-        if self.tried > ACQUIRE_EVERY_FRAME and self.tried % ACQUIRE_STRIDE:
+        sighting = self.acquisition.look(frame)
+        if sighting is None:
             return
-        near, near_sd = self._seen_by_user(frame.t_s)
-        chosen, every = self.search.anywhere(frame, near, near_sd)
-        candidates = every
-        again = any(index == frame.index for index, _ in self.search.refused)
-        if not chosen.accepted or (again and chosen.cost > self.taken_cost + RETRY_COST):
-            return
-        told = all(place is not None for place in near) and frame.t_s == self.began_s and not self._doubtful(chosen)
-        settled = False
-        if self._unclear(chosen) and not told and not chosen.turned:  # what stands still is not towed
-            moving = self.search.moving(candidates, near, near_sd)
-            if moving is not None and moving[0].accepted:
-                self.steady_moving = self.steady_moving.with_next(*moving, frame.t_s)
-                settled = self.steady_moving.settled
-                if moving[0].cost < chosen.cost + CLEAR_COST or settled:
-                    chosen, candidates = moving
-        if self._unclear(chosen) and (chosen.turned or not told):  # the user's pick is the nearest that fits
-            self.unclear += 1
-            self.waiting.append((frame, every))
-            if chosen.turned and self.unclear >= UNCLEAR:
-                raise TrackingError(self.search.why_unclear())
-            self.steady = self.steady.with_next(chosen, candidates, frame.t_s)
-            if chosen.turned or not (self.steady.settled or settled):
-                return
-            self.ambiguous = True
-            self.waiting.pop()
         begun: dict[int, tuple[Mark, Array]] = {}
-        looks: list[tuple[float, float] | None] = [None] * len(self.markers)
-        for index, spot in enumerate(chosen.chosen):
+        looks: list[Look | None] = [None] * len(self.markers)
+        for index, spot in enumerate(sighting.spots):
             if spot >= 0:
-                mark = self._begin(frame, index, candidates.centre_px[spot], float(candidates.width_px[spot]))
+                look = sighting.look(spot)
+                mark = self._begin(frame, index, sighting.candidates.centre_px[spot], look[1])
                 if mark is not None:
                     begun[index] = mark
-                    looks[index] = float(candidates.contrast_dn[spot]), float(candidates.width_px[spot])
+                    looks[index] = look
         if len(begun) < min(2, len(self.markers)):
             return
-        self.search.learn_lamps(candidates, chosen.chosen)
+        self.acquisition.took(sighting)
         self.on_probation = self.first_sight = True
         self.unproven = []
         self.looks = looks
         self.tries = [frame]
-        self.taken = [candidates.centre_px[spot] if spot >= 0 else None for spot in chosen.chosen]
-        self.taken_cost = self.taken_cost if again else chosen.cost
-        earlier = self._earlier({index: place for index, (_, place) in begun.items()})
+        places = {index: place for index, (_, place) in begun.items()}
+        earlier = self.acquisition.earlier(places, looks, (frame.index, frame.t_s))
         # frames before these hold nothing: they are written as they are, so that probation counts from here
         before, now = self.stretch.frames[: -1 - len(earlier)], self.stretch.frames[-1 - len(earlier) :]
         self._write_unseen(before)
         self.stretch.frames = []
         for index, (mark, _) in begun.items():
             self.marks[index] = mark
-        for info, (seen, places) in zip(now, [*earlier, (frame, {i: p for i, (_, p) in begun.items()})], strict=True):
+        for info, (seen, there) in zip(now, [*earlier, (frame, places)], strict=True):
             self.stretch.frames.append(info)
-            for index, place in places.items():
+            for index, place in there.items():
                 half = begun[index][0].refiner.half_px
                 self.stretch.keep(index, seen.luma, float(place[0]), float(place[1]), half)
         if earlier:
@@ -328,30 +226,6 @@ class SpotFollower:
             times = [seen.t_s for seen, _ in [*earlier, (frame, None)]]
             for index, (mark, place) in begun.items():
                 mark.began([*(places[index] for _, places in earlier), place], times)
-
-    def _doubtful(self, chosen: Assignment) -> bool:
-        """The marks fit so badly that they may be something else."""
-        return len(self.markers) > 1 and chosen.cost > SURE_COST
-
-    def _unclear(self, chosen: Assignment) -> bool:
-        """Something else fits nearly as well, or nothing fits well."""
-        return chosen.ambiguous or self._doubtful(chosen)
-
-    def _earlier(self, places: dict[int, Array]) -> list[tuple[Frame, dict[int, Array]]]:
-        """Where marks that are now known stood in the frames before, in which nothing told them from other spots."""
-        found: list[tuple[Frame, dict[int, Array]]] = []
-        waiting, self.waiting = self.waiting, []
-        last = self.stretch.frames[-1]
-        for frame, candidates in reversed(waiting):
-            near = [places.get(index) for index in range(len(self.markers))]
-            reach = SEEN_SD_PX + SECOND_PX_S * (last[1] - frame.t_s)
-            chosen = self.search.assigned(candidates, near, [reach] * len(near), self.looks)
-            if frame.index != last[0] - 1 or not chosen.accepted or any(chosen.chosen[index] < 0 for index in places):
-                break
-            places = {index: candidates.centre_px[chosen.chosen[index]] for index in places}
-            found.append((frame, places))
-            last = frame.index, frame.t_s
-        return found[::-1]
 
     def _begin(self, frame: Frame, index: int, place: Array, width: float) -> tuple[Mark, Array] | None:
         """A new mark where a spot stands; None where it is none."""
@@ -380,36 +254,17 @@ class SpotFollower:
         assert kept is not None
         return kept[1]
 
-    def _seen_by_user(self, t_s: float) -> tuple[list[Array | None], list[float]]:
-        """seen_at_px holds for the first analysed frame, and ever less after it."""
-        self.began_s = t_s if self.began_s is None else self.began_s
-        since_s = t_s - self.began_s
-        stale = since_s > SEEN_S
-        near = [None if stale or m.seen_at_px is None else np.array(m.seen_at_px) for m in self.markers]
-        return near, [SEEN_SD_PX + KNOCK_PX_S * since_s] * len(near)
-
     def _second_sight(self, frame: Frame) -> None:
         """The frame after the first: the marks are found anew about where they were, and their velocity with that."""
         self.first_sight = False
         held = [None if mark is None else np.array([mark.live.filter.u, mark.live.filter.v]) for mark in self.marks]
         step_s = max(frame.t_s - mark.live.filter.t_s for mark in self.marks if mark is not None)
-        reach = SEEN_SD_PX + SECOND_PX_S * step_s
-
-        def whole(found: Assignment) -> bool:
-            every = zip(found.chosen, held, strict=True)
-            return found.accepted and not any(c < 0 for c, place in every if place is not None)
-
-        chosen, candidates = self.search.about(frame, held, reach, self.looks)
-        if not whole(chosen) or chosen.ambiguous:
-            chosen, candidates = self.search.anywhere(frame, held, [reach] * len(held), self.looks)
-        if not whole(chosen):
+        places = self.acquisition.second(frame, held, step_s, self.looks)
+        if places is None:
             return
-        spots = self._not_turned(chosen.chosen, held, candidates)
-        if spots is None:
-            return
-        for spot, mark in zip(spots, self.marks, strict=True):
+        for place, mark in zip(places, self.marks, strict=True):
             if mark is not None:
-                mark.live.expect(candidates.centre_px[spot], frame.t_s)
+                mark.live.expect(place, frame.t_s)
                 mark.replay = mark.live.filter.copy()
 
     def _recover(self, frame: Frame) -> None:
@@ -461,7 +316,7 @@ class SpotFollower:
         if not any(self.marks):
             self._write_unseen(stretch.frames)
             stretch.clear()
-            self.waiting.clear()
+            self.acquisition.forget_waiting()
             return
         found = self._unseen(stretch.frames)
         width = np.full(found.brightness.shape, np.nan)
@@ -553,10 +408,10 @@ class SpotFollower:
     def _try_again(self, found: Found) -> bool:
         """Look once more for another set of spots, from the frame on in which what did not hold was taken for the marks."""
         tries, self.tries = self.tries, []
-        again = bool(tries) and tries[0].index == found.frames[0][0] and len(self.search.refused) < MOST_RETRIES
+        again = bool(tries) and tries[0].index == found.frames[0][0] and self.acquisition.may_retry()
         if again:
-            self.search.dismissed(found, [m is not None for m in self.marks])
-            self.search.refused.append((tries[0].index, self.taken))
+            self.acquisition.dismissed(found, [m is not None for m in self.marks])
+            self.acquisition.refuse(tries[0].index)
             self._forget()
             self.stretch.clear()
             for frame in tries:
@@ -567,7 +422,7 @@ class SpotFollower:
         """What was acquired did not hold: those frames, and what was written of it before, were not the marks; the search begins
         anew.
         """
-        self.search.dismissed(found, [m is not None for m in self.marks])
+        self.acquisition.dismissed(found, [m is not None for m in self.marks])
         for one in self.unproven:
             self.losses -= int((one.reason != "").sum())
             _not_confirmed(one)

@@ -26,8 +26,6 @@ from .model import (
     PLATEAU,
     PLATEAU_SHARED,
     POWER,
-    Q_UU,
-    Q_VV,
     REFLECTION,
     REFLECTION_FREE,
     REFLECTION_SHARED,
@@ -42,12 +40,14 @@ from .model import (
     SpotFit,
     U,
     V,
-    expected,
     has_plateau,
     start_of,
     width_of,
     without_rims,
 )
+from .pixel_noise import pixel_noise
+from .reflection import LEAST_WIDTHS, exchanged, lights_around, mark_first, with_second_light
+from .stack import Stack
 
 CHECK_FRAMES = 10
 """The step of the ladder is chosen on this many frames of a stretch."""
@@ -84,20 +84,13 @@ LADDER = (SHARED, TAPERED, ELLIPSE, SLOPED, PLATEAU_SHARED, PLATEAU, REFLECTION_
 REFLECTED = tuple(m.name for m in (REFLECTION_SHARED, REFLECTION, REFLECTION_FREE))
 MODEL_SHARE = 0.5
 """Of the squared difference between the places that two models give to a partly covered or blurred mark."""
-REFLECTION_WIDTHS = 1.5
-"""In widths of the mark; with the spread below."""
 BESIDE_WIDTHS = 1.5
 """A mark's width with a reflection beside it is within this factor of what it is without."""
 REFLECTION_SPREAD_PX = 1.5
-"""Nearer than this many widths of the mark, or wandering about it by more than this, a second spot is not a reflection but the
-fit's way round a mark that is no Gaussian."""
+"""A second spot that wanders about its place beside the mark by more than this (or is nearer than ``LEAST_WIDTHS``) is not a
+reflection but the fit's way round a mark that is no Gaussian."""
 MEMORY = 0.15
 """Share of a new stretch in what is known of the mark, once several have been seen."""
-LEAST_NOISE_DN2 = 0.05
-"""Variance of a level's rounding is 1/12 DN2; a codec smooths some of it away. A floor, so that no weight runs
-off."""
-MOST_SLOPE_DN = 0.5
-"""Largest variance per grey value: 2 electrons a DN."""
 LEAST_GOOD = 0.6
 """Share of a stretch's frames that a model must fit to be taken as its model: a choice."""
 WIDEST_PX = 14.0
@@ -133,49 +126,6 @@ GROUND_EXCESS = 0.3
 """Of a fit's own variance: what the ground adds counts from there on; less is the estimate's scatter on even ground."""
 LEAST_INSIDE = 0.6
 """A window that lies farther outside the picture is not fitted."""
-
-
-@dataclass(frozen=True)
-class Stack:
-    """One mark's windows over some frames.
-
-    Attributes
-    ----------
-    values : (b, s, s) uint8, zero beyond the picture
-    corner : (b, 2) int, picture pixel of each window's first pixel
-    start_px : (b, 2), where the spot was seen
-    size_px : (w, h) of the picture
-    """
-
-    values: NDArray[np.uint8]
-    corner: Array
-    start_px: Array
-    size_px: tuple[int, int]
-
-    def __len__(self) -> int:
-        return len(self.values)
-
-    def rows(self, index) -> Stack:
-        """Some of the frames."""
-        return Stack(self.values[index], self.corner[index], self.start_px[index], self.size_px)
-
-    def cut(self, centre_px: Array, radius: int) -> tuple[Array, Array]:
-        """Windows ``(b, n, n)`` about ``centre_px``, NaN beyond the picture or the stored window; and their corners."""
-        corner = np.rint(centre_px).astype(int) - radius
-        axis = np.arange(2 * radius + 1)
-        u, v = corner[:, :1] + axis, corner[:, 1:] + axis
-        a, b = u - self.corner[:, :1], v - self.corner[:, 1:]
-        side = self.values.shape[1]
-        inside_u = (a >= 0) & (a < side) & (u >= 0) & (u < self.size_px[0])
-        inside_v = (b >= 0) & (b < side) & (v >= 0) & (v < self.size_px[1])
-        rows = np.arange(len(self.values))[:, None, None]
-        taken = self.values[rows, np.clip(b, 0, side - 1)[:, :, None], np.clip(a, 0, side - 1)[:, None, :]].astype(
-            float
-        )
-        inside = inside_v[:, :, None] & inside_u[:, None, :]
-        if not inside.all():
-            taken[~inside] = np.nan
-        return taken, corner.astype(float)
 
 
 @dataclass(frozen=True)
@@ -362,15 +312,10 @@ class Refiner:
         total = np.where(seen, values, 0.0).sum(axis=0)
         mean = np.where(seen.any(axis=0), total / np.maximum(seen.sum(axis=0), 1), np.nan)[None]
         at = (stack.start_px - corner).mean(axis=0)[None]
-        width = self.width_px
-        around = [(r * np.cos(a), r * np.sin(a)) for r in (1.6 * width, 3.2 * width) for a in np.arange(8) * np.pi / 4]
-        start = np.repeat(start_of(mean, at, np.array([0.85 * width]), self.dark), len(around), axis=0)
-        start[:, HEIGHT_2] = 0.3 * start[:, HEIGHT]
-        start[:, U_2 : V_2 + 1] = start[:, U : V + 1] + np.array(around)
-        start[:, Q_UU] = start[:, Q_VV] = 0.4 / width**2
+        start = lights_around(mean, at, self.width_px, self.dark)
         fit = fit_spots(
-            np.repeat(mean, len(around), axis=0),
-            np.zeros((len(around), 2)),
+            np.repeat(mean, len(start), axis=0),
+            np.zeros((len(start), 2)),
             start,
             REFLECTION_FREE,
             self.noise,
@@ -383,19 +328,12 @@ class Refiner:
         if not sound.any():
             return False
         best = fit.theta[sound][np.argmin(fit.level[sound])]
-        best = self._mark_first(best[None])[0]
+        best = mark_first(best[None])[0]
         best[U_2 : V_2 + 1] -= best[U : V + 1]
         if self.stretches > 0:  # the mark is known without its reflection
             best[P_UU : P_VV + 1] = self.usual[P_UU : P_VV + 1]
         self.reflected = best
         return True
-
-    def _mark_first(self, theta: Array) -> Array:
-        """Let the brighter (nearly as bright: the narrower) of the two spots be the mark."""
-        swapped = _swapped(theta)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            score = np.log(np.abs(theta[:, HEIGHT_2] / theta[:, HEIGHT])) - np.log(width_of(swapped) / width_of(theta))
-        return np.where((score > 0)[:, None], swapped, theta)
 
     # fitting -----------------------------------------------------------------------------------------------------
 
@@ -478,22 +416,9 @@ class Refiner:
         """The mark as it usually is, and a second light where the most is left over: a reflection, or a lamp it passes."""
         assert self.usual is not None
         values, corner = stack.cut(stack.start_px, self.radius(REFLECTION))
-        theta = self._start(stack, values, SHARED)
-        size = values.shape[2]
-        sign = -1.0 if self.dark else 1.0
-        rest = np.nan_to_num(sign * (values - expected(theta, corner, size)[0]), nan=-np.inf)
-        axis = np.arange(size)
-        away = (axis - (theta[:, U] - corner[:, 0])[:, None])[:, None, :] ** 2
-        away = away + ((axis - (theta[:, V] - corner[:, 1])[:, None]) ** 2)[:, :, None]
-        rest[away < (REFLECTION_WIDTHS * self.width_px) ** 2] = -np.inf
-        rest[away > (4.5 * self.width_px + 2) ** 2] = -np.inf
-        flat = rest.reshape(len(rest), -1)
-        top = flat.argmax(axis=1)
-        theta[:, HEIGHT_2] = sign * np.maximum(flat[np.arange(len(flat)), top], 1.0)
-        theta[:, U_2], theta[:, V_2] = corner[:, 0] + top % size, corner[:, 1] + top // size
-        theta[:, Q_UU : Q_VV + 1] = theta[:, P_UU : P_VV + 1]
+        theta = with_second_light(self._start(stack, values, SHARED), values, corner, self.width_px, self.dark)
         fit = fit_spots(values, corner, theta, REFLECTION, self.noise, self.white_dn, self.backend)
-        swapped = _swapped(fit.theta)
+        swapped = exchanged(fit.theta)
         flux = np.abs([theta[:, HEIGHT] * width_of(theta) ** 2 for theta in (fit.theta, swapped)])
         far = np.abs(np.log(np.maximum(flux, 1e-9) / abs(self.height_dn * self.width_px**2)))
         # began on the wrong one of the two: once more from the other side
@@ -516,7 +441,7 @@ class Refiner:
         # beside a mark that is known, a lamp may be brighter than it
         known = not steady and self.stretches > 0 and self.usual is not None and self.usual[HEIGHT_2] == 0
         good = fit.good & (ratio > 0.05) & (ratio < (4.0 if known else 1.2))
-        good &= np.linalg.norm(away, axis=1) > REFLECTION_WIDTHS * width_of(theta)
+        good &= np.linalg.norm(away, axis=1) > LEAST_WIDTHS * width_of(theta)
         if self.usual is not None and self.usual[HEIGHT_2] != 0:
             good &= np.abs(np.log(width_of(theta) / self.width_px)) < np.log(1.4)
         if steady:  # what is beside a mark does not make another mark of it
@@ -567,7 +492,11 @@ class Refiner:
         self.usual = new = _not_narrower(new)
         self.width_px = float(np.clip(width_of(new), NARROWEST_PX, WIDEST_PX))
         self.ground_dn, self.height_dn = float(new[GROUND]), float(new[HEIGHT])
-        self._learn_noise(few, fit.rows(index), share)
+        values, corner = few.cut(few.start_px, self.radius(self.model))
+        noise = pixel_noise(values, corner, fit.theta[index], len(self.model.free), self.white_dn)
+        if noise is not None:
+            floor, slope = (old + share * (now - old) for old, now in zip(self.noise, noise, strict=True))
+            self.noise = floor, slope
         again = fit.rows(index) if not first else self._fit(few, self.model)
         level = float(np.median(again.level))
         self.level = level if first else self.level + share * (level - self.level)
@@ -596,38 +525,6 @@ class Refiner:
     def _learn_frames(self) -> int:
         return LEARN_FRAMES if self.model.reflects and self.stretches < LEARN_STRETCHES else 2 * CHECK_FRAMES
 
-    def _learn_noise(self, stack: Stack, fit: SpotFit, share: float) -> None:
-        """Variance against grey value: ground and spot, two means each."""
-        radius = self.radius(self.model)
-        values, corner = stack.cut(stack.start_px, radius)
-        mean, taper = expected(fit.theta, corner, values.shape[2])
-        square = (values - mean) ** 2
-        rise = np.abs(mean - fit.theta[:, :1, None]) / np.abs(fit.theta[:, HEIGHT, None, None])
-        usable = np.isfinite(values) & (taper > 0.7)
-        if self.white_dn is not None:
-            usable &= values < self.white_dn - 2
-        # the fit's parameters lie in the spot, all but the ground's: its few pixels are left that much closer to the model
-        low, high = usable & (rise < 0.05), usable & (rise > 0.2)
-        spot = np.maximum(high.sum(axis=(1, 2)), 1)
-        spent = spot / np.maximum(spot - len(self.model.free) + 1, 0.3 * spot)
-        sound = low.any(axis=(1, 2)) & high.any(axis=(1, 2))
-        if not sound.any():
-            return
-        # medians over the frames: a lamp or a rail in some windows is not noise
-        (var_low, at_low), (var_high, at_high) = (
-            (np.median(_mean(square, part)[sound]), np.median(_mean(mean, part)[sound])) for part in (low, high)
-        )
-        var_high *= float(np.median(spent[sound]))
-        slope = (
-            float(np.clip((var_high - var_low) / (at_high - at_low), 0.0, MOST_SLOPE_DN)) if at_high != at_low else 0.0
-        )
-        if at_high < at_low:
-            # where there is no light noise is not negative: the ground's pixels tell more than a dark mark's few
-            slope = min(slope, max(float(var_low) - LEAST_NOISE_DN2, 0.0) / at_low)
-        floor = max(float(var_low - slope * max(at_low, 0.0)), LEAST_NOISE_DN2)
-        before = self.noise
-        self.noise = before[0] + share * (floor - before[0]), before[1] + share * (slope - before[1])
-
 
 def wide_as_seemed(ratio: Array) -> NDArray[np.bool_]:
     """Whether fits are as wide as the spots seemed at first sight.
@@ -649,19 +546,6 @@ def _not_narrower(theta: Array) -> Array:
 def _sure(fit: SpotFit) -> NDArray[np.bool_]:
     """Fits whose place is known."""
     return fit.good & (fit.sigma_px.max(axis=1) <= LEAST_SURE_PX)
-
-
-def _mean(values: Array, where: NDArray[np.bool_]) -> Array:
-    """Mean over some pixels of each window ``(b, n, n)``; 0 where there is none."""
-    return np.where(where, values, 0.0).sum(axis=(1, 2)) / np.maximum(where.sum(axis=(1, 2)), 1)
-
-
-def _swapped(theta: Array) -> Array:
-    """The two spots' parameters in each other's place."""
-    answer = theta.copy()
-    for one, other in ((HEIGHT, HEIGHT_2), (U, U_2), (V, V_2), (P_UU, Q_UU), (P_UU + 1, Q_UU + 1), (P_VV, Q_VV)):
-        answer[:, one], answer[:, other] = theta[:, other], theta[:, one]
-    return answer
 
 
 def _middle(fit: SpotFit) -> Array:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from .candidates import Array
 from .live import Filter, LiveMark
-from .refine import Refiner, Stack
+from .refine import Refiner
+from .stack import Stack
 
 CORE = 3
 """The inner part of a window, by which a picture is known again: its half size over this."""

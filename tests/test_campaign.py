@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -137,6 +139,20 @@ def test_what_changed_is_redone_and_no_more(undisturbed: tuple[Path, dict[str, b
         found = campaign(folder, one, QUICK)
     assert [a.redone for a in found.runs[:RUNS]] == [True] + [False] * (RUNS - 1)
     assert [a.redone for a in found.fits] == [True]
+
+
+def test_what_a_run_is_good_for_follows_what_is_known_of_it(
+    undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path
+) -> None:
+    """Without its tension a tow on a line that keeps it gives no derivatives, whatever was found of it before."""
+    folder = copied(undisturbed[0], tmp_path)
+    first = folder / run_folders(folder).runs[0] / "run.toml"
+    with workers(1) as one:
+        before = campaign(folder, one, replace(QUICK, line="constant"))
+        first.write_text(re.sub(r"(?m)^tension_n = .*\n", "", first.read_text()))
+        after = campaign(folder, one, replace(QUICK, line="constant"))
+    assert [a.wants for a in before.runs[:RUNS]] == ["derivatives"] * RUNS
+    assert [a.wants for a in after.runs[:RUNS]] == ["steady"] + ["derivatives"] * (RUNS - 1)
 
 
 def test_two_workers_write_what_one_writes(
@@ -305,14 +321,14 @@ def test_a_cluster_gives_the_same_and_a_killed_worker_costs_its_own_work(
         pass
 
 
-@pytest.mark.parametrize("damage", [RECORD, "motion_common.npy", "camera.json"])
+@pytest.mark.parametrize("damage", [f"derivatives/{RECORD}", f"*/out/{RECORD}", "motion_common.npy", "camera.json"])
 def test_a_damaged_result_is_made_again(
     undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path, files_of: FilesOf, damage: str
 ) -> None:
     folder = copied(undisturbed[0], tmp_path)
     (path, *_) = sorted(folder.rglob(damage))
     record = path.read_bytes()
-    path.write_bytes(json.dumps({"stamp": json.loads(record)["stamp"]}).encode() if damage == RECORD else record[:40])
+    path.write_bytes(json.dumps({"stamp": json.loads(record)["stamp"]}).encode() if RECORD in damage else record[:40])
     with workers(1) as one:
         campaign(folder, one, QUICK)
     assert path.read_bytes() == record

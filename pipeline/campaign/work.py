@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ...identify import Fit
 
 RECORD = "campaign.json"
-"""Beside a fit's results, written last: what they were made from, and the answer."""
+"""Beside a run's or a fit's results, written last: what they were made from, and the answer."""
 FIT = ".fit.json"
 """Beside them while the page is not drawn: the fit."""
 WANTS = ", "
@@ -113,7 +113,7 @@ def _fit(job: str, kind: str, folders: Sequence[str], out: Path, options: Option
             answer = _freed(job, folders, out, options, stamp)
         else:
             answer = _settled(job, folders, out, options, stamp)
-        write_text(out / RECORD, json.dumps(asdict(answer), indent=1, sort_keys=True) + "\n")
+        write_text(out / RECORD, _as_text(answer))
     (out / FIT).unlink(missing_ok=True)
     return answer
 
@@ -121,22 +121,34 @@ def _fit(job: str, kind: str, folders: Sequence[str], out: Path, options: Option
 def _moved(job: str, folder: Path, options: Options) -> Answer:
     from ...record.run import read_run
     from ...record.tables import input_hash_of
-    from ..analysis import good_for, has_rudder, hull_of
     from ..stages import MOTION, compute_run_motion
+    from ..stages.versions import stamp_of
 
     run = read_run(folder, options.line)
     before = input_hash_of(run.out / MOTION) if (run.out / MOTION).is_file() else ""
     m = compute_run_motion(run, options.method, fresh=options.fresh)
+    imported = run.file.source.motion is not None
+    stamp = run.input_hash() if imported else input_hash_of(run.out / MOTION) or ""
+    redone = not imported and (options.fresh or stamp != before)
+    # whether a tow has settled takes longer to tell than all the rest of a run that is up to date
+    made_from = stamp_of(run, "fit", options.method, str(options.line))
+    answer = None if options.fresh else _kept(run.out / RECORD, made_from)
+    if answer is None:
+        answer = _looked_at(job, run, m, made_from)
+        write_text(run.out / RECORD, _as_text(answer))
+    return replace(answer, job=job, stamp=stamp, redone=redone)
+
+
+def _looked_at(job: str, run: Any, m: Any, stamp: str) -> Answer:
+    """What a run is good for, and its numbers."""
+    from ..analysis import good_for, has_rudder, hull_of
+
     wants = WANTS.join(good_for(m))
     wants = "free_run" if has_rudder(m) and run.file.model is not None else wants
     hull = hull_of(run) if run.file.model is not None and run.file.water is not None else ()
     if not hull and run.file.model is not None:
         hull = run.file.model.length_pp_m, run.file.model.mass_kg
-    if run.file.source.motion is not None:
-        return Answer(job, run.name, "", wants, hull, _numbers(run, m), stamp=run.input_hash(), redone=False)
-    stamp = input_hash_of(run.out / MOTION) or ""
-    redone = options.fresh or stamp != before
-    return Answer(job, run.name, "", wants, hull, _numbers(run, m), stamp=stamp, redone=redone)
+    return Answer(job, run.name, "", wants, hull, _numbers(run, m), stamp=stamp, redone=False)
 
 
 def _numbers(run: Any, m: Any) -> tuple[Number, ...]:
@@ -230,6 +242,10 @@ def _stamp(kind: str, folders: Sequence[str], options: Options) -> str:
     runs = [stamp_of(read_run(folder), "fit", options.method) for folder in folders]
     words = (kind, options.form, str(options.speed_m_s), options.noise, str(options.line))
     return sha256_of_texts(made_by("fit"), *words, *runs)
+
+
+def _as_text(answer: Answer) -> str:
+    return json.dumps(asdict(answer), indent=1, sort_keys=True) + "\n"
 
 
 def _kept(path: Path, stamp: str) -> Answer | None:

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 if TYPE_CHECKING:
+    from towline.app.session import Session
     from towline.record import DerivativesFile
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -215,6 +216,17 @@ def run_folder(tmp_path: Path, samples: Path) -> Path:
     for name in ("video.mp4", "run.toml"):
         shutil.copy(samples / "mariner" / "x1446" / name, folder)
     return folder
+
+
+@pytest.fixture
+def session(run_folder: Path) -> Iterator[Session]:
+    """The page's state with that run open."""
+    from towline.app.session import Session
+
+    made = Session(run_folder)
+    made.open(run_folder)
+    yield made
+    made.close()
 
 
 @pytest.fixture(scope="session")

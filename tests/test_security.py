@@ -299,7 +299,7 @@ def test_the_gap_page_escapes_every_name(tmp_path: Path) -> None:
     assert "&lt;script&gt;alert(1)" in harmless(tmp_path / "gap.html")
 
 
-# the app: loopback, token, cookie, Origin and bounds are in test_app.py --------------------------------------------------
+# the app: loopback, token, cookie, Origin and bounds are in test_app_guard.py --------------------------------------------------
 
 
 @pytest.mark.parametrize("length", ["²", "9" * 5000, "1e9", "", " 1", "+1", str(MOST_BODY + 1)])

@@ -17,11 +17,14 @@ class Follower(Protocol):
     Attributes
     ----------
     losses : rows that are lost so far, for the progress line
-    ambiguous : when the marks were found, another assignment of what was seen to the markers was nearly as good
     """
 
     losses: int
-    ambiguous: bool
+
+    @property
+    def ambiguous(self) -> bool:
+        """When the marks were found, another assignment of what was seen to the markers was nearly as good."""
+        ...
 
     def step(self, frame: Frame) -> None:
         """Take the next frame; it may be ``damaged``."""

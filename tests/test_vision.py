@@ -183,6 +183,38 @@ def test_a_hidden_mark_is_lost_and_found_again(samples: Path, tmp_path: Path) ->
     assert (bow["status"] == "measured").all()
 
 
+@pytest.mark.parametrize("sample", ["leander_steady/hole6", "mariner/x1446"])
+def test_someone_who_walks_through_is_no_mark(samples: Path, sample: str) -> None:
+    """Someone dark hides both marks for a second: nothing beside is taken for them, and they are there as soon as he has passed."""
+    run = read_run(samples / sample)
+    truth = pd.read_csv(run.folder / "truth" / "tracks.csv").set_index(["frame", "marker"])[["u_px", "v_px"]]
+    wide, faint = 90, 38
+
+    def left_px(index: int) -> float:
+        return (index - 25) / 200 * (800 + wide) - wide
+
+    def frames():
+        for frame in read_frames(run.source_path, (0.0, 9.0)):
+            picture = frame.luma.copy()
+            begin, end = (
+                int(np.clip(x, 0, picture.shape[1])) for x in (left_px(frame.index), left_px(frame.index) + wide)
+            )
+            picture[:, begin:end] = (
+                faint + np.random.default_rng(frame.index).normal(0, 4, picture[:, begin:end].shape).round()
+            )
+            yield type(frame)(frame.index, frame.t_s, picture, frame.raw)
+
+    rows = track(run, frames(), run_datum(run, None).mapping).table
+    true = truth.loc[pd.MultiIndex.from_frame(rows[["frame", "marker"]])].to_numpy()
+    away = true[:, 0] - left_px(rows["frame"].to_numpy())
+    hidden, shown = (away > 8) & (away < wide - 8), (away < -8) | (away > wide + 8)
+    measured = (rows["status"] == "measured").to_numpy()
+    assert hidden.sum() > 20
+    assert (np.linalg.norm(rows[["u_px", "v_px"]].to_numpy() - true, axis=1)[measured & shown] < 1).all()
+    assert not measured[hidden].any()
+    assert measured[shown].mean() > 0.99
+
+
 def test_a_mark_that_shows_up_late_is_followed_from_then_on(tmp_path: Path) -> None:
     """Three marks, the third hidden for the first frames: once it is found it is never `outside the picture`."""
     from towline.vision import Frame

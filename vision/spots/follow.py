@@ -21,8 +21,9 @@ from .acquire import KNOCK_PX_S, UNCLEAR, Acquisition, Look
 from .alike import Seen, like_their_fellows
 from .candidates import Array
 from .identity import SEEN_SD_PX
-from .judge import BRIGHTNESS_RANGE, JUMP_PX, WIDTH_RANGE, Rigid, judge, largest_sigma_px, seen_sigma_px
+from .judge import BRIGHTNESS_RANGE, JUMP_PX, WIDTH_RANGE, Rigid, as_bright, judge, largest_sigma_px, seen_sigma_px
 from .live import LiveMark
+from .model import SpotFit
 from .refine import WIDEST_PX, Refined, Refiner, wide_as_seemed
 from .search import Search
 from .stack import Stack
@@ -287,6 +288,10 @@ class SpotFollower:
         for place, centre in zip(held, centres, strict=True):
             if place is not None and (centre is None or np.hypot(*(centre - place)) > JUMP_PX + width):
                 return
+        found: dict[int, tuple[Mark, SpotFit]] = {}
+        height = np.array(
+            [np.nan if place is None or m is None else m.height_dn for place, m in zip(held, self.marks, strict=True)]
+        )
         for index, centre in enumerate(centres):
             if held[index] is not None or centre is None:
                 continue
@@ -294,12 +299,17 @@ class SpotFollower:
             if begun is None:
                 continue
             mark, place = begun
-            known = self.marks[index]
-            fit = (known or mark).refiner.once(self._one(frame, place, mark.refiner))
-            if not fit.good[0] or not self.rigid.fits(index, fit.centre_px[0], fit.sigma_px[0], now):
+            fit = (self.marks[index] or mark).refiner.once(self._one(frame, place, mark.refiner))
+            if fit.good[0]:
+                found[index] = mark, fit
+                height[index] = fit.amplitude_dn[0]
+        bright = as_bright(self.marks, height)
+        for index, (mark, fit) in found.items():
+            if not bright[index] or not self.rigid.fits(index, fit.centre_px[0], fit.sigma_px[0], now):
                 continue
             now.place[index, -1], now.sigma[index, -1], now.reason[index, -1] = fit.centre_px[0], fit.sigma_px[0], ""
             self.losses -= 1
+            known = self.marks[index]
             if known is not None:
                 mark.refiner, mark.brightness_dn = known.refiner, known.brightness_dn
                 mark.sigma_px = known.sigma_px

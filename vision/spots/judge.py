@@ -24,7 +24,9 @@ JUMP_SD = 4.0
 BRIGHTNESS_RANGE = (0.4, 2.5)
 """Of a spot over its mark's usual brightness; outside it is covered, or something else. Choices."""
 COMMON_SPREAD, SAME_SPREAD = 1.5, 1.12
-"""Marks whose brightness changes by factors this close to each other saw a change of exposure."""
+"""Marks whose brightness changes by factors this close to each other saw a change of exposure ..."""
+MOST_EXPOSURE = 4.0
+"""... if it is no larger than this factor, two stops: beyond, all of them are something else. A choice."""
 WIDTH_RANGE = (0.55, 1.8)
 """Of a spot's width over its mark's usual width: the same."""
 COVERED_RANGE = (0.8, 1.25)
@@ -107,6 +109,27 @@ def _reference(mark: Mark, brightness: Array) -> float:
     return float(middle) if np.isfinite(middle) else mark.brightness_dn
 
 
+def as_bright(marks: Sequence[Mark | None], amplitude_dn: Array) -> NDArray[np.bool_]:
+    """Which spots that are found anew may be their marks by their brightness, but for a change of exposure that marks share.
+
+    Parameters
+    ----------
+    marks : as they were known; None: not yet seen, and as bright as it is
+    amplitude_dn : (markers,), the spots' heights, negative where they are darker than their ground; NaN: none
+
+    Returns
+    -------
+    (markers,)
+    """
+    signed = np.array([1.0 if m is None else m.height_dn for m in marks])
+    unknown = np.array([m is None for m in marks])
+    with np.errstate(invalid="ignore"):
+        ratio = np.log(np.maximum(np.where(unknown, np.nan, amplitude_dn / signed), 1e-9))
+        fine = ratio - _common(ratio[:, None], COMMON_SPREAD)
+        low, high = np.log(BRIGHTNESS_RANGE)
+        return unknown | ((fine > low) & (fine < high))
+
+
 def _usual_sigma(marks: Sequence[Mark | None], found: Found) -> Array:
     """What each mark's place is usually known to, px: by what has been seen of it before, or in this stretch."""
     return np.array([
@@ -167,7 +190,7 @@ def _common(ratio: Array, most: float) -> Array:
     filled = np.where(seen, ratio, 0.0)
     mean = filled.sum(axis=0) / np.maximum(count, 1)
     spread = np.where(seen, np.abs(ratio - mean), 0.0).max(axis=0)
-    return np.where((count > 1) & (2 * spread < np.log(most)), mean, 0.0)
+    return np.where((count > 1) & (2 * spread < np.log(most)) & (np.abs(mean) < np.log(MOST_EXPOSURE)), mean, 0.0)
 
 
 def _put(reason: NDArray[np.object_], word: str, where: NDArray[np.bool_]) -> None:

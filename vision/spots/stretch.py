@@ -32,6 +32,11 @@ class Mark:
         self.sigma_px = float("nan")
         self.lost = 0
 
+    @property
+    def height_dn(self) -> float:
+        """Its usual height over its ground, negative where it is darker."""
+        return -self.brightness_dn if self.live.dark else self.brightness_dn
+
     def began(self, places_px: list[Array], t_s: list[float]) -> None:
         """It was seen in some frames before its filters begin: they know its rate from the last two."""
         self.replay = Filter(places_px[0], t_s[0])

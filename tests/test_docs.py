@@ -411,8 +411,8 @@ def test_markers_and_tight_lists_reach_the_site_as_markdown() -> None:
     assert hooks.with_inner_links("[a](../docs/x.md)", "sample_videos/README.md") == "[a](../x.md)"
 
 
-TRACED = re.compile(r"^\| `(.+?)` \| ([\w/]+\.txt) \| `(.+?)` \|$", re.MULTILINE)
-TRACED_PAGE = re.compile(r"^\| ([\w/-]+\.md) \| `(.+?)` \| ([\w/]+\.txt) \| `(.+?)` \|$", re.MULTILINE)
+TRACED = re.compile(r"^\| `(.+?)` \| ([\w/-]+\.txt) \| `(.+?)` \|$", re.MULTILINE)
+TRACED_PAGE = re.compile(r"^\| ([\w/-]+\.md) \| `(.+?)` \| ([\w/-]+\.txt) \| `(.+?)` \|$", re.MULTILINE)
 
 
 def test_the_figures_of_how_well_stand_in_the_benchmarks_tables() -> None:

@@ -215,6 +215,20 @@ def test_someone_who_walks_through_is_no_mark(samples: Path, sample: str) -> Non
     assert measured[shown].mean() > 0.99
 
 
+def test_a_step_of_exposure_by_two_stops_loses_no_mark(samples: Path) -> None:
+    run = read_run(samples / "mariner" / "x1446")
+
+    def frames():
+        for frame in read_frames(run.source_path, (0.0, 4.0)):
+            light = 1.0 if frame.index < 60 else 0.22
+            picture = (16 + light * np.clip(frame.luma - 16.0, 0, None)).round().astype(np.uint8)
+            yield type(frame)(frame.index, frame.t_s, picture, frame.raw)
+
+    rows = track(run, frames(), run_datum(run, None).mapping).table
+    assert (rows["frame"] >= 60).sum() > 100
+    assert (rows["status"] == "measured").all()
+
+
 def test_a_mark_that_shows_up_late_is_followed_from_then_on(tmp_path: Path) -> None:
     """Three marks, the third hidden for the first frames: once it is found it is never `outside the picture`."""
     from towline.vision import Frame

@@ -25,8 +25,9 @@ BRIGHTNESS_RANGE = (0.4, 2.5)
 """Of a spot over its mark's usual brightness; outside it is covered, or something else. Choices."""
 COMMON_SPREAD, SAME_SPREAD = 1.5, 1.12
 """Marks whose brightness changes by factors this close to each other saw a change of exposure ..."""
-MOST_EXPOSURE = 4.0
-"""... if it is no larger than this factor, two stops: beyond, all of them are something else. A choice."""
+MOST_EXPOSURE, FOUND_EXPOSURE = 8.0, 4.0
+"""... if it is no larger than this factor, three stops, or of marks that are found anew two: beyond, all of them are something
+else. Choices."""
 WIDTH_RANGE = (0.55, 1.8)
 """Of a spot's width over its mark's usual width: the same."""
 COVERED_RANGE = (0.8, 1.25)
@@ -125,7 +126,7 @@ def as_bright(marks: Sequence[Mark | None], amplitude_dn: Array) -> NDArray[np.b
     unknown = np.array([m is None for m in marks])
     with np.errstate(invalid="ignore"):
         ratio = np.log(np.maximum(np.where(unknown, np.nan, amplitude_dn / signed), 1e-9))
-        fine = ratio - _common(ratio[:, None], COMMON_SPREAD)
+        fine = ratio - _common(ratio[:, None], COMMON_SPREAD, FOUND_EXPOSURE)
         low, high = np.log(BRIGHTNESS_RANGE)
         return unknown | ((fine > low) & (fine < high))
 
@@ -183,14 +184,16 @@ def _replay(index: int, mark: Mark, found: Found, surprise: Array) -> None:
     mark.lost = lost
 
 
-def _common(ratio: Array, most: float) -> Array:
-    """Per frame the logarithmic change of brightness that all marks share to a factor ``most``; 0 where they do not."""
+def _common(ratio: Array, most: float, exposure: float = MOST_EXPOSURE) -> Array:
+    """Per frame the logarithmic change of brightness that all marks share to a factor ``most``; 0 where they do not, or where it is
+    larger than ``exposure``.
+    """
     seen = np.isfinite(ratio)
     count = seen.sum(axis=0)
     filled = np.where(seen, ratio, 0.0)
     mean = filled.sum(axis=0) / np.maximum(count, 1)
     spread = np.where(seen, np.abs(ratio - mean), 0.0).max(axis=0)
-    return np.where((count > 1) & (2 * spread < np.log(most)) & (np.abs(mean) < np.log(MOST_EXPOSURE)), mean, 0.0)
+    return np.where((count > 1) & (2 * spread < np.log(most)) & (np.abs(mean) < np.log(exposure)), mean, 0.0)
 
 
 def _put(reason: NDArray[np.object_], word: str, where: NDArray[np.bool_]) -> None:

@@ -54,12 +54,12 @@ class Table:
 
 TABLES = {
     "first_path": Table("benchmarks/first_path.py", "first_path.txt", 1, "the sample videos from film to derivatives"),
-    "vision": Table("benchmarks/vision.py", "vision.txt", 20, "marks against their bound, beside trackpy, OpenCV, scikit-image"),
-    "fuzz": Table("benchmarks/fuzz.py", "fuzz.txt", 6, "damaged recordings"),
+    "vision": Table("benchmarks/vision.py", "vision.txt", 6, "marks against their bound, beside trackpy, OpenCV, scikit-image"),
+    "fuzz": Table("benchmarks/fuzz.py", "fuzz.txt", 1, "damaged recordings"),
     "faults": Table("benchmarks/faults.py --cases 2000 --estimators 100", "faults.txt", 20, "damaged files of every other kind"),
     "rough": Table("benchmarks/rough.py", "rough.txt", 30, "hostile files, links, names, signals, short memory, full disks"),
     "footage_edits": Table("benchmarks/footage_edits.py", "footage_edits.txt", 8, "60 edits and re-encodings, marks known"),
-    "geometry": Table("benchmarks/geometry.py", "geometry.txt", 15, "random cameras, planted faults"),
+    "geometry": Table("benchmarks/geometry.py", "geometry.txt", 8, "random cameras, planted faults"),
     "graphics_card": Table("benchmarks/graphics_card.py", "graphics_card.txt", 2, "tracks and the chain on a CUDA device"),
     "mistakes": Table("benchmarks/mistakes.py", "mistakes.txt", 6, "gross mistakes of a run.toml, planted in random set-ups"),
     "two_cameras": Table("benchmarks/two_cameras.py {out}/two-cameras", "two_cameras.txt", 110, "two cameras over one tow"),

@@ -103,17 +103,15 @@ def _answered(job: str, name: str, work: Callable[[], Answer]) -> dict[str, Any]
 
 def _fit(job: str, kind: str, folders: Sequence[str], out: Path, options: Options, each: Each, tell: Tell) -> Answer:
     stamp = _stamp(kind, folders, options)
-    answer = None if options.fresh else _kept(out / RECORD, stamp)
-    if answer is not None:
-        answer = replace(answer, redone=False)
-    else:
+
+    def worked_out() -> Answer:
         if kind == "derivatives":
-            answer = _fitted(job, folders, out, options, stamp, each, tell)
-        elif kind == "free_run":
-            answer = _freed(job, folders, out, options, stamp)
-        else:
-            answer = _settled(job, folders, out, options, stamp)
-        write_text(out / RECORD, _as_text(answer))
+            return _fitted(job, folders, out, options, stamp, each, tell)
+        if kind == "free_run":
+            return _freed(job, folders, out, options, stamp)
+        return _settled(job, folders, out, options, stamp)
+
+    answer = _once(out, stamp, options.fresh, worked_out)
     (out / FIT).unlink(missing_ok=True)
     return answer
 
@@ -122,7 +120,7 @@ def _moved(job: str, folder: Path, options: Options) -> Answer:
     from ...record.run import read_run
     from ...record.tables import input_hash_of
     from ..stages import MOTION, compute_run_motion
-    from ..stages.versions import stamp_of
+    from ..stages.versions import made_by
 
     run = read_run(folder, options.line)
     before = input_hash_of(run.out / MOTION) if (run.out / MOTION).is_file() else ""
@@ -131,11 +129,8 @@ def _moved(job: str, folder: Path, options: Options) -> Answer:
     stamp = run.input_hash() if imported else input_hash_of(run.out / MOTION) or ""
     redone = not imported and (options.fresh or stamp != before)
     # whether a tow has settled takes longer to tell than all the rest of a run that is up to date
-    made_from = stamp_of(run, "fit", options.method, str(options.line))
-    answer = None if options.fresh else _kept(run.out / RECORD, made_from)
-    if answer is None:
-        answer = _looked_at(job, run, m, made_from)
-        write_text(run.out / RECORD, _as_text(answer))
+    made_from = sha256_of_texts(made_by("fit"), options.method, str(options.line), stamp)
+    answer = _once(run.out, made_from, options.fresh, lambda: _looked_at(job, run, m, made_from))
     return replace(answer, job=job, stamp=stamp, redone=redone)
 
 
@@ -148,7 +143,7 @@ def _looked_at(job: str, run: Any, m: Any, stamp: str) -> Answer:
     hull = hull_of(run) if run.file.model is not None and run.file.water is not None else ()
     if not hull and run.file.model is not None:
         hull = run.file.model.length_pp_m, run.file.model.mass_kg
-    return Answer(job, run.name, "", wants, hull, _numbers(run, m), stamp=stamp, redone=False)
+    return Answer(job, run.name, "", wants, hull, _numbers(run, m), stamp=stamp)
 
 
 def _numbers(run: Any, m: Any) -> tuple[Number, ...]:
@@ -244,8 +239,14 @@ def _stamp(kind: str, folders: Sequence[str], options: Options) -> str:
     return sha256_of_texts(made_by("fit"), *words, *runs)
 
 
-def _as_text(answer: Answer) -> str:
-    return json.dumps(asdict(answer), indent=1, sort_keys=True) + "\n"
+def _once(out: Path, stamp: str, fresh: bool, work: Callable[[], Answer]) -> Answer:
+    """What ``work`` gives, or gave before from the same; its record is written last."""
+    answer = None if fresh else _kept(out / RECORD, stamp)
+    if answer is not None:
+        return replace(answer, redone=False)
+    answer = work()
+    write_text(out / RECORD, json.dumps(asdict(answer), indent=1, sort_keys=True) + "\n")
+    return answer
 
 
 def _kept(path: Path, stamp: str) -> Answer | None:

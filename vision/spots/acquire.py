@@ -13,7 +13,6 @@ from ..recording import Frame
 from .candidates import Array, Candidates
 from .identity import CLEAR_COST, SEEN_SD_PX, Assignment
 from .search import Search
-from .stretch import Found
 
 SEEN_S = 2.0
 """What the user says of where a mark is seen holds for so long, less and less: by ``KNOCK_PX_S``."""
@@ -228,16 +227,6 @@ class Acquisition:
         index : of the frame
         """
         self._search.refused.append((index, self._taken))
-
-    def dismissed(self, found: Found, followed: list[bool]) -> None:
-        """What was taken did not hold.
-
-        Parameters
-        ----------
-        found : what came of the frames since
-        followed : which marks were
-        """
-        self._search.dismissed(found, followed)
 
     def _again(self, frame: Frame) -> bool:
         return any(index == frame.index for index, _ in self._search.refused)

@@ -107,8 +107,7 @@ class SpotFollower:
         if not fit.good[0]:  # more is free than one frame may tell
             fit = mark.refiner.simplest(alone)
         peak, width = float(cut.max()), float(fit.width_px[0])
-        sign = -1.0 if self._dark(index) else 1.0
-        bright = sign * float(fit.amplitude_dn[0]) / mark.brightness_dn
+        bright = float(fit.amplitude_dn[0]) / mark.height_dn
         reason = ""
         if mark.live.unseen or not fit.good[0]:
             reason = NO_SPOT
@@ -420,7 +419,7 @@ class SpotFollower:
         tries, self.tries = self.tries, []
         again = bool(tries) and tries[0].index == found.frames[0][0] and self.acquisition.may_retry()
         if again:
-            self.acquisition.dismissed(found, [m is not None for m in self.marks])
+            self.search.dismissed(found, [m is not None for m in self.marks])
             self.acquisition.refuse(tries[0].index)
             self._forget()
             self.stretch.clear()
@@ -432,7 +431,7 @@ class SpotFollower:
         """What was acquired did not hold: those frames, and what was written of it before, were not the marks; the search begins
         anew.
         """
-        self.acquisition.dismissed(found, [m is not None for m in self.marks])
+        self.search.dismissed(found, [m is not None for m in self.marks])
         for one in self.unproven:
             self.losses -= int((one.reason != "").sum())
             _not_confirmed(one)

@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from .names import shown
+from .names import in_one_line
 
 
 class TowlineError(Exception):
     """Something in the input, not in the program, is wrong; ``str(error)`` is one line for the user."""
 
     def __str__(self) -> str:
-        return shown(super().__str__())
+        return in_one_line(super().__str__())
 
 
 class InputError(TowlineError):

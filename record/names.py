@@ -1,11 +1,14 @@
-"""Names of files as text that any output takes: a byte in a name that is no UTF-8 is written as \\xff."""
+"""Names, of files and of what stands in them, as text that any output takes: a byte in a name that is no UTF-8 is written as \\xff."""
 
 from __future__ import annotations
 
 import codecs
+import unicodedata
 
 BYTES_SHOWN = "towline_bytes_shown"
 """The error handler (``errors=``) that does it."""
+UNSEEN = ("Cc", "Zl", "Zp")
+"""Unicode's categories of control letters (a terminal obeys them) and of what ends a line."""
 
 
 def _shown_bytes(error: UnicodeError) -> tuple[str, int]:
@@ -30,6 +33,16 @@ def shown(text: str) -> str:
     return text.encode("utf-8", BYTES_SHOWN).decode("utf-8")
 
 
+def in_one_line(text: str) -> str:
+    """``text`` as ``shown``, with every control letter and line break written out as well: a name may hold any, and a message that
+    quotes it stays one line that steers no terminal.
+
+    >>> print(in_one_line("t\\x0bow\\n"))
+    t\\x0bow\\n
+    """
+    return shown("".join(ascii(c)[1:-1] if unicodedata.category(c) in UNSEEN else c for c in text))
+
+
 def take_any_name(*streams: object) -> None:
     """Let standard output and standard error take names of files with any bytes."""
     for stream in streams:
@@ -38,4 +51,4 @@ def take_any_name(*streams: object) -> None:
             reconfigure(errors=BYTES_SHOWN)
 
 
-__all__ = ["BYTES_SHOWN", "shown", "take_any_name"]
+__all__ = ["BYTES_SHOWN", "in_one_line", "shown", "take_any_name"]

@@ -153,6 +153,30 @@ def test_noise_holds_no_event() -> None:
     assert max(gains, default=0.0) < SLACK_Z**2 / 2 / 2
 
 
+def lasting(rng: np.random.Generator, count: int, sd_m: float) -> np.ndarray:
+    """Noise of which a half lasts a second and a half, as marks in compressed video have it."""
+    kept = np.exp(-BLOCK_S / 1.5)
+    slow = np.zeros(count)
+    for k in range(1, count):
+        slow[k] = kept * slow[k - 1] + np.sqrt(1 - kept**2) * rng.normal()
+    return sd_m * np.sqrt(0.5) * (slow + rng.normal(size=count))
+
+
+def test_what_lasts_in_the_noise_is_no_reason_to_search_and_hides_no_event() -> None:
+    t_s = BLOCK_S * (np.arange(125) + 0.5)
+    still = [lasting(np.random.default_rng(k), 125, SD_M) for k in range(40)]
+    quiet = [not own for own in events([Radius(t_s, rest, SD_M, TOW) for rest in still])]
+    assert np.mean(quiet) > 0.9
+    # a line that is slack for a second, 6 mm ahead
+    rng = np.random.default_rng(7)
+    slack = seen(Push(1), 14.0, 2.0, 1.6, t_s, rng, sd_m=0.0)
+    found = events([Radius(t_s, slack + rest, SD_M, TOW) for rest in still[:8]])
+    assert all(own and abs(own[0].begin_s + own[0].length_s / 2 - 15.0) < 1.0 for own in found)
+    # three tenths of that, which hold half a chi-square of 38, are looked at as well
+    assert 0.5 * np.sum((0.3 * slack / SD_M) ** 2) < 40
+    assert all(events([Radius(t_s, 0.3 * slack + rest, SD_M, TOW) for rest in still]))
+
+
 def test_taut_runs_suggest_nothing(tow_runs: Callable[[int, int], list]) -> None:
     runs = tow_runs(4, 3)
     rng = np.random.default_rng(5)

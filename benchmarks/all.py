@@ -136,7 +136,7 @@ def _processor() -> str:
 
 
 def made(table: Table, out: Path) -> bool:
-    """Run one and write its table; False: it ended with an error, and the old table stays."""
+    """Run one and write its table; False: it ended with an error, the old table stays, and what it printed is in ``out``."""
     shown, command = table.command.format(out="OUT"), table.command.format(out=out).split()
     began, first = time.perf_counter(), head(shown)
     one = dict.fromkeys(THREADS, "1")
@@ -150,7 +150,10 @@ def made(table: Table, out: Path) -> bool:
         check=False,
     )
     if done.returncode:
-        print(f"{shown}: ended with {done.returncode}; benchmarks/{table.file} stays as it was", file=sys.stderr)
+        printed = out / f"{Path(table.file).stem}-failed.txt"
+        out.mkdir(parents=True, exist_ok=True)
+        write_text(printed, done.stdout)
+        print(f"{shown}: ended with {done.returncode} ({printed}); benchmarks/{table.file} stays", file=sys.stderr)
         return False
     first += f"# {(time.perf_counter() - began) / 60:.1f} minutes, load {_load()} after\n\n"
     write_text(HERE / table.file, first + done.stdout)

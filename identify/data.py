@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -25,6 +25,8 @@ MEAN_S = 1.0
 """Step of the clock on which the carriage's acceleration is looked at, so that a log's noise is not taken for one."""
 LONGEST_S = 1e6
 """No record is longer: its times are in another unit."""
+LARGEST = 1e6
+"""No place (m) or angle (rad) of a towed model is larger: it is a fill value for what is missing, or in another unit."""
 WATER_KG_M3 = 1000.0
 """Fresh water, for a start and for wide priors only: where it counts, density_kg_m3 of run.toml is used."""
 ASSUMED_SIGMA_Y_M = 1e-3
@@ -213,6 +215,7 @@ def measured_rows(run: Run, motion: pd.DataFrame) -> Array:
     if span is not None:
         measured &= motion["t_s"].between(span[0], span[1]).to_numpy()
     measured &= before_cut(run, motion)  # named by analysis.identify_batch
+    check_sizes(run, motion, measured, ("y_cg_m", "beta_rad"))
     if measured.sum() < 20:
         raise InputError(run.source_path, "", f"{int(measured.sum())} measured samples; at least 20 are needed")
     return measured
@@ -264,6 +267,28 @@ def check_times(run: Run, times: Array) -> None:
         raise InputError(
             run.source_path, "t_s", f"from {times[0]:g} to {times[-1]:g} s; a tow lasts less than {LONGEST_S:g} s"
         )
+
+
+def check_sizes(run: Run, motion: pd.DataFrame, rows: Array, columns: Sequence[str]) -> None:
+    """InputError where a place or an angle of these rows is beyond all that a towed model reaches.
+
+    Parameters
+    ----------
+    run : the run folder as read
+    motion : motion table
+    rows : (n,) which of its rows are used
+    columns : of places and angles
+    """
+    for column in columns:
+        values = motion[column].to_numpy()
+        beyond = np.flatnonzero(rows & (np.abs(values) > LARGEST))
+        if len(beyond):
+            raise InputError(run.source_path, f"row {beyond[0] + 1}, {column}", beyond_all(values[beyond[0]]))
+
+
+def beyond_all(value: float) -> str:
+    """What is said of a place or an angle that is larger than LARGEST."""
+    return f"is {value:g}; at most {LARGEST:g} m or rad are expected (an empty cell says that a value is missing)"
 
 
 def _still(motion: pd.DataFrame) -> Still:

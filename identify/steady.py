@@ -18,7 +18,7 @@ from ..record.run import RUN_FILE, Run
 from ..record.tables import read_history
 from ..simulate.model import Array
 from .cut import before_cut
-from .data import check_times, common_key, usual_resistance
+from .data import check_sizes, check_times, common_key, usual_resistance
 from .joint.common import along_of
 from .settled import Judged, Stability, judge, slowest_swing_s, tail_mean, words
 
@@ -200,6 +200,7 @@ def tow_angles(run: Run, motion: pd.DataFrame) -> tuple[Array, Array, Array]:
         good &= motion["t_s"].between(span[0], span[1]).to_numpy()
     times = motion["t_s"].to_numpy()[good]
     check_times(run, times)
+    check_sizes(run, motion, good, ("alpha_rad", "beta_rad"))
     return good, times, angles[good]
 
 

@@ -1,4 +1,4 @@
-"""Names, of files and of what stands in them, as text that any output takes: a byte in a name that is no UTF-8 is written as \\xff."""
+"""Names, of files and in them, as text that any output takes: a byte in a name that is no UTF-8 is written as \\xff."""
 
 from __future__ import annotations
 

@@ -21,7 +21,9 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 
 from towline.cli import main
-from towline.record import InputError, TowlineError, read_motion, read_run, read_table, read_tracks
+from towline.identify import run_data, steady_state
+from towline.identify.methods import fit_decay
+from towline.record import EstimationError, InputError, TowlineError, read_motion, read_run, read_table, read_tracks
 from towline.record.imported import Wanted, import_tracks
 from towline.record.results import DerivativesFile, read_result
 
@@ -120,6 +122,19 @@ def test_a_measured_sample_has_a_place(tmp_path: Path) -> None:
     path = tmp_path / "m.csv"
     path.write_text("t_s,y_cg_m,beta_rad,status\n0,,0,measured\n1,0,0,measured\n")
     assert list(read_motion(path)["status"]) == ["lost", "measured"]
+
+
+@pytest.mark.parametrize("fill", [9.96921e36, -1e160, 1e300])
+def test_a_fill_value_is_no_measurement(fill: float) -> None:
+    """What other programs write for a value that is missing: named with its row, and not squared until it overflows."""
+    tow, record = ESTIMATORS._towed(1.446), ESTIMATORS._tow(1.446)
+    for column, name, taken in ((1, "y_cg_m", run_data), (2, "beta_rad", run_data), (2, "beta_rad", steady_state)):
+        values = record.copy()
+        values[6, column] = fill
+        with pytest.raises(InputError, match=rf"row 7, {name}: is .*an empty cell"):
+            taken(tow, ESTIMATORS._frame(values), None)
+        with pytest.raises(EstimationError, match="sample 7 is"):
+            fit_decay(*values[:, :3].T)
 
 
 def test_a_byte_order_mark_before_a_comment_is_no_column(tmp_path: Path) -> None:

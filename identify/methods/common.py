@@ -11,7 +11,7 @@ from ...record.errors import EstimationError
 from ...record.results import Measured
 from ...simulate.model import DERIVATIVE_UNITS, Array, Tow, linear_system, sway_yaw_acceleration
 from ...simulate.model import Hull as _Hull
-from ..data import LONGEST_S, RunData
+from ..data import LARGEST, LONGEST_S, RunData, beyond_all
 
 DIFFERENCE_SHARE = 1e-5
 """Step of the central differences relative to the value, or to its standard deviation where that is larger."""
@@ -74,7 +74,7 @@ class SixEstimate:
 
 
 def check_series(t_s: Array, *values: Array, least: int = 1) -> None:
-    """EstimationError unless there are ``least`` samples, all finite, at times that rise strictly.
+    """EstimationError unless there are ``least`` samples, all finite and none beyond LARGEST, at times that rise strictly.
 
     Parameters
     ----------
@@ -87,8 +87,12 @@ def check_series(t_s: Array, *values: Array, least: int = 1) -> None:
         raise EstimationError(f"{len(t_s)} samples; at least {least} are needed")
     if any(np.shape(one)[:1] != t_s.shape for one in values):
         raise EstimationError(f"{len(t_s)} times, and series of other lengths beside them")
-    if not all(np.isfinite(np.asarray(one, dtype=float)).all() for one in (t_s, *values)):
+    series = [np.asarray(one, dtype=float) for one in values]
+    if not all(np.isfinite(one).all() for one in (t_s, *series)):
         raise EstimationError("the record holds values that are not finite; leave these samples out")
+    for one in series:
+        for at in np.argwhere(np.abs(one) > LARGEST)[:1]:
+            raise EstimationError(f"sample {at[0] + 1} {beyond_all(one[tuple(at)])}")
     if not (np.diff(t_s) > 0).all():
         raise EstimationError("the times of the record do not rise strictly")
     if t_s[-1] - t_s[0] > LONGEST_S:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -433,35 +433,69 @@ def springing(bounce: Callable[[Any], Any], variant: str, cost: float, form: flo
     )
 
 
-def jerked(
-    ahead: Callable[[Any], Any], pull: Callable[[Any], Any], loose: Callable[[Any], Any], variant: str, cost: float
-) -> Effect:
-    """A line that keeps its length goes slack and comes straight with a jerk; the engine finds the course in the taut-line radius.
+@dataclass(frozen=True)
+class Jerks:
+    """Slackenings of some runs' lines: courses of time, and how these change with an event's own numbers.
+
+    Attributes
+    ----------
+    runs : indices of those that have one
+    ahead : by how much lines are shorter, m, (..., runs, 1), and that by how long and how hard the models were carried (logarithms)
+    carried : what carries the models ahead, over the straight tow's resistance; likewise
+    pull : what lines pull with beyond taut ones beside that, over the resistance; likewise
+    """
+
+    runs: Sequence[int]
+    ahead: Sequence[Callable[[Any], Any]]
+    carried: Sequence[Callable[[Any], Any]]
+    pull: Sequence[Callable[[Any], Any]]
+
+    def moved(self, courses: Sequence[Callable[[Any], Any]], t_s: Any, count: int, own: Sequence[Any]) -> Any:
+        """The course with every event so much later, longer and harder, (..., runs, columns)."""
+        numbers = np.zeros((3, count, np.size(own[0])))
+        numbers[:, list(self.runs)] = np.reshape(own, (len(self.runs), 3, -1)).swapaxes(0, 1)
+        later, *others = numbers
+        here, *changes = (course(t_s - later) for course in courses)
+        return here + sum(number * change for number, change in zip(others, changes, strict=True))
+
+
+def jerked(jerks: Jerks, count: int, variant: str, cost: float) -> Effect:
+    """A line that keeps its length goes slack and comes straight with a jerk; the engine finds the courses in the taut-line radius.
 
     Parameters
     ----------
-    ahead : time -> by how much the line is shorter, m, (..., runs, 1)
-    pull : time -> what it pulls with beyond the straight tow's resistance, over that
-    loose : time -> how far it is slack, 0..1
-    variant : which event, in words
-    cost : log evidence that finding it costs
+    jerks : the events
+    count : of all runs
+    variant : which events, in words
+    cost : log evidence that finding them costs
     """
 
-    def tension(s: Situation, share, _, later):
-        t_s, resistance = s.t_s - later, s.tension_n - s.beyond_n
-        return share * (resistance * pull(t_s) - s.beyond_n * loose(t_s))
+    def tension(s: Situation, share, _, *own):
+        return share * (s.tension_n - s.beyond_n) * jerks.moved(jerks.pull, s.t_s, count, own)
 
-    def stretch(seen: Seen, _, nearer, later):
-        return -nearer * ahead(seen.t_s - later)
+    def ahead(s: Situation, share, _, *own):
+        return share * s.tension_n * jerks.moved(jerks.carried, s.t_s, count, own)
 
+    def stretch(seen: Seen, _, nearer, *own):
+        return -nearer * jerks.moved(jerks.ahead, seen.t_s, count, own)
+
+    own = [
+        (
+            Parameter(f"later_{k + 1}_s", "s", 0.1),
+            Parameter(f"longer_{k + 1}", "", 0.2),
+            Parameter(f"harder_{k + 1}", "", 0.2),
+        )
+        for k in jerks.runs
+    ]
     return replace(
         slack([]),
         parameters=(
             Parameter("share", "", 1.0, one_sided=True),
             Parameter("nearer", "", 1.0, one_sided=True),
-            Parameter("later_s", "s", 0.05),
+            *(number for numbers in own for number in numbers),
         ),
         physics="The carriage slows, or a wave or a hand carries the model ahead: the line goes slack and straightens with a jerk.",
+        ahead=ahead,
         tension=tension,
         stretch=stretch,
         variant=variant,

@@ -58,7 +58,8 @@ def converged(inference: Inference, candidates: list[Candidate], base: Fitted) -
         before = list(fitted)
         for k, better in zip(moving, refined(inference, [fitted[k] for k in moving]), strict=True):
             fitted[k] = better
-        moving = [k for k in moving if fitted[k].log_evidence - before[k].log_evidence >= CONVERGED_GAIN]
+        # a step that reaches what it promised raises what a fit is worth, though not its log evidence, and may promise more
+        moving = [k for k in moving if fitted[k].worth - before[k].worth >= CONVERGED_GAIN]
         if not moving:
             break
     better = [replace(c, fitted=f, log_evidence=f.worth - base.log_evidence) for c, f in zip(few, fitted, strict=True)]

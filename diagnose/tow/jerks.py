@@ -42,6 +42,9 @@ SPREAD = np.array([np.inf, np.inf, np.inf, 0.5, 0.7, 0.7, 0.05])
 """... with these standard deviations."""
 TURNS = 15
 """Steps of the fit."""
+LONGER, HELD = (1.25, 1.6, 2.0, 2.5), 0.02
+"""What carries a model with less than the resistance shows in no radius: an event may have lasted so many times as long as its
+radius says, and been the less hard. Those are fitted with their length held to so much of itself."""
 SMALL = np.array([0.01, 0.01, 0.01, 0.01, 0.02, 0.05, 0.01])
 """Steps of its slopes."""
 AT_MOST = np.array([0.3, 0.2, 0.2, 0.3, 0.3, 0.5, 0.05])
@@ -78,19 +81,47 @@ PUSHES = tuple(Push(k) for k in range(6))
 
 
 @dataclass(frozen=True)
+class Swinging:
+    """How a tow swings, as far as surge on its line asks.
+
+    Attributes
+    ----------
+    t_s : (n,) times from the run's start, s
+    beyond : (n,) what a taut line pulls with beyond the resistance, over it
+    lighter : (n,) how much the faster the line shortens for a newton less than on a straight tow
+    cosine : (n,) of its angle to the hull
+    """
+
+    t_s: Array
+    beyond: Array
+    lighter: Array
+    cosine: Array
+
+    def at(self, t_s: Array) -> tuple[Array, Array, Array]:
+        """The three at other times."""
+        return tuple(np.interp(t_s, self.t_s, values) for values in (self.beyond, self.lighter, self.cosine))  # pyright: ignore
+
+
+NOT_AT_ALL = Swinging(np.zeros(1), np.zeros(1), np.ones(1), np.ones(1))
+"""Of a straight tow."""
+
+
+@dataclass(frozen=True)
 class Straight:
-    """A straight tow, as far as surge asks.
+    """A tow, as far as surge asks.
 
     Attributes
     ----------
     speed_m_s : of the carriage
     pull_m_s2 : resistance over the surging mass
     exponent : of the resistance's growth with speed
+    swinging : how it swings about a straight tow
     """
 
     speed_m_s: float
     pull_m_s2: float
     exponent: float
+    swinging: Swinging = NOT_AT_ALL
 
 
 @dataclass(frozen=True)
@@ -120,10 +151,14 @@ class Event:
         """How long the model is carried."""
         return float(np.exp(self.numbers[1]))
 
-    def course(self) -> tuple[Array, Array, Array]:
-        """Times from the run's start, s, by how much the model is ahead, m, and what the line pulls with over R, (n,) each."""
-        ahead, pull = surged([self.push], self.numbers[None], self.tow)
-        return self.begin_s + STEP_S * np.arange(len(ahead)), ahead[:, 0], pull[:, 0]
+    def course(self) -> tuple[Array, Array, Array, Array]:
+        """Times from the run's start, s, by how much the model is ahead, m, what carries it ahead, over R, and what the line pulls
+        with beyond what a taut one would beside that, over R, (n,) each.
+        """
+        ahead, pull, carried = (found[:, 0] for found in _surged([self.push], self.numbers[None], [self.tow], True))
+        t_s = self.begin_s + STEP_S * np.arange(len(ahead))
+        beyond, lighter, cosine = self.tow.swinging.at(t_s)
+        return t_s, ahead, carried, pull - (1 + beyond - cosine / lighter * carried)
 
 
 @dataclass(frozen=True)
@@ -162,21 +197,28 @@ class Radius:
         return all(z.max() < QUIET_Z * colour for z, colour in zip(shown, colours, strict=True))
 
 
-def surged(pushes: Sequence[Push], numbers: Array, tow: Straight | Sequence[Straight]) -> tuple[Array, Array]:
-    """How far ahead a model comes and what its line pulls with, every STEP_S from the event's begin.
+def surged(pushes: Sequence[Push], numbers: Array, tow: Straight) -> tuple[Array, Array]:
+    """How far ahead a model comes and what its line pulls with on a straight tow, every STEP_S from the event's begin.
 
     Parameters
     ----------
     pushes : k of them
     numbers : (k, 7) NUMBERS
-    tow : of all, or k of them
+    tow : of all
 
     Returns
     -------
     ahead (n, k), m, and pull (n, k) over the resistance
     """
+    return _surged(pushes, numbers, [tow] * len(numbers), False)[:2]
+
+
+def _surged(
+    pushes: Sequence[Push], numbers: Array, tows: Sequence[Straight], swinging: bool
+) -> tuple[Array, Array, Array]:
+    """``surged``, each by its own tow, and, if ``swinging``, as that swings; and what carries the models, over the resistance."""
     length, hard, skew, spring, damping, gain = np.exp(numbers[:, 1:]).T
-    usual, carriage, exponent = _straight(tow, len(numbers))
+    usual, carriage, exponent = np.array([(t.pull_m_s2, t.speed_m_s, t.exponent) for t in tows]).T
     rate = usual * gain
     count = _steps(length)
     share = (STEP_S * (np.arange(count) + 0.5))[:, None] / length
@@ -185,14 +227,22 @@ def surged(pushes: Sequence[Push], numbers: Array, tow: Straight | Sequence[Stra
     for push in set(pushes):
         at = [k for k, own in enumerate(pushes) if own == push]
         carried[:, at] = push(warped[:, at])
-    carried = rate * hard * carried
+    carried = hard * carried
+    taut, lighter, push = np.broadcast_to(rate, warped.shape), np.ones_like(warped), rate * carried
+    if swinging:
+        clock = STEP_S * np.arange(count)
+        courses = [t.swinging.at(begin + clock) for t, begin in zip(tows, numbers[:, 0], strict=True)]
+        beyond, lighter, cosine = (np.column_stack(found) for found in zip(*courses, strict=True))
+        # what swings pulls the line the harder, or less hard, and it falls slack the later, or sooner
+        taut = rate * (1 + beyond)
+        push = cosine * push - lighter * taut + rate
     stiff, grip = spring**2, 2 * damping * spring
     ahead, speed = np.zeros(len(numbers)), np.zeros(len(numbers))
     far, pulled = np.empty_like(warped), np.empty_like(warped)
     # in place: the arrays are short, and there are thousands of steps
     held, drag, more = np.empty_like(ahead), np.empty_like(ahead), np.empty_like(ahead)
     for k in range(count):
-        np.subtract(rate, np.multiply(stiff, ahead, out=held), out=held)
+        np.subtract(taut[k], np.multiply(stiff, ahead, out=held), out=held)
         np.maximum(held, 0.0, out=held)
         # strands grip as they tighten, and a line never pushes
         np.minimum(np.divide(held, rate, out=more), 1.0, out=more)
@@ -201,22 +251,13 @@ def surged(pushes: Sequence[Push], numbers: Array, tow: Straight | Sequence[Stra
         np.maximum(np.subtract(held, more, out=held), 0.0, out=held)
         np.add(np.divide(speed, carriage, out=drag), 1.0, out=drag)
         np.power(np.maximum(drag, 0.0, out=drag), exponent, out=drag)
-        np.subtract(np.add(carried[k], held, out=more), np.multiply(rate, drag, out=drag), out=more)
+        np.add(push[k], np.multiply(lighter[k], held, out=more), out=more)
+        more -= np.multiply(rate, drag, out=drag)
         more *= STEP_S
         speed += more
         ahead += np.multiply(STEP_S, speed, out=more)
         far[k], pulled[k] = ahead, held
-    return far, pulled / rate
-
-
-def _straight(tow: Straight | Sequence[Straight], count: int) -> tuple[Array, Array, Array]:
-    """Resistance over mass, speed and exponent of so many tows, (k,) each."""
-    tows = [tow] * count if isinstance(tow, Straight) else tow
-    return (
-        np.array([t.pull_m_s2 for t in tows]),
-        np.array([t.speed_m_s for t in tows]),
-        np.array([t.exponent for t in tows]),
-    )
+    return far, pulled / rate, carried
 
 
 def _steps(length_s: Array) -> int:
@@ -236,6 +277,27 @@ def events(radii: Sequence[Radius]) -> list[list[Event]]:
     fitted = _fitted([radii[k] for k in loud], [_begun(radii[k]) for k in loud])
     found = dict(zip(loud, fitted, strict=True))
     return [sorted(found.get(k, []), key=lambda event: -event.gain) for k in range(len(radii))]
+
+
+def longer(radii: Sequence[Radius], found: Sequence[Event]) -> list[list[Event]]:
+    """The events as if they had lasted LONGER, one of each run, fitted to their radii.
+
+    Parameters
+    ----------
+    radii : of the runs
+    found : of each run the likeliest
+    """
+    answers = []
+    for times in LONGER:
+        starts = []
+        for event in found:
+            more = (times - 1) * event.length_s
+            start = event.numbers + np.array([-more / 2, np.log(times), *np.zeros(len(NUMBERS) - 2)])
+            # of what is beyond the resistance as much as before
+            start[2] = np.log1p(np.expm1(max(event.numbers[2], 0.05)) / times)
+            starts.append([(event.push, start)])
+        answers.append([one for (one,) in _fitted(radii, starts, HELD)])
+    return answers
 
 
 def _begun(radius: Radius) -> list[tuple[Push, Array]]:
@@ -272,7 +334,12 @@ def _block_means(whole: Array, early_s: float, step_s: float) -> Array:
     return np.diff(whole[edges], axis=0) / np.diff(edges)[:, None]
 
 
-def _missed(radii: Sequence[Radius], pushes: Sequence[Sequence[Push]], numbers: Sequence[Array]) -> list[Array]:
+def _missed(
+    radii: Sequence[Radius],
+    pushes: Sequence[Sequence[Push]],
+    numbers: Sequence[Array],
+    known: tuple[list[Array], Array],
+) -> list[Array]:
     """Of each run (k, m, n + 7) rows: blocks, then what is known of the numbers.
 
     Parameters
@@ -280,13 +347,14 @@ def _missed(radii: Sequence[Radius], pushes: Sequence[Sequence[Push]], numbers: 
     radii : of the runs
     pushes : of each run k
     numbers : of each run (k, m, 7), m sets for each push
+    known : of each run (k, 7) about which the numbers lie, and their standard deviations (7,)
     """
     kinds = [p for own, x in zip(pushes, numbers, strict=True) for p in own for _ in range(x.shape[1])]
     tows = [r.tow for r, x in zip(radii, numbers, strict=True) for _ in range(x.shape[0] * x.shape[1])]
     # one integration of all: what a step costs hardly grows with how many go side by side
-    every, _ = surged(kinds, np.concatenate([x.reshape(-1, len(NUMBERS)) for x in numbers]), tows)
+    every = _surged(kinds, np.concatenate([x.reshape(-1, len(NUMBERS)) for x in numbers]), tows, True)[0]
     found, first = [], 0
-    for radius, own in zip(radii, numbers, strict=True):
+    for radius, own, usual in zip(radii, numbers, known[0], strict=True):
         flat, step = own.reshape(-1, len(NUMBERS)), radius.step_s
         far = every[: _steps(np.exp(flat[:, 1])), first : first + len(flat)]
         first += len(flat)
@@ -297,21 +365,28 @@ def _missed(radii: Sequence[Radius], pushes: Sequence[Sequence[Push]], numbers: 
             for b, w in zip(flat[:, 0], whole.T, strict=True)
         ]
         apart = np.nan_to_num(radius.ahead_m - np.array(rows))
-        gaps = np.column_stack([apart / radius.sd_m, -(flat - USUAL) / SPREAD])
+        gaps = np.column_stack([apart / radius.sd_m, (np.repeat(usual, own.shape[1], axis=0) - flat) / known[1]])
         found.append(gaps.reshape(*own.shape[:2], -1))
     return found
 
 
-def _fitted(radii: Sequence[Radius], starts: Sequence[Sequence[tuple[Push, Array]]]) -> list[list[Event]]:
-    """Gauss-Newton from these starts, all of all runs side by side; steps that lose are halved."""
+def _fitted(
+    radii: Sequence[Radius], starts: Sequence[Sequence[tuple[Push, Array]]], length_sd: float = np.inf
+) -> list[list[Event]]:
+    """Gauss-Newton from these starts, all of all runs side by side; steps that lose are halved. ``length_sd``: how far the length
+    may be from its start, relative.
+    """
     if not radii:
         return []
     pushes = [[p for p, _ in own] for own in starts]
     here = [np.array([x for _, x in own]) for own in starts]
     steps = np.concatenate([np.zeros((1, len(NUMBERS))), np.diag(SMALL)])
 
+    known, spread = [np.where(np.arange(len(NUMBERS)) == 1, x, USUAL) for x in here], SPREAD.copy()
+    spread[1] = length_sd
+
     def missed(at: Sequence[Array]) -> list[Array]:
-        return _missed(radii, pushes, [x[:, None] + steps for x in at])
+        return _missed(radii, pushes, [x[:, None] + steps for x in at], (known, spread))
 
     rows, damp = missed(here), [np.full(len(x), 1e-2) for x in here]
     for _ in range(TURNS):
@@ -347,4 +422,4 @@ def _change(rows: Array, damp: Array) -> Array:
     return np.clip(change, -AT_MOST, AT_MOST)
 
 
-__all__ = ["PUSHES", "STEP_S", "Event", "Push", "Radius", "Straight", "events", "surged"]
+__all__ = ["PUSHES", "STEP_S", "Event", "Push", "Radius", "Straight", "Swinging", "events", "longer", "surged"]

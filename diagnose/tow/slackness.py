@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,10 +13,10 @@ from scipy.stats import median_abs_deviation
 
 from ...geometry.checks.bundle import half_sine
 from ...simulate.model import RESISTANCE_EXPONENT, Array
-from ..effects import Effect, jerked, slack
+from ..effects import Effect, Jerks, jerked, slack
 from .channels import LINE
 from .courses import by_run
-from .jerks import STEP_S, Event, Push, Radius, Straight, events
+from .jerks import NOT_AT_ALL, STEP_S, Event, Push, Radius, Straight, Swinging, events, longer
 from .start import straight_pull
 from .tow_run import TowRun
 
@@ -23,16 +24,18 @@ SLACK_Z = 8.0
 """A window counts as slack when the radius falls short by so many standard deviations: many are tried. A choice."""
 LIKE_THE_MOST = 0.3
 """Windows below this share of the clearest one's significance are left out: a fit that lacks the slack line errs a little in all
-runs."""
-KINDS, AS_GOOD, IN_FORM = 4, 10.0, 0.03
+runs. Events have courses of their own, and are taken as they are."""
+KINDS, AS_GOOD, IN_FORM = 4, 10.0, 0.1
 """Kinds of what carries the models ahead that are tried as effects: so many, as far as the radius alone does not tell them from the
 best by more than the second, or than the third of what it explains (no push has exactly these courses). Choices, for time."""
 FOUND_COST = 10.0
 """Log evidence that finding an event's six numbers in a run's residual costs: a choice."""
 SURGING = 1.05
 """Usual mass in surge over the model's."""
-NOTHING = (np.zeros_like,) * 3
-"""Course of a line that stays taut."""
+NOTHING = ((np.zeros_like,) * 3,) * 3
+"""Courses of a line that stays taut."""
+CHANGED = 0.05
+"""Of an event's length and hardness, for the slopes of its courses."""
 PARTS = 4
 """Of a block, for the course of a jerk: about 0.1 s."""
 LEAST_BLOCKS = 10
@@ -73,23 +76,27 @@ def slack_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Ef
     return found
 
 
-def jerk_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Effect]:
+def jerk_effects(
+    runs: Sequence[TowRun], residuals: Sequence[Array], swinging: Sequence[Swinging] | None = None
+) -> list[Effect]:
     """The likeliest slackenings of lines that keep their length, from the taut line's residual: in the run that shows most, in the
-    two, ... in all that show any; by the likeliest kinds of what carried the models.
+    two, ... in all that show any; by the likeliest kinds of what carried the models. What carried one may have come at the same
+    time in a run whose line stayed taut, as a carriage slows at the same place of its rails: no radius shows it.
 
     Parameters
     ----------
     runs, residuals : as ``slack_effects`` has them
+    swinging : how each run swings; None: as if it did not
     """
     radii: dict[int, Radius] = {}
-    for index, (run, residual) in enumerate(zip(runs, residuals, strict=True)):
-        if (radius := _radius(run, residual[:, LINE])) is not None:
+    tows = [_tow_of(run, NOT_AT_ALL if swinging is None else swinging[k]) for k, run in enumerate(runs)]
+    for index, (run, residual, tow) in enumerate(zip(runs, residuals, tows, strict=True)):
+        if (radius := _radius(run, residual[:, LINE], tow)) is not None:
             radii[index] = radius
     likely = zip(radii, events(list(radii.values())), strict=True)
     shown: dict[int, list[Event]] = {index: own for index, own in likely if own}
     sure = {index: max(found[0].gain, 0.0) for index, found in shown.items()}
-    clear = max(SLACK_Z**2 / 2, LIKE_THE_MOST**2 * max(sure.values(), default=0.0))
-    order = sorted((i for i in sure if sure[i] > clear), key=lambda i: -sure[i])
+    order = sorted((i for i in sure if sure[i] > SLACK_Z**2 / 2), key=lambda i: -sure[i])
     found: list[Effect] = []
     gains: dict[Push, float] = {}
     for event in (e for i in order for e in shown[i]):
@@ -98,19 +105,26 @@ def jerk_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Eff
     least -= max(AS_GOOD, IN_FORM * least)
     kinds = [k for k in sorted(gains, key=lambda k: -gains[k]) if gains[k] > least]
     for push in kinds[:KINDS]:
-        own = {i: next(e for e in shown[i] if e.push == push) for i in order}
-        for count in range(1, len(order) + 1):
-            taken = order[:count]
-            said = ", ".join(
-                f"run {i + 1} {own[i].begin_s:.1f}-{own[i].begin_s + own[i].length_s:.1f} s" for i in sorted(taken)
-            )
-            courses = [_course(own[i], runs[i].step_s / 2) if i in taken else NOTHING for i in range(len(runs))]
-            ahead, pull, loose = (by_run(functions) for functions in zip(*courses, strict=True))
-            found.append(jerked(ahead, pull, loose, f"{push.words}, {said}", FOUND_COST * count))
+        shortest = [next(e for e in shown[i] if e.push == push) for i in order]
+        for events_of in (shortest, *longer([radii[i] for i in order], shortest)):
+            own = dict(zip(order, events_of, strict=True))
+            alike = {i: replace(own[order[0]], tow=tow, gain=0.0) for i, tow in enumerate(tows) if i not in own}
+            found += [_jerked(runs, {i: own[i] for i in order[:count]}) for count in range(1, len(order) + 1)]
+            found += [_jerked(runs, own | {i: event}) for i, event in alike.items()]
     return found
 
 
-def _radius(run: TowRun, left: Array) -> Radius | None:
+def _jerked(runs: Sequence[TowRun], own: dict[int, Event]) -> Effect:
+    """The effect of these events, each in its run."""
+    said = ", ".join(f"run {i + 1} {own[i].begin_s:.1f}-{own[i].begin_s + own[i].length_s:.1f} s" for i in sorted(own))
+    courses = [_courses(own[i], run.step_s / 2) if i in own else NOTHING for i, run in enumerate(runs)]
+    kinds = [[by_run(functions) for functions in zip(*kind, strict=True)] for kind in zip(*courses, strict=True)]
+    (first, *_) = own.values()
+    jerks = Jerks(sorted(own), *kinds)
+    return jerked(jerks, len(runs), f"{first.push.words}, {said}", FOUND_COST * len(own))
+
+
+def _radius(run: TowRun, left: Array, tow: Straight) -> Radius | None:
     """What a run's frames show of events beside what the taut line of the fit explains of its blocks; None of too few blocks."""
     good = np.isfinite(left)
     if good.sum() < LEAST_BLOCKS:
@@ -120,25 +134,50 @@ def _radius(run: TowRun, left: Array) -> Radius | None:
     short = explained + np.median(left[good]) - means
     # most of a block's error is slow: its parts scatter less than if it were white, and a run is taut for most of its time
     scatter = float(median_abs_deviation(short, nan_policy="omit", scale=float(ndtri(0.75))))
-    return Radius(t_s, short, min(sd_m, scatter), _straight(run))
+    return Radius(t_s, short, min(sd_m, scatter), tow)
 
 
-def _straight(run: TowRun) -> Straight:
+def _tow_of(run: TowRun, swinging: Swinging) -> Straight:
     pull, _ = straight_pull(run)
-    return Straight(run.data.tow.speed_m_s, pull / (SURGING * run.run.model.mass_kg), RESISTANCE_EXPONENT)
+    return Straight(run.data.tow.speed_m_s, pull / surging_kg(run), RESISTANCE_EXPONENT, swinging)
+
+
+def surging_kg(run: TowRun) -> float:
+    """Usual mass in surge.
+
+    Parameters
+    ----------
+    run : as the diagnosis sees it
+    """
+    return SURGING * run.run.model.mass_kg
+
+
+def _courses(event: Event, node_s: float) -> tuple[tuple[Callable[[Array], Array], ...], ...]:
+    """By how much the line is shorter, what carries the model, and the pull beyond a taut line's, over R, as means about each node;
+    and how these change if the event lasts longer about the same middle, and if it is harder.
+    """
+    here = _course(event, node_s)
+    steps = np.zeros((2, len(event.numbers)))
+    steps[0, :2] = -CHANGED * event.length_s / 2, CHANGED
+    steps[1, 2] = CHANGED
+    more = [_course(replace(event, numbers=event.numbers + step), node_s) for step in steps]
+    return tuple((own, *(partial(_slope, own, other[k]) for other in more)) for k, own in enumerate(here))
+
+
+def _slope(here: Callable[[Array], Array], there: Callable[[Array], Array], t_s: Array) -> Array:
+    return (there(t_s) - here(t_s)) / CHANGED
 
 
 def _course(event: Event, node_s: float) -> tuple[Callable[[Array], Array], ...]:
-    """By how much the line is shorter, its pull beyond R, over R, and how far it is slack, as means about each node."""
-    t_s, ahead, pull = event.course()
+    """The courses themselves."""
+    t_s, ahead, carried, pull = event.course()
     width = max(1, round(node_s / STEP_S))
     # straight lines between nodes then hold all of a jerk
     kernel = np.convolve(np.ones(width), np.ones(width)) / width**2
     t_s = np.concatenate([t_s[0] - STEP_S * np.arange(width, 0, -1), t_s, t_s[-1] + STEP_S * np.arange(1, width + 1)])
-    pads = ((width, width), (0, 0))
-    rows = np.pad(np.column_stack([ahead, pull - 1, pull == 0]), pads)
-    smooth = [np.convolve(row, kernel, mode="same") for row in rows[:, 1:].T]
-    return tuple(partial(np.interp, xp=t_s, fp=row, left=0.0, right=0.0) for row in (rows[:, 0], *smooth))
+    ahead, carried, pull = (np.pad(row, width) for row in (ahead, carried, pull))
+    smooth = np.convolve(pull, kernel, mode="same")
+    return tuple(partial(np.interp, xp=t_s, fp=row, left=0.0, right=0.0) for row in (ahead, carried, smooth))
 
 
 def _slackest(t_s: Array, rest: Array, power: int) -> tuple[float, float, float]:

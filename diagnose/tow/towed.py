@@ -12,7 +12,7 @@ import numpy as np
 from ...geometry.normal import inverse_of_normal
 from ...record.priors import LINE_LENGTH_SD_M
 from ...simulate.model import Array
-from ..effects import LAWS, Effect, offset_each
+from ..effects import LAWS, SMALLEST_COSINE, Effect, offset_each
 from ..inference.apart import Apart
 from ..inference.grams import reduced
 from ..inference.hypothesis import FREE, Hypothesis
@@ -22,13 +22,14 @@ from .channels import CHANNELS
 from .columns import OWN, own_numbers
 from .delays import delay_effects
 from .fields import OtherHull
+from .jerks import Swinging
 from .model import TowModel
 from .noise import measured_noise, tow_noise
 from .numbers import SIX, shared_numbers
 from .pushes import pushes
 from .quiet import quieter
 from .shifts import shift_effects
-from .slackness import jerk_effects, slack_effects
+from .slackness import jerk_effects, slack_effects, surging_kg
 from .springs import springing_effects
 from .start import base_hypotheses, lawful_hypotheses, settings_of, straight_pull
 from .tow_run import TowRun
@@ -209,14 +210,34 @@ class TowSimulator(TowModel):
         step = base.solved
         # of the base's end: before its last step the datum's errors stand in the line's radius
         residuals = [base.linear.left(k, step.shared, own) for k, own in enumerate(step.own)]
+        pulled = self._pulled(base.hypothesis)
         found = (
-            *(jerk_effects if self._fields.surge.all() else slack_effects)(self.runs, residuals),
+            *(
+                jerk_effects(self.runs, residuals, self._swinging(base.hypothesis, pulled))
+                if self._fields.surge.all()
+                else slack_effects(self.runs, residuals)
+            ),
             *springing_effects(self.runs, residuals),
             *shift_effects(self.runs, residuals),
             *((offset_each(len(self.runs)),) if len(self.runs) > 1 else ()),
-            *(delay_effects(self.runs, self.node_s, self._pulled(base.hypothesis)) if self.celled else ()),
+            *(delay_effects(self.runs, self.node_s, pulled) if self.celled else ()),
         )
         return [effect for effect in found if effect.name not in self._without]
+
+    def _swinging(self, h: Hypothesis, pulled_n: Array) -> list[Swinging]:
+        """How the runs swing as they were measured, on lines that keep their lengths."""
+        path = self.starts()[0].path
+        assert path is not None
+        gains, cosines = self.gains(h, path), np.clip(np.cos(path.states[0] + path.states[1]), SMALLEST_COSINE, None)
+        return [
+            Swinging(
+                self.node_s,
+                pulled_n[:, k] / straight_pull(run)[0] - 1,
+                surging_kg(run) * gains[:, k] * cosines[:, k],
+                cosines[:, k],
+            )
+            for k, run in enumerate(self.runs)
+        ]
 
     def _pulled(self, h: Hypothesis) -> Array:
         """(nodes, runs) what the lines of a hypothesis would pull with along the measured motion."""

@@ -31,7 +31,7 @@ from .numbers import shared_numbers
 from .rates import TowRates
 from .seen import TowSeen
 from .tow_run import TowRun
-from .variations import PROBE_N, Variations, joined
+from .variations import PROBE_N, Variations, joined, only_pushes
 
 BEYOND = 4
 """Blocks after the end of the longest run: a clock that runs off may need them."""
@@ -342,7 +342,7 @@ class TowModel:
 
     def _pushes(self, group: Variations, path: Array, lates: tuple[Late, ...], by_force: Array, change: Array) -> None:
         """Put in how the numbers of effects that push or pull change the rates."""
-        pushing = [(e, n, at) for e, n, at in group.each() if e.force or e.tension or e.ahead]
+        pushing = [(e, n, at) for e, n, at in group.each() if only_pushes(e) and (e.force or e.tension or e.ahead)]
         if not pushing:
             return
         numbers, _ = joined([group.columns((), 0)], lates)

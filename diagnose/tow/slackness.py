@@ -172,12 +172,14 @@ def _course(event: Event, node_s: float) -> tuple[Callable[[Array], Array], ...]
     """The courses themselves."""
     t_s, ahead, carried, pull = event.course()
     width = max(1, round(node_s / STEP_S))
-    # straight lines between nodes then hold all of a jerk
-    kernel = np.convolve(np.ones(width), np.ones(width)) / width**2
-    t_s = np.concatenate([t_s[0] - STEP_S * np.arange(width, 0, -1), t_s, t_s[-1] + STEP_S * np.arange(1, width + 1)])
-    ahead, carried, pull = (np.pad(row, width) for row in (ahead, carried, pull))
-    smooth = np.convolve(pull, kernel, mode="same")
-    return tuple(partial(np.interp, xp=t_s, fp=row, left=0.0, right=0.0) for row in (ahead, carried, smooth))
+    # a cubic spline's own shape: nodes then hold a jerk's impulse wherever it lies between them, and how that moves with it
+    box = np.ones(width) / width
+    kernel = np.convolve(np.convolve(box, box), np.convolve(box, box))
+    beside = STEP_S * np.arange(1, 2 * width + 1)
+    t_s = np.concatenate([t_s[0] - beside[::-1], t_s, t_s[-1] + beside])
+    ahead, carried, pull = (np.pad(row, 2 * width) for row in (ahead, carried, pull))
+    rows = (ahead, *(np.convolve(row, kernel, mode="same") for row in (carried, pull)))
+    return tuple(partial(np.interp, xp=t_s, fp=row, left=0.0, right=0.0) for row in rows)
 
 
 def _slackest(t_s: Array, rest: Array, power: int) -> tuple[float, float, float]:

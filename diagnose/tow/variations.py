@@ -94,8 +94,7 @@ class Variations:
         found = [k for k in range(self.shared) if k not in self._seen_only]
         found += [self.shared + k for k in IN_RATES]
         for effect, numbers, at in self.each():
-            works = (effect.coupling, effect.keeps, effect.law, effect.speed, effect.length, effect.offset)
-            if any(work is not None for work in works):
+            if not only_pushes(effect):
                 found += range(at, at + len(numbers))
         return tuple(found)
 
@@ -176,6 +175,17 @@ class Variations:
         return first, slope
 
 
+def only_pushes(effect: Effect) -> bool:
+    """Whether all that it does to the rates is a force that can be added.
+
+    Parameters
+    ----------
+    effect : of a hypothesis
+    """
+    works = (effect.coupling, effect.keeps, effect.law, effect.speed, effect.length, effect.offset)
+    return all(work is None for work in works)
+
+
 def _absent(effect: Effect, numbers: Array) -> bool:
     return effect.law is None and bool((numbers == [p.none for p in effect.parameters]).all())
 
@@ -198,4 +208,4 @@ def joined(blocks: Sequence[Block], lates: tuple[Late, ...]) -> tuple[Numbers, l
     return Numbers(shared, own, tuple(active), lates), begins
 
 
-__all__ = ["PROBES", "PROBE_N", "Block", "Variations", "joined"]
+__all__ = ["PROBES", "PROBE_N", "Block", "Variations", "joined", "only_pushes"]

@@ -18,6 +18,7 @@ from scipy.optimize import brentq
 from towline.blind.one_case import case_of
 from towline.blind.truth.folders import write_case
 from towline.diagnose.effects import LAWS, LIBRARY
+from towline.diagnose.effects.line import springing
 from towline.diagnose.gap import Diagnosis, diagnosed
 from towline.diagnose.inference.evidence import CONVERGED_GAIN
 from towline.diagnose.inference.hypothesis import Hypothesis
@@ -222,6 +223,8 @@ STEPPED = 2e-5
 """m and rad: steps of a twelfth of a second and means by polynomials (``test_diagnose``: a twentieth of a mean's noise)."""
 RESISTS = effect_of("|r|^2.5", "X", sd=(0.0, 0.0, 0.03))
 """Of R's size where the yaw rate is 0.1."""
+BOUNCING = springing(lambda t_s: 2e-3 * np.sin(1.5 * np.asarray(t_s)) + np.zeros((2, 1)), "a slow bounce", 0.0, 0.0)
+"""It changes the line's length and its pull."""
 PUSHED = (
     *(
         next(e for e in LIBRARY if e.label == label)
@@ -236,6 +239,7 @@ PUSHED = (
             "tow_point_offset",
         )
     ),
+    BOUNCING,
     RESISTS,
 )
 

@@ -92,7 +92,7 @@ def check_series(t_s: Array, *values: Array, least: int = 1) -> None:
         raise EstimationError("the record holds values that are not finite; leave these samples out")
     for one in series:
         for at in np.argwhere(np.abs(one) > LARGEST)[:1]:
-            raise EstimationError(f"sample {at[0] + 1} {beyond_all(one[tuple(at)])}")
+            raise EstimationError(f"sample {at[0] + 1} {beyond_all(float(one[tuple(at)]))}")
     if not (np.diff(t_s) > 0).all():
         raise EstimationError("the times of the record do not rise strictly")
     if t_s[-1] - t_s[0] > LONGEST_S:

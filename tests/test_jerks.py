@@ -52,7 +52,7 @@ def exact(
 
 @pytest.mark.parametrize("push", PUSHES[:4], ids=lambda p: p.words)
 def test_surge_on_a_stiff_line_is_what_an_exact_integrator_makes_of_it(push: Push) -> None:
-    ahead, pull = surged([push], numbers(0.0, 2.5, 2.0)[None], TOW)
+    ahead, pull, _ = surged([push], numbers(0.0, 2.5, 2.0)[None], [TOW])
     t_s = STEP_S * (np.arange(len(ahead)) + 1)
     wanted, held = exact(push, 2.5, 2.0, t_s)
     assert wanted.max() > 2e-3  # it does fall slack
@@ -92,7 +92,7 @@ def test_a_push_that_leaves_the_line_taut_is_all_push() -> None:
 def test_the_jerk_gives_back_what_the_slack_line_did_not_pull() -> None:
     """Momentum: a wave carries as much back as ahead, so that over all of it the line's pull is the resistance."""
     even = replace(TOW, exponent=0.0)
-    _, pull = surged([Push(1)], numbers(0.0, 2.0, 1.8)[None], even)
+    _, pull, _ = surged([Push(1)], numbers(0.0, 2.0, 1.8)[None], [even])
     assert pull.min() == 0.0
     assert pull.max() > 2.0
     lost = np.sum(np.minimum(pull - 1, 0)) * STEP_S

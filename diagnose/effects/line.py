@@ -439,45 +439,46 @@ class Jerks:
 
     Attributes
     ----------
+    count : of all runs
     runs : indices of those that have one
     ahead : by how much lines are shorter, m, (..., runs, 1), and that by how long and how hard the models were carried (logarithms)
     carried : what carries the models ahead, over the straight tow's resistance; likewise
     pull : what lines pull with beyond taut ones beside that, over the resistance; likewise
     """
 
+    count: int
     runs: Sequence[int]
     ahead: Sequence[Callable[[Any], Any]]
     carried: Sequence[Callable[[Any], Any]]
     pull: Sequence[Callable[[Any], Any]]
 
-    def moved(self, courses: Sequence[Callable[[Any], Any]], t_s: Any, count: int, own: Sequence[Any]) -> Any:
+    def moved(self, courses: Sequence[Callable[[Any], Any]], t_s: Any, own: Sequence[Any]) -> Any:
         """The course with every event so much later, longer and harder, (..., runs, columns)."""
-        numbers = np.zeros((3, count, np.size(own[0])))
+        numbers = np.zeros((3, self.count, np.size(own[0])))
         numbers[:, list(self.runs)] = np.reshape(own, (len(self.runs), 3, -1)).swapaxes(0, 1)
         later, *others = numbers
         here, *changes = (course(t_s - later) for course in courses)
         return here + sum(number * change for number, change in zip(others, changes, strict=True))
 
 
-def jerked(jerks: Jerks, count: int, variant: str, cost: float) -> Effect:
+def jerked(jerks: Jerks, variant: str, cost: float) -> Effect:
     """A line that keeps its length goes slack and comes straight with a jerk; the engine finds the courses in the taut-line radius.
 
     Parameters
     ----------
     jerks : the events
-    count : of all runs
     variant : which events, in words
     cost : log evidence that finding them costs
     """
 
     def tension(s: Situation, share, _, *own):
-        return share * (s.tension_n - s.beyond_n) * jerks.moved(jerks.pull, s.t_s, count, own)
+        return share * (s.tension_n - s.beyond_n) * jerks.moved(jerks.pull, s.t_s, own)
 
     def ahead(s: Situation, share, _, *own):
-        return share * s.tension_n * jerks.moved(jerks.carried, s.t_s, count, own)
+        return share * s.tension_n * jerks.moved(jerks.carried, s.t_s, own)
 
     def stretch(seen: Seen, _, nearer, *own):
-        return -nearer * jerks.moved(jerks.ahead, seen.t_s, count, own)
+        return -nearer * jerks.moved(jerks.ahead, seen.t_s, own)
 
     own = [
         (

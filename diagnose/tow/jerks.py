@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -155,7 +155,7 @@ class Event:
         """Times from the run's start, s, by how much the model is ahead, m, what carries it ahead, over R, and what the line pulls
         with beyond what a taut one would beside that, over R, (n,) each.
         """
-        ahead, pull, carried = (found[:, 0] for found in _surged([self.push], self.numbers[None], [self.tow], True))
+        ahead, pull, carried = (found[:, 0] for found in surged([self.push], self.numbers[None], [self.tow]))
         t_s = self.begin_s + STEP_S * np.arange(len(ahead))
         beyond, lighter, cosine = self.tow.swinging.at(t_s)
         return t_s, ahead, carried, pull - (1 + beyond - cosine / lighter * carried)
@@ -197,26 +197,19 @@ class Radius:
         return all(z.max() < QUIET_Z * colour for z, colour in zip(shown, colours, strict=True))
 
 
-def surged(pushes: Sequence[Push], numbers: Array, tow: Straight) -> tuple[Array, Array]:
-    """How far ahead a model comes and what its line pulls with on a straight tow, every STEP_S from the event's begin.
+def surged(pushes: Sequence[Push], numbers: Array, tows: Sequence[Straight]) -> tuple[Array, Array, Array]:
+    """How far ahead a model comes, what its line pulls with and what carries it, every STEP_S from the event's begin.
 
     Parameters
     ----------
     pushes : k of them
     numbers : (k, 7) NUMBERS
-    tow : of all
+    tows : k of them
 
     Returns
     -------
-    ahead (n, k), m, and pull (n, k) over the resistance
+    ahead (n, k), m, pull and what carries it (n, k), over the resistance
     """
-    return _surged(pushes, numbers, [tow] * len(numbers), False)[:2]
-
-
-def _surged(
-    pushes: Sequence[Push], numbers: Array, tows: Sequence[Straight], swinging: bool
-) -> tuple[Array, Array, Array]:
-    """``surged``, each by its own tow, and, if ``swinging``, as that swings; and what carries the models, over the resistance."""
     length, hard, skew, spring, damping, gain = np.exp(numbers[:, 1:]).T
     usual, carriage, exponent = np.array([(t.pull_m_s2, t.speed_m_s, t.exponent) for t in tows]).T
     rate = usual * gain
@@ -228,14 +221,12 @@ def _surged(
         at = [k for k, own in enumerate(pushes) if own == push]
         carried[:, at] = push(warped[:, at])
     carried = hard * carried
-    taut, lighter, push = np.broadcast_to(rate, warped.shape), np.ones_like(warped), rate * carried
-    if swinging:
-        clock = STEP_S * np.arange(count)
-        courses = [t.swinging.at(begin + clock) for t, begin in zip(tows, numbers[:, 0], strict=True)]
-        beyond, lighter, cosine = (np.column_stack(found) for found in zip(*courses, strict=True))
-        # what swings pulls the line the harder, or less hard, and it falls slack the later, or sooner
-        taut = rate * (1 + beyond)
-        push = cosine * push - lighter * taut + rate
+    clock = STEP_S * np.arange(count)
+    courses = [t.swinging.at(begin + clock) for t, begin in zip(tows, numbers[:, 0], strict=True)]
+    beyond, lighter, cosine = (np.column_stack(found) for found in zip(*courses, strict=True))
+    # what swings pulls the line the harder, or less hard, and it falls slack the later, or sooner
+    taut = rate * (1 + beyond)
+    push = cosine * (rate * carried) - lighter * taut + rate
     stiff, grip = spring**2, 2 * damping * spring
     ahead, speed = np.zeros(len(numbers)), np.zeros(len(numbers))
     far, pulled = np.empty_like(warped), np.empty_like(warped)
@@ -307,7 +298,9 @@ def _begun(radius: Radius) -> list[tuple[Push, Array]]:
         (p, np.log([1.0, n, h, 1.0, SPRING_RAD_S, DAMPING, 1.0])) for p in PUSHES for n in LENGTHS_S for h in HARD
     ]
     pushes, numbers = [p for p, _ in starts], np.array([x for _, x in starts])
-    far, _ = surged(pushes, numbers, radius.tow)
+    # an event of any begin: as if the tow did not swing
+    straight = replace(radius.tow, swinging=NOT_AT_ALL)
+    far, *_ = surged(pushes, numbers, [straight] * len(starts))
     whole = np.concatenate([np.zeros_like(far[:1]), np.cumsum(far, axis=0)])
     best: dict[Push, tuple[float, Array]] = {}
     shifts = math.ceil(step / APART_S)
@@ -352,7 +345,7 @@ def _missed(
     kinds = [p for own, x in zip(pushes, numbers, strict=True) for p in own for _ in range(x.shape[1])]
     tows = [r.tow for r, x in zip(radii, numbers, strict=True) for _ in range(x.shape[0] * x.shape[1])]
     # one integration of all: what a step costs hardly grows with how many go side by side
-    every = _surged(kinds, np.concatenate([x.reshape(-1, len(NUMBERS)) for x in numbers]), tows, True)[0]
+    every, *_ = surged(kinds, np.concatenate([x.reshape(-1, len(NUMBERS)) for x in numbers]), tows)
     found, first = [], 0
     for radius, own, usual in zip(radii, numbers, known[0], strict=True):
         flat, step = own.reshape(-1, len(NUMBERS)), radius.step_s

@@ -227,20 +227,16 @@ class TowModel:
         """Whether a load cell says what lines pull with."""
         return self.runs[0].celled
 
-    def pulls(self, h: Hypothesis, path: Path) -> Array:
-        """(nodes, runs) what the lines pull with along a path that need not be the hypothesis's own, N."""
-        numbers, _ = joined([self._variations(replace(h, effects=(), numbers=())).columns((), 0)], ())
-        with np.errstate(all="ignore"):
-            return self._rates(numbers).pulls(self.node_s[:, None, None], path.states[:STATES, ..., None])[1][..., 0]
-
-    def gains(self, h: Hypothesis, path: Path) -> Array:
-        """(nodes, runs) by how much faster the models would go for each newton more than keeps their lines' lengths, m/s2 per N,
-        along a path that need not be the hypothesis's own.
+    def taut(self, h: Hypothesis, path: Path) -> tuple[Array, Array]:
+        """(nodes, runs) what the lines pull with, N, and ``Taut.gain``, m/s2 per N, without effects, along a path that need not be
+        the hypothesis's own.
         """
         numbers, _ = joined([self._variations(replace(h, effects=(), numbers=())).columns((), 0)], ())
         with np.errstate(all="ignore"):
-            gain = self._rates(numbers).gain(self.node_s[:, None, None], path.states[:STATES, ..., None])
-        return gain[..., 0]
+            taut = self._rates(numbers).taut(self.node_s[:, None, None], path.states[:STATES, ..., None])
+        shape = path.states.shape[1:]
+        pull, gain = (np.broadcast_to(one, (*shape, 1))[..., 0] for one in (taut.tension_n, taut.gain))
+        return pull, gain
 
     def _variations(self, h: Hypothesis) -> Variations:
         return Variations(h, len(self.runs), self.shared_names, self.celled)

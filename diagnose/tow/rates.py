@@ -114,9 +114,9 @@ class TowRates:
             whole = whole + self._change(t, state, now, taut)
         return taut.tension_n - now.tow.tension_n, whole
 
-    def gain(self, t: Any, state: Array) -> Array:
-        """``Taut.gain``, m/s2 per N."""
-        return self._taut(t, state, self._now(t, state)).gain + self._zeros(state[0])
+    def taut(self, t: Any, state: Array) -> Taut:
+        """The tow without what effects change of T."""
+        return self._taut(t, state, self._now(t, state))
 
     def pushes(self, t: Any, state: Array, effect: Effect, numbers: Array) -> tuple[Array, Array, Array, Array]:
         """Side force, moment, change of T and push ahead of an effect along one column's motion (states, times, runs, 1).

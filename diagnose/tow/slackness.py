@@ -120,8 +120,8 @@ def _jerked(runs: Sequence[TowRun], own: dict[int, Event]) -> Effect:
     courses = [_courses(own[i], run.step_s / 2) if i in own else NOTHING for i, run in enumerate(runs)]
     kinds = [[by_run(functions) for functions in zip(*kind, strict=True)] for kind in zip(*courses, strict=True)]
     (first, *_) = own.values()
-    jerks = Jerks(sorted(own), *kinds)
-    return jerked(jerks, len(runs), f"{first.push.words}, {said}", FOUND_COST * len(own))
+    jerks = Jerks(len(runs), sorted(own), *kinds)
+    return jerked(jerks, f"{first.push.words}, {said}", FOUND_COST * len(own))
 
 
 def _radius(run: TowRun, left: Array, tow: Straight) -> Radius | None:

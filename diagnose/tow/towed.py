@@ -210,40 +210,35 @@ class TowSimulator(TowModel):
         step = base.solved
         # of the base's end: before its last step the datum's errors stand in the line's radius
         residuals = [base.linear.left(k, step.shared, own) for k, own in enumerate(step.own)]
-        pulled = self._pulled(base.hypothesis)
         found = (
             *(
-                jerk_effects(self.runs, residuals, self._swinging(base.hypothesis, pulled))
+                jerk_effects(self.runs, residuals, self._swinging(base.hypothesis))
                 if self._fields.surge.all()
                 else slack_effects(self.runs, residuals)
             ),
             *springing_effects(self.runs, residuals),
             *shift_effects(self.runs, residuals),
             *((offset_each(len(self.runs)),) if len(self.runs) > 1 else ()),
-            *(delay_effects(self.runs, self.node_s, pulled) if self.celled else ()),
+            *(delay_effects(self.runs, self.node_s, self._taut(base.hypothesis)[0]) if self.celled else ()),
         )
         return [effect for effect in found if effect.name not in self._without]
 
-    def _swinging(self, h: Hypothesis, pulled_n: Array) -> list[Swinging]:
+    def _swinging(self, h: Hypothesis) -> list[Swinging]:
         """How the runs swing as they were measured, on lines that keep their lengths."""
-        path = self.starts()[0].path
-        assert path is not None
-        gains, cosines = self.gains(h, path), np.clip(np.cos(path.states[0] + path.states[1]), SMALLEST_COSINE, None)
+        pulls, gains, angles = self._taut(h)
+        cosines = np.clip(np.cos(angles), SMALLEST_COSINE, None)
         return [
-            Swinging(
-                self.node_s,
-                pulled_n[:, k] / straight_pull(run)[0] - 1,
-                surging_kg(run) * gains[:, k] * cosines[:, k],
-                cosines[:, k],
-            )
-            for k, run in enumerate(self.runs)
+            Swinging(self.node_s, pull / straight_pull(run)[0] - 1, surging_kg(run) * gain * cosine, cosine)
+            for run, pull, gain, cosine in zip(self.runs, pulls.T, gains.T, cosines.T, strict=True)
         ]
 
-    def _pulled(self, h: Hypothesis) -> Array:
-        """(nodes, runs) what the lines of a hypothesis would pull with along the measured motion."""
+    def _taut(self, h: Hypothesis) -> tuple[Array, Array, Array]:
+        """(nodes, runs) what the lines of a hypothesis would pull with along the measured motion, N, ``Taut.gain`` there, and their
+        angles to the hulls, rad.
+        """
         path = self.starts()[0].path
         assert path is not None
-        return self.pulls(h, path)
+        return (*self.taut(h, path), path.states[0] + path.states[1])
 
     def free_forms(self, shaken_hz: Sequence[float]) -> Sequence[Effect]:
         """Forces of many shapes, faults of what is seen, and what shakes at these frequencies."""

@@ -91,8 +91,9 @@ def check_series(t_s: Array, *values: Array, least: int = 1) -> None:
     if not all(np.isfinite(one).all() for one in (t_s, *series)):
         raise EstimationError("the record holds values that are not finite; leave these samples out")
     for one in series:
-        for at in np.argwhere(np.abs(one) > LARGEST)[:1]:
-            raise EstimationError(f"sample {at[0] + 1} {beyond_all(float(one[tuple(at)]))}")
+        beyond = np.argwhere(np.abs(one) > LARGEST)
+        if len(beyond):
+            raise EstimationError(f"sample {beyond[0][0] + 1} {beyond_all(float(one[tuple(beyond[0])]))}")
     if not (np.diff(t_s) > 0).all():
         raise EstimationError("the times of the record do not rise strictly")
     if t_s[-1] - t_s[0] > LONGEST_S:

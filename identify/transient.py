@@ -188,7 +188,7 @@ def _result(begin_s: float, times: Array, means: Array, weight: Whitener, p: Arr
         full[:, channel, :3] = (slopes @ amplitudes[channel]).T
         full[:, channel, 3 + 4 * channel : 7 + 4 * channel] = basis
     white = weight(full).reshape(-1, 11)
-    scale = np.maximum(np.linalg.norm(white, axis=0), 1e-300)
+    scale = np.maximum(np.linalg.norm(white, axis=0), 1e-100)  # a tow at rest has no amplitudes: its square is divided by
     inverse = np.linalg.pinv((white / scale).T @ (white / scale), rcond=1e-12, hermitian=True) / scale[:, None] / scale
     per_dof = float(residual @ residual) / max(len(residual) - 11, 1)
     return Transient(

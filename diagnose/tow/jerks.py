@@ -21,6 +21,8 @@ TAIL = 3.0
 """After the push has ended a model may drift and bounce for this many times its length ..."""
 LEAST_TAIL_S, LONGEST_S = 3.0, 24.0
 """... but not less than this, and no event is followed longer than the second."""
+MOST_S = 10.0
+"""What seems to carry a model for longer is a radius that drifts, no event: as of windows in which a line is short (slackness)."""
 SPRING_RAD_S, DAMPING = 15.0, 0.2
 """Usual frequency of a model on a stiff line, and its damping over the critical one."""
 HARD = (1.1, 1.3, 1.6, 2.0, 2.6, 3.4)
@@ -258,7 +260,7 @@ def _steps(length_s: Array) -> int:
 
 
 def events(radii: Sequence[Radius]) -> list[list[Event]]:
-    """Of each run the likeliest event of every kind of push, the likeliest first; none where its radius is quiet.
+    """Of each run the likeliest event of every kind of push, the likeliest first; none where its radius is quiet or drifts.
 
     Parameters
     ----------
@@ -266,12 +268,12 @@ def events(radii: Sequence[Radius]) -> list[list[Event]]:
     """
     loud = [k for k, radius in enumerate(radii) if not radius.quiet]
     fitted = _fitted([radii[k] for k in loud], [_begun(radii[k]) for k in loud])
-    found = dict(zip(loud, fitted, strict=True))
+    found = {k: [e for e in own if e.length_s < MOST_S] for k, own in zip(loud, fitted, strict=True)}
     return [sorted(found.get(k, []), key=lambda event: -event.gain) for k in range(len(radii))]
 
 
 def longer(radii: Sequence[Radius], found: Sequence[Event]) -> list[list[Event]]:
-    """The events as if they had lasted LONGER, one of each run, fitted to their radii.
+    """The events as if they had lasted LONGER, one of each run, fitted to their radii; as long as none lasts too long.
 
     Parameters
     ----------
@@ -288,7 +290,7 @@ def longer(radii: Sequence[Radius], found: Sequence[Event]) -> list[list[Event]]
             start[2] = np.log1p(np.expm1(max(event.numbers[2], 0.05)) / times)
             starts.append([(event.push, start)])
         answers.append([one for (one,) in _fitted(radii, starts, HELD)])
-    return answers
+    return [own for own in answers if all(event.length_s < MOST_S for event in own)]
 
 
 def _begun(radius: Radius) -> list[tuple[Push, Array]]:

@@ -105,11 +105,12 @@ def jerk_effects(
     least -= max(AS_GOOD, IN_FORM * least)
     kinds = [k for k in sorted(gains, key=lambda k: -gains[k]) if gains[k] > least]
     for push in kinds[:KINDS]:
-        shortest = [next(e for e in shown[i] if e.push == push) for i in order]
-        for events_of in (shortest, *longer([radii[i] for i in order], shortest)):
-            own = dict(zip(order, events_of, strict=True))
-            alike = {i: replace(own[order[0]], tow=tow, gain=0.0) for i, tow in enumerate(tows) if i not in own}
-            found += [_jerked(runs, {i: own[i] for i in order[:count]}) for count in range(1, len(order) + 1)]
+        shortest = {i: event for i in order for event in shown[i] if event.push == push}
+        begun = list(shortest.values())
+        for events_of in (begun, *longer([radii[i] for i in shortest], begun)):
+            own = dict(zip(shortest, events_of, strict=True))
+            alike = {i: replace(events_of[0], tow=tow, gain=0.0) for i, tow in enumerate(tows) if i not in own}
+            found += [_jerked(runs, dict(list(own.items())[:count])) for count in range(1, len(own) + 1)]
             found += [_jerked(runs, own | {i: event}) for i, event in alike.items()]
     return found
 

@@ -1,11 +1,12 @@
 """The picture of a tow that is filmed, small, a few times a second, with what is seen of the marks drawn into it.
 
 It is drawn by a thread of its own, mostly outside of the interpreter's lock, and is never waited for: a picture that comes while
-the last one is drawn, or soon after it, or while frames wait for their values, is not drawn.
+the last one is drawn, or soon after it, is not drawn; while frames wait for their values pictures are seldom.
 """
 
 from __future__ import annotations
 
+import math
 import queue
 import threading
 import time
@@ -24,6 +25,9 @@ PICTURE = "live.jpg"
 """In out/ of a tow; the last one stays."""
 EVERY_S = 0.25
 """Between two pictures: a choice, what the eye needs to see a model move."""
+SELDOM_S = 1.5
+"""Between two while frames wait: on a machine that is always a frame behind somebody still has to see whether the camera sees the
+model. A choice."""
 WIDEST_PX = 640
 """Of the picture; a larger frame is made smaller."""
 QUALITY = 75
@@ -43,27 +47,28 @@ class Pictures:
     def __init__(self, run: Run) -> None:
         self._path = run.out / PICTURE
         self._datum = [point.pixel_px for point in run.file.datum]
-        self._due_s = 0.0
+        self._last_s = -math.inf
         self._next: queue.Queue[tuple[Frame, tuple[Glance, ...]] | None] = queue.Queue(1)
         self._thread = threading.Thread(target=self._draw, name="pictures", daemon=True)
         self._thread.start()
 
-    def offer(self, frame: Frame, marks: tuple[Glance, ...]) -> bool:
+    def offer(self, frame: Frame, marks: tuple[Glance, ...], waiting: bool = False) -> bool:
         """A frame that may be shown; whether it will be. Returns at once.
 
         Parameters
         ----------
         frame : as decoded
         marks : what is seen in it
+        waiting : whether frames wait for their values
         """
         now_s = time.monotonic()
-        if now_s < self._due_s:
+        if now_s < self._last_s + (SELDOM_S if waiting else EVERY_S):
             return False
         try:
             self._next.put_nowait((frame, marks))
         except queue.Full:
             return False
-        self._due_s = now_s + EVERY_S
+        self._last_s = now_s
         return True
 
     def close(self) -> None:

@@ -433,8 +433,8 @@ class _Tow:
             self._scribe.frame(seen, latency_s)
             self._counts.frames += 1
             self._counts.late += latency_s > LATE_S
-            if self._pictures is not None and not waiting:
-                self._pictures.offer(stamped.frame, seen.marks)
+            if self._pictures is not None:
+                self._pictures.offer(stamped.frame, seen.marks, waiting > 0)
         t_s = stamped.frame.t_s
         self._began_s = t_s if self._began_s is None else self._began_s
         if t_s - (self._began_s if self._said_s is None else self._said_s) >= (READY_EVERY_S if self.said else READY_S):

@@ -100,3 +100,22 @@ def test_pictures_are_drawn_a_few_times_a_second(film: tuple[Run, Frame], tmp_pa
     pictures.close()
     assert taken[0]
     assert sum(taken) <= 1 + (time.monotonic() - began) / room.EVERY_S
+
+
+def test_a_camera_that_is_always_a_frame_behind_is_seen_all_the_same(
+    film: tuple[Run, Frame], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its pictures are fewer, and the first comes at once: nobody has to film without having seen what a camera sees."""
+    run, frame = film
+    monkeypatch.setattr(room, "SELDOM_S", 0.2)
+    monkeypatch.setattr(room, "EVERY_S", 0.0)
+    pictures = Pictures(replace(run, folder=tmp_path))
+    began, taken = time.monotonic(), []
+    while time.monotonic() - began < 0.5:
+        taken.append(pictures.offer(frame, (), waiting=True))
+        time.sleep(0.005)
+    lasted_s = time.monotonic() - began
+    pictures.close()
+    assert taken[0]
+    assert 2 <= sum(taken) <= 1 + lasted_s / room.SELDOM_S
+    assert shown((tmp_path / "out" / PICTURE).read_bytes()).shape == (480, 640, 3)

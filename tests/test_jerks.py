@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from towline.blind.one_case import case_of
 from towline.blind.truth.cases import swum
 from towline.blind.truth.folders import write_case
-from towline.diagnose.tow.jerks import PUSHES, STEP_S, Event, Push, Radius, Straight, Swinging, events, surged
+from towline.diagnose.tow.jerks import PUSHES, STEP_S, Event, Push, Radius, Straight, Swinging, events, longer, surged
 from towline.diagnose.tow.slackness import SLACK_Z, jerk_effects
 from towline.pipeline.diagnosing import diagnose_folders
 
@@ -214,6 +214,22 @@ def test_what_lasts_in_the_noise_is_no_reason_to_search_and_hides_no_event() -> 
     assert loud(0.3 * slack) == 1.0
     ((found, *_),) = events([Radius(t_s, slack + still[0], SD_M, TOW)])
     assert abs(found.begin_s + found.length_s / 2 - 15.0) < 1.0
+
+
+def test_a_radius_that_drifts_holds_no_event() -> None:
+    """A heavy line's sag goes with the pull of a slow tow, for as long as it swings: nothing carries a model for 20 s."""
+    t_s = BLOCK_S * (np.arange(125) + 0.5)
+    drift = 3e-3 * np.sin(np.pi * np.clip((t_s - 8.0) / 22.0, 0.0, 1.0)) ** 2
+    radius = Radius(t_s, drift + np.random.default_rng(3).normal(0, SD_M, 125), SD_M, TOW)
+    assert not radius.quiet
+    (found,) = events([radius])
+    assert all(e.length_s < 10.0 for e in found)
+    for event in found:
+        assert all(e.length_s < 10.0 for own in longer([radius], [event]) for e in own)
+    # beside a slack line in another run each answer is of its own run
+    slack = Radius(t_s, seen(Push(1), 14.0, 2.0, 1.6, t_s, np.random.default_rng(7)), SD_M, TOW)
+    _, (likely, *_) = events([radius, slack])
+    assert abs(likely.begin_s + likely.length_s / 2 - 15.0) < 0.5
 
 
 def test_taut_runs_suggest_nothing(tow_runs: Callable[[int, int], list]) -> None:

@@ -21,6 +21,8 @@ LARGEST_GROWTH = 30.0
 """A growing pair is looked for up to this power of e over the record."""
 ALIKE = 1e-10
 """Columns of which less than this is no part of the others: their amplitudes are not told apart."""
+NOTHING = 1e-100
+"""Whitened columns smaller than this are none: a motion at rest has no amplitudes, and tells no rates. Its square is divided by."""
 THINNED = 200
 """Samples that the starts are tried on; the best goes on with all (the thesis thinned 64 Hz to 8 Hz for the same reason)."""
 
@@ -95,6 +97,32 @@ def best_model(t: Array, p: Array, values: Array, weight: Whitener, reduced: boo
     moved = moved.transpose(0, 2, 1)
     jacobian = q @ (across @ moved) - moved
     return basis @ found.T, found, residual.ravel(), jacobian.reshape(-1, jacobian.shape[2])
+
+
+def inverse_of_squares(
+    t: Array, p: Array, amplitudes: Array, weight: Whitener, reduced: bool, smallest_share: float
+) -> Array:
+    """Inverse normal matrix (k + 2 a, k + 2 a) of the rates and of either channel's amplitudes: their covariance by unit noise.
+
+    Parameters
+    ----------
+    t : (n,), s from the record's start
+    p : (k,) rates
+    amplitudes : (2, a) of the best model
+    weight : whitens residuals
+    reduced : one exponential less
+    smallest_share : a direction that is told less than this share of the best told one counts as not told
+    """
+    basis, slopes = basis_of(t, p, reduced)
+    count, k = len(p), basis.shape[1]
+    full = np.zeros((len(t), 2, count + 2 * k))
+    for channel in range(2):
+        full[:, channel, :count] = (slopes @ amplitudes[channel]).T
+        full[:, channel, count + channel * k : count + (channel + 1) * k] = basis
+    white = weight(full).reshape(-1, count + 2 * k)
+    scale = np.maximum(np.linalg.norm(white, axis=0), NOTHING)
+    inverse = np.linalg.pinv((white / scale).T @ (white / scale), rcond=smallest_share, hermitian=True)
+    return inverse / scale[:, None] / scale
 
 
 def _amplitudes(r: Array, projected: Array) -> Array:

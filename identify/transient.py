@@ -13,7 +13,7 @@ import numpy as np
 
 from ..record.errors import EstimationError, solvable
 from ..simulate.model import Array
-from .decay_search import basis_of, best_model, search
+from .decay_search import best_model, inverse_of_squares, search
 from .noise import Whitener, measured, stated
 
 BLOCKS_A_SWING = 80
@@ -182,14 +182,7 @@ def _starts(t: Array, scaled: Array, limits: tuple[Array, Array]) -> list[Array]
 def _result(begin_s: float, times: Array, means: Array, weight: Whitener, p: Array) -> Transient:
     t = times - times[0]
     model, amplitudes, residual, _ = best_model(t, p, means, weight, True)
-    basis, slopes = basis_of(t, p, True)
-    full = np.zeros((len(t), 2, 11))
-    for channel in range(2):
-        full[:, channel, :3] = (slopes @ amplitudes[channel]).T
-        full[:, channel, 3 + 4 * channel : 7 + 4 * channel] = basis
-    white = weight(full).reshape(-1, 11)
-    scale = np.maximum(np.linalg.norm(white, axis=0), 1e-100)  # a tow at rest has no amplitudes: its square is divided by
-    inverse = np.linalg.pinv((white / scale).T @ (white / scale), rcond=1e-12, hermitian=True) / scale[:, None] / scale
+    inverse = inverse_of_squares(t, p, amplitudes, weight, True, 1e-12)
     per_dof = float(residual @ residual) / max(len(residual) - 11, 1)
     return Transient(
         begin_s=begin_s,

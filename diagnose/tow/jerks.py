@@ -22,7 +22,7 @@ TAIL = 3.0
 LEAST_TAIL_S, LONGEST_S = 3.0, 24.0
 """... but not less than this, and no event is followed longer than the second."""
 MOST_S = 10.0
-"""What seems to carry a model for longer is a radius that drifts, no event: as of windows in which a line is short (slackness)."""
+"""What seems to carry a model for longer is a radius that drifts, no event; so of windows in which a line is short (slackness)."""
 SPRING_RAD_S, DAMPING = 15.0, 0.2
 """Usual frequency of a model on a stiff line, and its damping over the critical one."""
 HARD = (1.1, 1.3, 1.6, 2.0, 2.6, 3.4)
@@ -417,4 +417,16 @@ def _change(rows: Array, damp: Array) -> Array:
     return np.clip(change, -AT_MOST, AT_MOST)
 
 
-__all__ = ["PUSHES", "STEP_S", "Event", "Push", "Radius", "Straight", "Swinging", "events", "longer", "surged"]
+__all__ = [
+    "MOST_S",
+    "PUSHES",
+    "STEP_S",
+    "Event",
+    "Push",
+    "Radius",
+    "Straight",
+    "Swinging",
+    "events",
+    "longer",
+    "surged",
+]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 
 import numpy as np
 from scipy.optimize import minimize
@@ -16,7 +17,7 @@ from ...simulate.model import RESISTANCE_EXPONENT, Array
 from ..effects import Effect, Jerks, jerked, slack
 from .channels import LINE
 from .courses import by_run
-from .jerks import NOT_AT_ALL, STEP_S, Event, Push, Radius, Straight, Swinging, events, longer
+from .jerks import MOST_S, NOT_AT_ALL, STEP_S, Event, Push, Radius, Straight, Swinging, events, longer
 from .start import straight_pull
 from .tow_run import TowRun
 
@@ -42,10 +43,8 @@ LEAST_BLOCKS = 10
 """Means that a run must have for it: a choice."""
 SLACK_LENGTHS_S = (1.0, 2.0, 3.0, 4.5, 7.0)
 """Windows whose fit begins the search; it then finds the length itself ..."""
-LONGEST_S = 10.0
-"""... up to this ..."""
 AS_LONG = 0.95
-"""... and a line that is short for this share of it is not slack."""
+"""... up to ``MOST_S``, and a line that is short for this share of it is not slack."""
 
 
 def slack_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Effect]:
@@ -110,7 +109,7 @@ def jerk_effects(
         for events_of in (begun, *longer([radii[i] for i in shortest], begun)):
             own = dict(zip(shortest, events_of, strict=True))
             alike = {i: replace(events_of[0], tow=tow, gain=0.0) for i, tow in enumerate(tows) if i not in own}
-            found += [_jerked(runs, dict(list(own.items())[:count])) for count in range(1, len(own) + 1)]
+            found += [_jerked(runs, dict(islice(own.items(), count))) for count in range(1, len(own) + 1)]
             found += [_jerked(runs, own | {i: event}) for i, event in alike.items()]
     return found
 
@@ -198,10 +197,10 @@ def _slackest(t_s: Array, rest: Array, power: int) -> tuple[float, float, float]
             lambda x: -short(x[0], x[1]),
             [begin, length],
             method="Nelder-Mead",
-            bounds=[(t_s[0] - LONGEST_S, t_s[-1]), (SLACK_LENGTHS_S[0] / 2, LONGEST_S)],
+            bounds=[(t_s[0] - MOST_S, t_s[-1]), (SLACK_LENGTHS_S[0] / 2, MOST_S)],
             options={"xatol": 0.02, "fatol": 0.02},
         )
         z, (begin, length) = -float(finer.fun), finer.x
-        if length > AS_LONG * LONGEST_S:
+        if length > AS_LONG * MOST_S:
             return 0.0, 0.0, 0.0  # a radius that drifts
     return z, float(begin), float(begin + length)

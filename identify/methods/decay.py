@@ -16,7 +16,7 @@ from ...record.errors import EstimationError, solvable
 from ...record.results import Measured
 from ...simulate.model import Array, Tow
 from ..data import ASSUMED_SIGMA_BETA_RAD, ASSUMED_SIGMA_Y_M
-from ..decay_search import Sign, basis_of, best_model, from_all_starts, limits_of, search
+from ..decay_search import Sign, best_model, from_all_starts, inverse_of_squares, limits_of, search
 from ..noise import Whitener, measured, stated
 from .common import check_series, propagate
 from .forced import Swing
@@ -192,16 +192,9 @@ def _result(
     reached: int,
 ) -> DecayFit:
     model, amplitudes, residual, _ = best_model(t, p, values, weight, reduced)
-    basis, slopes = basis_of(t, p, reduced)
-    count, k = len(p), basis.shape[1]
-    full = np.zeros((len(t), 2, count + 2 * k))
-    for channel in range(2):
-        full[:, channel, :count] = (slopes @ amplitudes[channel]).T
-        full[:, channel, count + channel * k : count + (channel + 1) * k] = basis
-    white = weight(full).reshape(-1, count + 2 * k)
-    scale = np.linalg.norm(white, axis=0)
-    inverse = np.linalg.pinv((white / scale).T @ (white / scale), rcond=1e-14, hermitian=True) / scale[:, None] / scale
-    per_dof = float(residual @ residual) / max(len(residual) - white.shape[1], 1)
+    inverse = inverse_of_squares(t, p, amplitudes, weight, reduced, 1e-14)
+    count, k = len(p), amplitudes.shape[1]
+    per_dof = float(residual @ residual) / max(len(residual) - len(inverse), 1)
     own = inverse * max(per_dof, 1e-300)
     # into the fourteen of DecayFit: l1 = (l1 - l2) + l2
     take = np.zeros((14, count + 2 * k))

@@ -41,31 +41,30 @@ class PlayBar:
         self._said = say("", "soft", lines=1)
         self._timer = ui.timer(TURN_S, self._turn, active=False)
 
-    def toggle(self) -> None:
+    async def toggle(self) -> None:
         """Play, or stop."""
         frames = self.session.frames
-        if frames is None:
-            return
         if self.player.running:
-            self.player.stop()
-        else:
+            await self.stop()
+        elif frames is not None:
             last = self.session.index >= frames.count - 1
             self.player.start(self.session.go(0) if last else self.session.index, time.monotonic())
-        self._show()
+            self._show()
 
-    def stop(self) -> None:
-        """Stay at the frame."""
+    async def stop(self) -> None:
+        """Stay at the frame that is seen, which may be behind the one that is due by the clock."""
         if self.player.running:
             self.player.stop()
             self._show()
+            await self.window.stay()
 
     def speed(self, way: int) -> None:
         """Faster or slower."""
         self._speed.value = f"{other_speed(self.player.speed, way):g}x"
 
-    def loss(self, way: int) -> None:
+    async def loss(self, way: int) -> None:
         """Go to the next or the previous loss."""
-        self.stop()
+        await self.stop()
         tracks = self.session.shown().tracks
         found = [] if tracks is None else losses(tracks)
         there = next_of(found, self.session.index, way)
@@ -79,9 +78,9 @@ class PlayBar:
         self._told_at = self.session.index
         self._said.text = f"Loss {found.index(there) + 1} of {len(found)}: {there[1]}"
 
-    def worst(self, way: int) -> None:
+    async def worst(self, way: int) -> None:
         """Go through the worst frames."""
-        self.stop()
+        await self.stop()
         tracks = self.session.shown().tracks
         found = [] if tracks is None else worst(tracks)
         if not found:

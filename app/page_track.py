@@ -173,18 +173,19 @@ class TrackStep(Step):
         """Space, speed and jumps; where corrections are made, theirs too."""
         calls = {
             "play": self.bar.toggle,
-            "slower": lambda: self.bar.speed(-1),
-            "faster": lambda: self.bar.speed(1),
             "next": lambda: self.bar.loss(1),
             "previous": lambda: self.bar.loss(-1),
             "worst": lambda: self.bar.worst(1),
             "worst back": lambda: self.bar.worst(-1),
         }
         if name in calls:
-            calls[name]()
+            await calls[name]()
+            return True
+        if name in ("slower", "faster"):
+            self.bar.speed(1 if name == "faster" else -1)
             return True
         if name in ("back", "on", "back25", "on25", "first", "last"):
-            self.bar.stop()
+            await self.bar.stop()
         return self._view == "correct" and await self.panel.key(name)
 
     def moving(self) -> dict[str, Any]:

@@ -16,6 +16,8 @@ from .snap import Snapped
 
 TICK_S = 0.2
 """The page looks for news so often."""
+STAY_S = 5.0
+"""The page is asked which frame is seen, and is waited for as long."""
 LARGE_STEP = 25
 """Frames to a large step, as its keys and buttons say."""
 
@@ -223,6 +225,22 @@ class Window:
         """Show another frame."""
         before = self.session.index
         if self.session.go(index) != before:
+            self.show()
+
+    async def stay(self) -> None:
+        """Go to the frame that is seen: where pictures come slowly it is one before the session's."""
+        before = self.session.index
+        if self.viewer is None:
+            return
+        try:
+            seen = await self.viewer.run_method("stay", timeout=STAY_S)
+        except TimeoutError:
+            seen = -1
+        if self.session.index != before:
+            return  # the person has gone elsewhere meanwhile
+        if seen >= 0:
+            self.go(seen)
+        else:
             self.show()
 
     async def _picked(self, event: Any) -> None:

@@ -84,6 +84,7 @@ export default {
       const picture = new Image();
       const done = () => { this.loading = false; this.next(); };
       picture.onload = () => picture.decode().catch(() => {}).then(() => {
+        if (job.dropped) return done();
         this.current = picture.src;
         this.picture = picture;
         if (job.moving) this.moving = job.moving;
@@ -93,6 +94,12 @@ export default {
       });
       picture.onerror = () => { this.shown = "error"; done(); };
       picture.src = (window.path_prefix || "") + job.src;
+    },
+    // no picture that is on its way any more; the frame that is seen, -1 = none
+    stay() {
+      if (this.coming) this.coming.dropped = true;
+      this.waiting = this.coming = null;
+      return /^\d+$/.test(this.shown) ? Number(this.shown) : -1;
     },
     // the frame that the next step of the same length asks for
     ahead(src) {

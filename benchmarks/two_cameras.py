@@ -23,6 +23,7 @@ from two_cameras_rendered import rendered
 
 from towline.geometry.cameras.flash import Lit
 from towline.geometry.cameras.motion import AFLOAT, JointMotion, joint_motion
+from towline.geometry.cameras.view import between
 from towline.geometry.motion import run_datum
 from towline.geometry.poses import poses_from_tracks
 from towline.pipeline.stages.joined import join_cameras
@@ -77,26 +78,48 @@ def middles(motion) -> list[int]:
     return [int(rows[len(rows) // 2]) for rows in found if len(rows)]
 
 
-def hand_overs(motion, common: np.ndarray, lag: np.ndarray, error: np.ndarray) -> list[np.ndarray]:
+def hand_overs(one: JointMotion, error: np.ndarray) -> list[np.ndarray]:
     """Steps of the error of y and heading where a camera begins or ends, over their stated standard deviation."""
-    modes = np.concatenate([common, lag])[:, :, :2]
-    times, names = motion["t_s"].to_numpy(), motion["camera"].to_numpy()
-    variance = motion[["sigma_y_cg_m", "sigma_beta_rad"]].to_numpy() ** 2
+    modes = np.concatenate([one.common, one.lag])[:, :, :2]
+    times, names = one.motion["t_s"].to_numpy(), one.motion["camera"].to_numpy()
     steps = []
-    for one, other in ((NAMES[0], BOTH), (BOTH, NAMES[1])):
-        went = np.flatnonzero((names[:-1] == one) & (names[1:] == other))
+    for here, other in ((NAMES[0], BOTH), (BOTH, NAMES[1])):
+        went = np.flatnonzero((names[:-1] == here) & (names[1:] == other))
         if not len(went):
             continue
         edge = times[went[-1] + 1]
-        before = np.flatnonzero((names == one) & (times < edge) & (times > edge - STEP_S))
+        before = np.flatnonzero((names == here) & (times < edge) & (times > edge - STEP_S))
         after = np.flatnonzero((names == other) & (times >= edge) & (times < edge + STEP_S))
         if len(before) < 5 or len(after) < 5:
             continue
         step = error[after].mean(axis=0) - error[before].mean(axis=0)
         drawn = modes[:, after].mean(axis=1) - modes[:, before].mean(axis=1)
-        noise = variance[before].mean(axis=0) / len(before) + variance[after].mean(axis=0) / len(after)
-        steps.append(step / np.sqrt((drawn**2).sum(axis=0) + noise))
+        steps.append(step / np.sqrt((drawn**2).sum(axis=0) + mean_noise(one, before) + mean_noise(one, after)))
     return steps
+
+
+def mean_noise(one: JointMotion, rows: np.ndarray) -> np.ndarray:
+    """Variance (2,) of a mean over rows of y and heading: rows between the second camera's frames share the noise of those."""
+    first, second = one.match.first, one.match.second
+    own_s, at_s = one.joined.t_s[rows], one.match.clock.second(one.joined.t_s[rows])
+    frames = np.searchsorted(first.t_s, own_s - 1e-9).clip(0, len(first.t_s) - 1)
+    filmed = np.abs(first.t_s[frames] - own_s) < 1e-9
+    beside = between(second, at_s)
+    whole = one.joined.covariance[rows]
+    share = np.zeros((2, len(rows), *whole.shape[1:]))
+    seen = filmed & first.seen[frames]
+    share[0, seen] = whole[seen] @ np.linalg.inv(first.covariance[frames[seen]])
+    share[1] = np.eye(whole.shape[1]) - share[0]
+    # the rows that the first camera did not film are the second one's frames
+    alone = np.searchsorted(second.t_s, at_s - second.step_s / 4).clip(0, len(second.t_s) - 1)
+    frame = np.where(filmed[:, None], beside.frame, alone[:, None])
+    weight = np.where(filmed[:, None], beside.weight, np.array([1.0, 0.0, 0.0, 0.0]))
+    gain = np.zeros((len(second.t_s), *whole.shape[1:]))
+    np.add.at(gain, frame, weight[..., None, None] * share[1][:, None])
+    parts = [share[0, seen] @ first.covariance[frames[seen]] @ share[0, seen].transpose(0, 2, 1)]
+    used = np.flatnonzero(gain.any(axis=(1, 2)))
+    parts.append(gain[used] @ second.covariance[used] @ gain[used].transpose(0, 2, 1))
+    return np.diag(np.concatenate(parts).sum(axis=0))[1:3] / len(rows) ** 2
 
 
 def rms(values) -> float:
@@ -165,7 +188,7 @@ def tally(cases: list[Case], marks: tuple[str, ...]) -> dict[str, list]:
         at = middles(motion)
         found["error"] += list(error[at])
         found["z"] += list((error / stated(motion, one.lag))[at])
-        found["steps"] += hand_overs(motion, one.common, one.lag, error)
+        found["steps"] += hand_overs(one, error)
         found["apart"].append(not one.match.agree)
         if marks == ROLLING:
             found["silent"].append(not one.rolls)
@@ -232,7 +255,7 @@ def films(out: Path) -> None:
         error = motion[["y_cg_m", "beta_rad"]].to_numpy() - truth[:, 1:3]
         y, heading = rms_of(error[seen])
         y_z, heading_z = rms_of((error / stated(motion, found.lag))[seen])
-        steps = " ".join(f"{v:+.1f}" for v in np.ravel(hand_overs(motion, found.common, found.lag, error)))
+        steps = " ".join(f"{v:+.1f}" for v in np.ravel(hand_overs(found, error)))
         cells = [
             f"{1e3 * (said.offset_s.value - offset_s):+6.2f} ms{1e3 * said.offset_s.std:8.2f}",
             f"{said.rate.value - rate:+10.1e}{said.rate.std:9.1e}",

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ...record.run import Run
 from ..camera import Array
 from ..lag import OF_A_MARK, RATE_S, mark_rate
+from ..local_fit import local_fit
 from ..poses import Poses
 
 POINTS = 4
@@ -22,8 +23,6 @@ LEVEL, CUBIC = 3, 3
 """Numbers of a pose that neither rolls nor heaves; degree of the curve that tells rates of one that does."""
 ON_EITHER_SIDE = 0.5
 """A cubic needs frames further away than this share of RATE_S before and after: a choice."""
-AT_ONCE = 4096
-"""So many cubics are fitted at once: an hour's would fill the memory."""
 ENOUGH_FRAMES = 60
 """Frames from which the fourth difference is judged against its noise: a choice."""
 
@@ -182,27 +181,17 @@ def rates(view: View, at_s: Array) -> Array:
     for column in range(found.shape[1]):
         found[:, column] = mark_rate(t_s, pose[:, column], at_s)
     if view.pose.shape[1] > LEVEL:
-        for k in range(0, len(at_s), AT_ONCE):
-            some = slice(k, k + AT_ONCE)
-            found[some] = _by_cubics(t_s, pose, at_s[some], found[some])
+        found = _by_cubics(t_s, pose, at_s, found)
     return found
 
 
 def _by_cubics(t_s: Array, pose: Array, at_s: Array, otherwise: Array) -> Array:
     """Rates (n, D) by cubics through what was seen within RATE_S; ``otherwise`` where that is too little, or on one side only."""
-    first, last = np.searchsorted(t_s, at_s - RATE_S), np.searchsorted(t_s, at_s + RATE_S, side="right")
-    at = first[:, None] + np.arange(max(int((last - first).max(initial=0)), 1))
-    here = at < last[:, None]
-    at = np.minimum(at, len(t_s) - 1)
-    away = np.where(here, (t_s[at] - at_s[:, None]) / RATE_S, 0.0)
-    enough = ((here & (away < -ON_EITHER_SIDE)).sum(axis=1) > 0) & ((here & (away > ON_EITHER_SIDE)).sum(axis=1) > 0)
-    enough &= here.sum(axis=1) > CUBIC
-    powers = away[..., None] ** np.arange(CUBIC + 1) * here[..., None]
-    powers, at = powers[enough], at[enough]
-    answer = otherwise.copy()
-    normal = powers.transpose(0, 2, 1) @ powers
-    answer[enough] = np.linalg.solve(normal, powers.transpose(0, 2, 1) @ pose[at])[:, 1] / RATE_S
-    return answer
+    found, told = local_fit(t_s, pose, at_s, RATE_S, CUBIC)
+    first, early, late, last = (
+        np.searchsorted(t_s, at_s + share * RATE_S) for share in (-1, -ON_EITHER_SIDE, ON_EITHER_SIDE, 1)
+    )
+    return np.where((told & (early > first) & (last > late))[:, None], found[:, 1] / RATE_S, otherwise)
 
 
 def rate_noise(view: View) -> float:

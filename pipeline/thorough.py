@@ -66,16 +66,18 @@ def thorough(
         inputs=answer.result.inputs,
         runs=[d.name for d in data],
         seed=seed,
-        starts=starts,
+        starts=len(others.six),
         reached=others.reached,
         better=others.better,
         draws=0 if drawn is None else len(drawn.six),
         derivatives=found,
-        sentences=[_of_starts(others.reached, others.better, starts), *said, *_of_widths(found, drawn)],
+        sentences=[_of_starts(others.reached, others.better, len(others.six)), *said, *_of_widths(found, drawn)],
     )
 
 
 def _of_starts(reached: int, better: int, starts: int) -> str:
+    if not starts:
+        return "No other start was found whose motion can be simulated."
     if better:
         return f"{better} of {starts} other starts end at a lower chi-square: the fit stands in a side valley."
     return f"{reached} of {starts} other starts end at the fit's optimum, none at a better one."

@@ -90,7 +90,7 @@ class Joint:
     def match(self) -> dict[str, Any] | None:
         """Match all that was seen so far, where enough of it is new: what is to be said of the two; None: nothing new."""
         one, two = self._first, self._second
-        if any(not camera.t_s[camera.sure] for camera in (one, two)):
+        if not (one.t_s and two.t_s):
             return None
         filmed_s = min(camera.t_s[-1] - camera.began_s for camera in (one, two))
         if filmed_s < GROWS * self._tried_s:
@@ -98,6 +98,9 @@ class Joint:
         self._tried_s = filmed_s
         t_s = round(one.t_s[-1], 6)
         about = self._by_their_arrival()
+        if any(not camera.t_s[camera.sure] for camera in (one, two)):
+            looked_at = min(len(camera.t_s) for camera in (one, two))
+            return self._untold(t_s, about, f"of one camera only {looked_at} pictures were looked at so far")
         for camera in (one, two):
             camera.take_lags()
             camera.take_beat()

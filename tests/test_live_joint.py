@@ -128,6 +128,17 @@ def test_before_the_clock_is_told_the_other_stands_in_as_badly_as_its_time_is_kn
     assert values(rows, "y_cg_m")[moving, 1] == pytest.approx(ARRIVAL_SD_S * speed[moving], rel=0.15)
 
 
+def test_of_too_few_pictures_it_is_said(case: Any, live_joint: ModuleType) -> None:
+    """A machine that looks at one picture of each camera in ten: after 8 s some 20 of the slower one, none of which is sure."""
+    lines = [each[::10] for each in live_joint.lines_of(case, np.random.default_rng(2))]
+    joint, said, _ = fed(case, lines, until_s=8.0)
+    assert said is not None
+    assert not said["told"]
+    assert "starboard's clock is not told yet: of one camera only" in said["cameras"][0]
+    assert "pictures were looked at so far" in said["cameras"][0]
+    assert not joint.told
+
+
 def test_films_that_are_played_tell_nothing_by_when_they_come(case: Any, live_joint: ModuleType) -> None:
     """Both are played from their beginning at once, whatever their clocks: the first one alone until the motion tells."""
     lines = [

@@ -35,6 +35,7 @@ PULLS_PX_RAD = (0.0, 0.2, 0.4)
 BOTH = "+".join(NAMES)
 STEP_S = 0.5
 ENDS_S = (18.0, 22.0)
+SAME_S = 1e-9
 PARTS = ("level", "rolling", "rendered", "films", "flash")
 DEGREE = float(np.degrees(1.0))
 ROOT = Path(__file__).resolve().parent.parent
@@ -100,26 +101,25 @@ def hand_overs(one: JointMotion, error: np.ndarray) -> list[np.ndarray]:
 
 def mean_noise(one: JointMotion, rows: np.ndarray) -> np.ndarray:
     """Variance (2,) of a mean over rows of y and heading: rows between the second camera's frames share the noise of those."""
-    first, second = one.match.first, one.match.second
-    own_s, at_s = one.joined.t_s[rows], one.match.clock.second(one.joined.t_s[rows])
-    frames = np.searchsorted(first.t_s, own_s - 1e-9).clip(0, len(first.t_s) - 1)
-    filmed = np.abs(first.t_s[frames] - own_s) < 1e-9
-    beside = between(second, at_s)
-    whole = one.joined.covariance[rows]
-    share = np.zeros((2, len(rows), *whole.shape[1:]))
+    first, second, whole = one.match.first, one.match.second, one.joined.covariance[rows]
+    own_s = one.joined.t_s[rows]
+    at_s = one.match.clock.second(own_s)
+    frames = np.searchsorted(first.t_s, own_s - SAME_S).clip(0, len(first.t_s) - 1)
+    filmed = np.abs(first.t_s[frames] - own_s) < SAME_S
     seen = filmed & first.seen[frames]
-    share[0, seen] = whole[seen] @ np.linalg.inv(first.covariance[frames[seen]])
-    share[1] = np.eye(whole.shape[1]) - share[0]
+    of_first = np.zeros_like(whole)
+    of_first[seen] = whole[seen] @ np.linalg.inv(first.covariance[frames[seen]])
+    of_second = np.eye(whole.shape[1]) - of_first
     # the rows that the first camera did not film are the second one's frames
-    alone = np.searchsorted(second.t_s, at_s - second.step_s / 4).clip(0, len(second.t_s) - 1)
-    frame = np.where(filmed[:, None], beside.frame, alone[:, None])
-    weight = np.where(filmed[:, None], beside.weight, np.array([1.0, 0.0, 0.0, 0.0]))
+    beside, alone = between(second, at_s), np.searchsorted(second.t_s, at_s - second.step_s / 4)
+    frame = np.where(filmed[:, None], beside.frame, alone.clip(0, len(second.t_s) - 1)[:, None])
+    weight = np.where(filmed[:, None], beside.weight, np.eye(1, beside.weight.shape[1]))
     gain = np.zeros((len(second.t_s), *whole.shape[1:]))
-    np.add.at(gain, frame, weight[..., None, None] * share[1][:, None])
-    parts = [share[0, seen] @ first.covariance[frames[seen]] @ share[0, seen].transpose(0, 2, 1)]
-    used = np.flatnonzero(gain.any(axis=(1, 2)))
-    parts.append(gain[used] @ second.covariance[used] @ gain[used].transpose(0, 2, 1))
-    return np.diag(np.concatenate(parts).sum(axis=0))[1:3] / len(rows) ** 2
+    np.add.at(gain, frame, weight[..., None, None] * of_second[:, None])
+    used = gain.any(axis=(1, 2))
+    own = of_first[seen] @ first.covariance[frames[seen]] @ of_first[seen].transpose(0, 2, 1)
+    others = gain[used] @ second.covariance[used] @ gain[used].transpose(0, 2, 1)
+    return np.diag(own.sum(axis=0) + others.sum(axis=0))[1:3] / len(rows) ** 2
 
 
 def rms(values) -> float:

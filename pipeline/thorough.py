@@ -8,7 +8,7 @@ import numpy as np
 
 from ..identify.colour.bootstrap import Bootstrap, bootstrap
 from ..identify.limits.profile import profile
-from ..identify.multistart import multistart
+from ..identify.multistart import Multistart, multistart
 from ..record.errors import EstimationError
 from ..record.priors import DERIVATIVE_NAMES
 from ..record.thorough_file import CheckedDerivative, ThoroughFile
@@ -71,16 +71,17 @@ def thorough(
         better=others.better,
         draws=0 if drawn is None else len(drawn.six),
         derivatives=found,
-        sentences=[_of_starts(others.reached, others.better, len(others.six)), *said, *_of_widths(found, drawn)],
+        sentences=[_of_starts(others), *said, *_of_widths(found, drawn)],
     )
 
 
-def _of_starts(reached: int, better: int, starts: int) -> str:
+def _of_starts(others: Multistart) -> str:
+    starts = len(others.six)
     if not starts:
         return "No other start was found whose motion can be simulated."
-    if better:
-        return f"{better} of {starts} other starts end at a lower chi-square: the fit stands in a side valley."
-    return f"{reached} of {starts} other starts end at the fit's optimum, none at a better one."
+    if others.better:
+        return f"{others.better} of {starts} other starts end at a lower chi-square: the fit stands in a side valley."
+    return f"{others.reached} of {starts} other starts end at the fit's optimum, none at a better one."
 
 
 def _of_widths(found: dict[str, CheckedDerivative], drawn: Bootstrap | None) -> Sequence[str]:

@@ -292,12 +292,7 @@ def play_and_jump(person: Person) -> None:
     page.keyboard.press("Escape")
     page.keyboard.press("Space")
     page.wait_for_function(f"{SHOWN} > 12")
-    page.keyboard.press("Space")
-    page.wait_for_function("document.querySelector('[aria-label=\"Play\"]').innerText === 'Play'")
-    page.wait_for_timeout(300)
-    here = page.evaluate(SHOWN)
-    page.wait_for_timeout(500)
-    assert page.evaluate(SHOWN) == here  # it stays where it was stopped
+    here = stopped(page, 300, 500)
     page.keyboard.press("ArrowRight")
     page.wait_for_function(shown(here + 1))
     stop_where_it_is_seen(page)
@@ -312,18 +307,24 @@ def play_and_jump(person: Person) -> None:
     person.shot("6-played")
 
 
+def stopped(page: sync_api.Page, after_ms: int, for_ms: int) -> int:
+    """Stop what plays; the frame that is seen so long after, and no other for so long from then on."""
+    page.keyboard.press("Space")
+    page.wait_for_function("document.querySelector('[aria-label=\"Play\"]').innerText === 'Play'")
+    page.wait_for_timeout(after_ms)
+    here = page.evaluate(SHOWN)
+    page.wait_for_timeout(for_ms)
+    assert page.evaluate(SHOWN) == here
+    return here
+
+
 def stop_where_it_is_seen(page: sync_api.Page) -> None:
     """Pictures that take half a second each: the clock is frames ahead of the one that is seen, where it is stopped."""
     page.evaluate(SLOW_PICTURES)
     begin = page.evaluate(SHOWN)
     page.keyboard.press("Space")
     page.wait_for_function(f"{SHOWN} > {begin + 3}")
-    page.keyboard.press("Space")
-    page.wait_for_function("document.querySelector('[aria-label=\"Play\"]').innerText === 'Play'")
-    page.wait_for_timeout(100)
-    here = page.evaluate(SHOWN)
-    page.wait_for_timeout(1200)  # two pictures
-    assert page.evaluate(SHOWN) == here
+    here = stopped(page, 100, 1200)  # two pictures
     page.evaluate("window.quickPictures()")
     page.keyboard.press("ArrowRight")
     page.wait_for_function(shown(here + 1))

@@ -62,6 +62,7 @@ from .line import (
     LAWS,
     OFFSET,
     OFFSET_FORMS,
+    PULLEYS,
     TENSION,
     Jerks,
     jerked,
@@ -118,8 +119,10 @@ LIBRARY: tuple[Effect, ...] = (
 __all__ = [
     "DELAY_FORMS",
     "ELASTIC",
+    "KEPT",
     "LAWS",
     "LIBRARY",
+    "PULLEYS",
     "SMALLEST_COSINE",
     "STAGES",
     "Effect",

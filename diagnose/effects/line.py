@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -390,6 +391,42 @@ LAWS = (
 )
 """Lines whose length is a state, because what they pull with follows a law: never absent, they begin at the measured motion
 (``Effect.law``)."""
+
+
+PULLEYS_M = tuple(np.geomspace(0.06, 0.27, 10))
+"""Ways of the line to a turn of a pulley, from which one that is out of round is sought: pulleys of 2 to 9 cm."""
+MOST_SMALLER = 0.2
+"""No fit goes further from one of these, as a share of it."""
+
+
+def out_of_round(turn_m: float) -> Effect:
+    """A weight over a pulley that is out of round: its arm is longer and shorter once a turn, as the line pays out and in.
+
+    Parameters
+    ----------
+    turn_m : way of the line to a turn from which a fit begins
+    """
+    return _surging(
+        KEPT,
+        partial(_unround, turn_m),
+        [Parameter("sine", "", 0.01), Parameter("cosine", "", 0.01), Parameter("smaller", "", 0.1)],
+        [
+            Parameter("rub", "", 0.03, one_sided=True),
+            Parameter("drag_n_s_m", "N s/m", 2.0, one_sided=True),
+            _HEAVIER,
+        ],
+        f"a pulley out of round, a turn about {1e3 * turn_m:.0f} mm, ",
+        "A weight over a pulley that is out of round pulls harder and less hard once a turn, as the line pays out and in.",
+    )
+
+
+def _unround(turn_m: float, s: Situation, sine, cosine, smaller, rub, drag, heavier):
+    phase = 2 * np.pi / turn_m * (1 + np.clip(smaller, -MOST_SMALLER, MOST_SMALLER)) * s.longer_m
+    return _weight(s, rub, drag, 0.0, heavier) + s.tension_n * (sine * np.sin(phase) + cosine * np.cos(phase))
+
+
+PULLEYS = tuple(out_of_round(turn_m) for turn_m in PULLEYS_M)
+"""A weight over each of these."""
 
 
 STIFFNESS = Parameter("stiffness_n_m", "N/m", 200.0, one_sided=True)

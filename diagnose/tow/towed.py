@@ -12,7 +12,7 @@ import numpy as np
 from ...geometry.normal import inverse_of_normal
 from ...record.priors import LINE_LENGTH_SD_M
 from ...simulate.model import Array
-from ..effects import LAWS, SMALLEST_COSINE, Effect, offset_each
+from ..effects import KEPT, LAWS, PULLEYS, SMALLEST_COSINE, Effect, offset_each
 from ..inference.apart import Apart
 from ..inference.grams import reduced
 from ..inference.hypothesis import FREE, Hypothesis
@@ -35,7 +35,7 @@ from .start import base_hypotheses, lawful_hypotheses, settings_of, straight_pul
 from .tow_run import TowRun
 from .unknown import free_forms, one_off, repeating
 from .waves import waves
-from .weak import by_motion
+from .weak import by_motion, missed
 
 if TYPE_CHECKING:
     from ..inference.evidence import Fitted, Inference
@@ -60,6 +60,8 @@ SAME_HULL = 1e-3
 """Derivatives that differ by less answer random forces alike: their sizes, which are fitted, hold the difference."""
 
 TENSION_SCALE = ("", ("tension scale", "all derivatives together"))
+TURNING, TURNS_GAIN = 2, 5.0
+"""Of pulleys that are out of round so many are tried, where the momenta miss less by this chi-square: for time, choices."""
 CLOCK = ("frame_rate", ("frame_rate", "carriage speed"))
 """What no motion can tell apart (gap.md), and the effect that raises the question; another standard does: a weight, a clock."""
 UNWEIGHED, WEIGHED = 1.0, 0.1
@@ -128,9 +130,17 @@ class TowSimulator(TowModel):
         if not self._fields.surge.all() or not self._asks_for_laws(base):
             return []
         laws = [law for law in LAWS if law.name not in self._without]
-        usual, here = lawful_hypotheses(self.runs, laws, [self.starts()[-1], base.hypothesis])
+        pulleys = [law for law in PULLEYS if law.name not in self._without]
+        usual, here = lawful_hypotheses(self.runs, [*laws, *pulleys], [self.starts()[-1], base.hypothesis])
         found = [by_motion(self, h, self.shared_prior) for h in usual]
-        return [*found, *(by_motion(self, h, None, first_only=True) for h in here)]
+        found, turning = found[: len(laws)], found[len(laws) :]
+        found += [by_motion(self, h, None, first_only=True) for h in here[: len(laws)]]
+        plain = [h for h in found if h.effects[0].name == KEPT.name]
+        if turning and plain:
+            # no step leads from one turn to another: the measured motion says which are the likeliest, if any
+            without, *each = missed(self, [plain[0], *turning])
+            found += [turning[k] for k in np.argsort(each)[:TURNING] if each[k] < without - TURNS_GAIN]
+        return found
 
     def _asks_for_laws(self, base: Fitted) -> bool:
         if any(np.isfinite(run.values[:, LINE]).sum() < LEAST_BLOCKS for run in self.runs):

@@ -7,6 +7,7 @@ numbers cannot follow.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,8 +29,8 @@ LARGEST_SD = 1.5
 """No effect's number changes by more of its standard deviations in a step."""
 HELD = 1e-6
 """A number that is held may move by so little of itself."""
-USUAL_SD, SMALLEST = 2.0, 1e-12
-"""Beyond so many standard deviations a window counts less; a spread is above the second."""
+USUAL_SD, OUTLYING, SMALLEST = 2.0, 3.0, 1e-12
+"""Beyond so many standard deviations a window counts less, and beyond the second no more; a spread is above the third."""
 FORCED = [2, 3, STATES + 1]
 """States that forces change: v, r, u."""
 
@@ -52,13 +53,12 @@ def by_motion(
     sd, least = np.array([q.sd for q in effects]), 0.2 * h.shared[:2]
     lowest = np.array([q.none if q.one_sided else -np.inf for q in effects])
     ends = np.cumsum([len(n) for n in h.numbers])[:-1]
-    width = max(1, round(WINDOW_S / (model.step_s / 2)))
     for _ in range(TURNS):
         # (windows, runs, states), and with every number
-        missed, change = (found[:, :, FORCED] for found in model.momentum(h, width))
+        left, change, width = _windows(model, h)
         change = np.concatenate([change[..., :count], change[..., change.shape[-1] - len(sd) :]], axis=-1)
-        scale = MAD_TO_SD * np.median(np.abs(missed), axis=(0, 1)) + SMALLEST
-        rows, left = change / scale[:, None], missed / scale
+        scale = MAD_TO_SD * np.median(np.abs(left), axis=(0, 1)) + SMALLEST
+        rows, left = change / scale[:, None], left / scale
         # a window that fits badly (a jerk, a slack line) counts little
         weight = 1 / np.maximum(1.0, np.abs(left) / USUAL_SD)
         flat, right = (rows * weight[..., None]).reshape(-1, len(mean)), (left * weight).reshape(-1)
@@ -73,6 +73,27 @@ def by_motion(
         after = np.maximum(numbers + step[count:], lowest)
         h = replace(h, shared=shared, numbers=tuple(np.split(after, ends)))
     return h
+
+
+def missed(model: TowModel, hypotheses: Sequence[Hypothesis]) -> Array:
+    """(k,) how far each hypothesis's forces are from what moves its path: chi-square by the scatter that the first one leaves.
+
+    Parameters
+    ----------
+    model : of the runs
+    hypotheses : with one path, along the measured motion
+    """
+    every = [_windows(model, h) for h in hypotheses]
+    scale = MAD_TO_SD * np.median(np.abs(every[0][0]), axis=(0, 1)) + SMALLEST
+    # a second's windows begin at every node
+    return np.array([(np.clip(left / scale, -OUTLYING, OUTLYING) ** 2).sum() / width for left, _, width in every])
+
+
+def _windows(model: TowModel, h: Hypothesis) -> tuple[Array, Array, int]:
+    """(windows, runs, states) what the forces miss, with every number (.., k), and how many nodes a window has."""
+    width = max(1, round(WINDOW_S / (model.step_s / 2)))
+    left, change = (found[:, :, FORCED] for found in model.momentum(h, width))
+    return left, change, width
 
 
 def _known(h: Hypothesis, prior: tuple[Array, Array] | None, first_only: bool) -> tuple[Array, Array]:
@@ -91,4 +112,4 @@ def _known(h: Hypothesis, prior: tuple[Array, Array] | None, first_only: bool) -
     return np.concatenate([shared, none]), np.concatenate([spread, sd]) ** -2.0
 
 
-__all__ = ["by_motion"]
+__all__ = ["by_motion", "missed"]

@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from ...record.errors import GeometryError
 from ...simulate.model import Array
 from ..effects import Effect, Late
 from ..inference.hypothesis import EFFECT_STEP, Hypothesis, Path, Slopes
@@ -96,7 +97,10 @@ class TowModel:
                 shift = (0.0, 0.0, 0.0, 0.0) if effect.shift is None else effect.shift(*numbers)
                 change = np.zeros((len(tow.values), 4)) + np.array(shift)
             else:
-                change = corrected(tow, *effect.correct(tow.marks.run, tow.marks.fit, *numbers))
+                try:
+                    change = corrected(tow, *effect.correct(tow.marks.run, tow.marks.fit, *numbers))
+                except GeometryError:  # no camera sees like that
+                    change = np.full((len(tow.values), 4), BLOW_UP)
             # what a load cell says no camera spoils
             self._corrections[key] = np.pad(change, ((0, 0), (0, tow.values.shape[1] - 4)))
         return self._corrections[key] if share is None else share[:, None] * self._corrections[key]

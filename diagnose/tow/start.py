@@ -25,6 +25,9 @@ BEGUN = 0.3
 """Of its usual size: where a one-sided number of a law begins."""
 SAMPLES = 250
 """Of a record that the rough start takes, at most about twice so many: a choice."""
+MOST_UNLIKE = 30.0
+"""A linear fit whose mass or moment of inertia is so many times that of a MARINER so long, or less by as much, is no hull's: barges
+have six times a MARINER's mass."""
 LARGEST_SINE = 0.95
 """The sine of the line's angle, computed from measured places, is cut off here: noise may make it exceed 1."""
 SMOOTH_S, SMOOTH_ORDER = 3.0, 3
@@ -62,7 +65,7 @@ def base_hypotheses(runs: Sequence[TowRun], speed_m_s: float) -> list[Hypothesis
     """The linear fit of all runs, and a MARINER of the model's length, along the measured motion.
 
     A line that goes slack can lead the linear fit astray; the other begins within a factor of two. The linear form holds T; what
-    surge adds begins at its priors.
+    surge adds begins at its priors. A line that is not as long as stated can lead it so far that nothing comes back (MOST_UNLIKE).
 
     Parameters
     ----------
@@ -92,7 +95,7 @@ def base_hypotheses(runs: Sequence[TowRun], speed_m_s: float) -> list[Hypothesis
         fitted = fit_runs(few, "linear", speed_m_s).six
     except EstimationError:
         fitted = None
-    if fitted is not None and np.isfinite(fitted).all():
+    if fitted is not None and np.isfinite(fitted).all() and _like(fitted, sixes[0]):
         sixes.insert(0, fitted)
     nodes = 2 * (max(len(r.centre_s) for r in runs) + BEYOND) + 1
     found = _along(runs, sixes, np.stack([measured_path(run, nodes) for run in runs], axis=-1))
@@ -102,6 +105,12 @@ def base_hypotheses(runs: Sequence[TowRun], speed_m_s: float) -> list[Hypothesis
         smooth = [measured_path(run, nodes, np.maximum(wider, 1.0)) for run, wider in zip(runs, scatter, strict=True)]
         found += _along(runs, sixes, np.stack(smooth, axis=-1))
     return found
+
+
+def _like(six: Array, usual: Array) -> bool:
+    """Whether it has a hull's inertia."""
+    ratio = six[:2] / usual[:2]
+    return bool(((ratio > 1 / MOST_UNLIKE) & (ratio < MOST_UNLIKE)).all())
 
 
 def _along(runs: Sequence[TowRun], sixes: Sequence[Array], states: Array) -> list[Hypothesis]:
@@ -139,7 +148,8 @@ def excess_scatter(run: TowRun) -> Array:
 def measured_path(run: TowRun, nodes: int, wider: Sequence[float] | Array = (1.0, 1.0)) -> Array:
     """(4, nodes) alpha, beta, v, r every half block, from smoothing splines of y and beta; beyond the run its last values.
 
-    ``wider``: how many times as far as their noise y and beta may lie off the splines.
+    ``wider``: how many times as far as their noise y and beta may lie off the splines. A model that is further from the post's
+    track than its line is long is at the end of a longer one: as long as it is seen to be.
 
     Parameters
     ----------
@@ -148,7 +158,9 @@ def measured_path(run: TowRun, nodes: int, wider: Sequence[float] | Array = (1.0
     wider : how many times as far as their noise y and beta may lie off the splines
     """
     tow, found = run.data.tow, _followed(run, nodes, (Y, BETA), wider)
-    alpha = found.angle(tow.line_length_m)
+    alpha, length = found.angle(tow.line_length_m), run.values[:, LINE]
+    if (np.abs(np.sin(alpha)) >= LARGEST_SINE).any() and np.isfinite(length).sum() > SMOOTH_ORDER:
+        alpha = found.angle(tow.line_length_m + _followed(run, nodes, (Y, BETA, LINE)).at(LINE))
     if tow.line == "constant":  # u = U
         sway = (found.rate(Y) - tow.speed_m_s * found.sin_b) / found.cos_b
     else:

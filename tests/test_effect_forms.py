@@ -9,7 +9,7 @@ import pytest
 
 from towline.diagnose.effects import LAWS, LIBRARY, Effect, Seen, Situation
 from towline.diagnose.effects.base import SWINGS_S, along_the_run, swinging
-from towline.diagnose.effects.line import STIFFEST_M_N
+from towline.diagnose.effects.line import STIFFEST_M_N, out_of_round
 from towline.simulate import Hull, Start, Tow, simulate_full
 
 HULL, TOW = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28), Tow(1.28, 0.91, 1.6, 3.96)
@@ -153,6 +153,21 @@ def test_a_heavy_line_pulls_as_a_catenary_does() -> None:
     assert (np.abs(found / pull_n - 1) < 0.1 * (weight_n_m * length_m / pull_n.min()) ** 2).all()
     quick = hanging.law(situation(longer_m=longer, longer_rate_m_s=0.01 + 0.0 * pull_n), shorter[2], 15.0)
     assert quick - found == pytest.approx(15.0 * 0.01 * np.minimum(found / rest_n, 1.0))
+
+
+def test_an_eccentric_pulley_pulls_by_the_ratio_of_its_arms() -> None:
+    """The line runs off its top and a weight hangs at its side: T (a + e sin) = W (a + e cos) about an axle e off its middle."""
+    radius_m, off, weight_n, paid_m = 0.024, 0.017, 3.96, np.linspace(-0.3, 0.3, 200)
+    phase = paid_m / radius_m
+    wanted = weight_n * (1 + off * np.cos(phase)) / (1 + off * np.sin(phase))
+    begun_m = 2 * np.pi * 0.0265
+    effect = out_of_round(begun_m)
+    own = {"sine": -off, "cosine": off, "smaller": begun_m / (2 * np.pi * radius_m) - 1}
+    assert effect.law is not None
+    numbers = [own.get(p.name, 0.0) for p in effect.parameters]
+    found = effect.law(situation(longer_m=paid_m, longer_rate_m_s=0.0 * paid_m, tension_n=weight_n), *numbers)
+    # what one sine leaves of the ratio: sin (sin - cos) (e/a)^2, at most 1.21
+    np.testing.assert_allclose(found, wanted, rtol=1.25 * off**2)
 
 
 def test_a_camera_on_its_side_is_late_by_columns() -> None:

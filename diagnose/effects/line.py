@@ -406,7 +406,7 @@ def out_of_round(turn_m: float) -> Effect:
     ----------
     turn_m : way of the line to a turn from which a fit begins
     """
-    return _surging(
+    form = _surging(
         KEPT,
         partial(_unround, turn_m),
         [Parameter("sine", "", 0.01), Parameter("cosine", "", 0.01), Parameter("smaller", "", 0.1)],
@@ -418,6 +418,7 @@ def out_of_round(turn_m: float) -> Effect:
         f"a pulley out of round, a turn about {1e3 * turn_m:.0f} mm, ",
         "A weight over a pulley that is out of round pulls harder and less hard once a turn, as the line pays out and in.",
     )
+    return replace(form, cure="Run the line over a pulley that is true, or hang the weight on a larger one.")
 
 
 def _unround(turn_m: float, s: Situation, sine, cosine, smaller, rub, drag, heavier):

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
-from . import LIBRARY, slack
+from . import LAWS, LIBRARY, PULLEYS, slack
 from .base import Effect, Parameter
-from .line import springing
+from .line import PULLEYS_M, SURGING, springing
 
 HEAD = """\
 # The library of effects
@@ -24,6 +25,11 @@ excluded.
 | effect | acts in | numbers | form | what happens | what to do |
 |---|---|---|---|---|---|
 """
+OUT_OF_ROUND = (
+    f"a pulley out of round: {len(PULLEYS_M)} forms, a turn about {1e3 * PULLEYS_M[0]:.0f} to {1e3 * PULLEYS_M[-1]:.0f} mm, "
+    f"{SURGING}"
+)
+"""The page's one row of them all."""
 
 
 def effects_page(effects: Sequence[Effect]) -> str:
@@ -35,9 +41,11 @@ def effects_page(effects: Sequence[Effect]) -> str:
 
 
 def whole_library() -> list[Effect]:
-    """Of the library, and of what is found in a residual."""
+    """Of the library, lines with a law of their own, and what is found in a residual."""
     return [
         *LIBRARY,
+        *LAWS,
+        replace(PULLEYS[0], variant=OUT_OF_ROUND),
         slack([(1.0, 2.0)]),
         springing(lambda t_s: 0.0 * t_s, "springs, as the residual shows", 1.0, 0.03),
     ]

@@ -36,14 +36,23 @@ MOST_COLOUR = 2.5
 """What lasts in a radius makes stretches scatter by up to so many times what white noise does; what scatters more is not noise."""
 APART_S = 0.12
 """Of the begins that are tried."""
+SPRINGS_RAD_S = tuple(np.geomspace(9.0, 32.0, 7))
+"""How a line bounces is tried beside that: a bounce that starts at another frequency is out of step within a second, and no step
+leads back."""
+ALIKE_TRIED, STARTS = 8, 3
+"""Of every kind of push so many of the grid's events are fitted to means in which no bounce shows (COARSE_S), tried with all of
+these, and so many of those fitted to all that shows. Choices, for time."""
+COARSE_S = 0.6
+"""A line bounces at 9 rad/s and more."""
 NUMBERS = ("begin_s", "length", "hard", "skew", "spring", "damping", "gain")
 """Of an event, all but the first as logarithms."""
+SPRING = NUMBERS.index("spring")
 USUAL = np.log([1.0, 1.0, 1.0, 1.0, SPRING_RAD_S, DAMPING, 1.0])
 """About which they lie, the first three anywhere ..."""
 SPREAD = np.array([np.inf, np.inf, np.inf, 0.5, 0.7, 0.7, 0.05])
 """... with these standard deviations."""
-TURNS = 15
-"""Steps of the fit."""
+TURNS, FIRST_TURNS = 15, 6
+"""Steps of the fit, and of the one to means in which no bounce shows."""
 LONGER, HELD = (1.25, 1.6, 2.0, 2.5), 0.02
 """What carries a model with less than the resistance shows in no radius: an event may have lasted so many times as long as its
 radius says, and been the less hard. Those are fitted with their length held to so much of itself."""
@@ -267,9 +276,18 @@ def events(radii: Sequence[Radius]) -> list[list[Event]]:
     radii : of the runs
     """
     loud = [k for k, radius in enumerate(radii) if not radius.quiet]
-    fitted = _fitted([radii[k] for k in loud], [_begun(radii[k]) for k in loud])
+    shown, smooth = [radii[k] for k in loud], [_coarse(radii[k]) for k in loud]
+    # a bounce that is out of step hides what carried the model
+    begun = _fitted(smooth, [_of_grid(radius) for radius in smooth], turns=FIRST_TURNS)
+    fitted = _fitted(shown, [_begun(radius, own) for radius, own in zip(shown, begun, strict=True)])
     found = {k: [e for e in own if e.length_s < MOST_S] for k, own in zip(loud, fitted, strict=True)}
-    return [sorted(found.get(k, []), key=lambda event: -event.gain) for k in range(len(radii))]
+    answers = []
+    for k in range(len(radii)):
+        best: dict[Push, Event] = {}
+        for event in sorted(found.get(k, []), key=lambda event: -event.gain):
+            best.setdefault(event.push, event)
+        answers.append(list(best.values()))
+    return answers
 
 
 def longer(radii: Sequence[Radius], found: Sequence[Event]) -> list[list[Event]]:
@@ -293,8 +311,36 @@ def longer(radii: Sequence[Radius], found: Sequence[Event]) -> list[list[Event]]
     return [own for own in answers if all(event.length_s < MOST_S for event in own)]
 
 
-def _begun(radius: Radius) -> list[tuple[Push, Array]]:
-    """Of every kind of push the best of the grid's numbers."""
+def _begun(radius: Radius, coarse: Sequence[Event]) -> list[tuple[Push, Array]]:
+    """Of every kind of push the likeliest STARTS: events as they show without bounces, bouncing in every way."""
+    tried = [
+        (
+            event.push,
+            event.numbers + np.where(np.arange(len(NUMBERS)) == SPRING, np.log(spring) - event.numbers[SPRING], 0.0),
+        )
+        for event in coarse
+        for spring in SPRINGS_RAD_S
+    ]
+    numbers = np.array([x for _, x in tried])
+    kinds = [p for p, _ in tried]
+    (rows,) = _missed([radius], [kinds], [numbers[:, None]], ([numbers], SPREAD))
+    order = np.argsort(_squares(rows))
+    kept = [k for push in PUSHES for k in [k for k in order if kinds[k] == push][:STARTS]]
+    return [tried[k] for k in kept]
+
+
+def _coarse(radius: Radius) -> Radius:
+    """The same by means over about COARSE_S."""
+    many = max(round(COARSE_S / radius.step_s), 1)
+    count = len(radius.t_s) // many
+    t_s, ahead = (x[: count * many].reshape(count, many) for x in (radius.t_s, radius.ahead_m))
+    shown = np.isfinite(ahead).sum(axis=1)
+    means = np.where(shown > many / 2, np.nan_to_num(ahead).sum(axis=1) / np.maximum(shown, 1), np.nan)
+    return replace(radius, t_s=t_s.mean(axis=1), ahead_m=means, sd_m=radius.sd_m / math.sqrt(many))
+
+
+def _of_grid(radius: Radius) -> list[tuple[Push, Array]]:
+    """Of every kind of push the best of the grid's numbers, ALIKE_TRIED of each."""
     t_s, ahead_m, sd_m, step = radius.t_s, radius.seen_m, radius.sd_m, radius.step_s
     starts = [
         (p, np.log([1.0, n, h, 1.0, SPRING_RAD_S, DAMPING, 1.0])) for p in PUSHES for n in LENGTHS_S for h in HARD
@@ -304,21 +350,21 @@ def _begun(radius: Radius) -> list[tuple[Push, Array]]:
     straight = replace(radius.tow, swinging=NOT_AT_ALL)
     far, *_ = surged(pushes, numbers, [straight] * len(starts))
     whole = np.concatenate([np.zeros_like(far[:1]), np.cumsum(far, axis=0)])
-    best: dict[Push, tuple[float, Array]] = {}
+    best = np.full(len(starts), -np.inf)
     shifts = math.ceil(step / APART_S)
     for shift in range(shifts):
         # an event that begins shortly before a mean's begin
         early = step * shift / shifts
         means = _block_means(whole, early, step) / sd_m
         padded = np.pad(ahead_m / sd_m, (0, len(means)))
-        for k, push in enumerate(pushes):
-            shape = means[:, k]
-            over = np.correlate(padded, shape)[: len(t_s)]
-            gain = over - 0.5 * float(shape @ shape)
+        for k, shape in enumerate(means.T):
+            gain = np.correlate(padded, shape)[: len(t_s)] - 0.5 * float(shape @ shape)
             at = int(np.argmax(gain))
-            if push not in best or gain[at] > best[push][0]:
-                best[push] = float(gain[at]), np.concatenate([[t_s[at] - step / 2 - early], numbers[k, 1:]])
-    return [(push, start) for push, (_, start) in best.items()]
+            if gain[at] > best[k]:
+                best[k], numbers[k, 0] = gain[at], t_s[at] - step / 2 - early
+    order = np.argsort(-best)
+    kept = [k for push in PUSHES for k in [k for k in order if pushes[k] == push][:ALIKE_TRIED]]
+    return [(pushes[k], numbers[k]) for k in kept]
 
 
 def _block_means(whole: Array, early_s: float, step_s: float) -> Array:
@@ -366,10 +412,13 @@ def _missed(
 
 
 def _fitted(
-    radii: Sequence[Radius], starts: Sequence[Sequence[tuple[Push, Array]]], length_sd: float = np.inf
+    radii: Sequence[Radius],
+    starts: Sequence[Sequence[tuple[Push, Array]]],
+    length_sd: float = np.inf,
+    turns: int = TURNS,
 ) -> list[list[Event]]:
     """Gauss-Newton from these starts, all of all runs side by side; steps that lose are halved. ``length_sd``: how far the length
-    may be from its start, relative.
+    may be from its start, relative; ``turns``: how many steps.
     """
     if not radii:
         return []
@@ -384,7 +433,7 @@ def _fitted(
         return _missed(radii, pushes, [x[:, None] + steps for x in at], (known, spread))
 
     rows, damp = missed(here), [np.full(len(x), 1e-2) for x in here]
-    for _ in range(TURNS):
+    for _ in range(turns):
         trial = [x + _change(beside, own) for x, beside, own in zip(here, rows, damp, strict=True)]
         # with what a step from there would ask for: a second integration costs far more than these beside the first
         for k, after in enumerate(missed(trial)):

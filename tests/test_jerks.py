@@ -27,17 +27,23 @@ def numbers(begin: float, length: float, hard: float) -> np.ndarray:
 
 
 def exact(
-    push: Push, length: float, hard: float, t_s: np.ndarray, swings: tuple[float, float, float] = (0.0, 1.0, 1.0)
+    push: Push,
+    length: float,
+    hard: float,
+    t_s: np.ndarray,
+    swings: tuple[float, float, float] = (0.0, 1.0, 1.0),
+    line: tuple[float, float] = (SPRING, DAMPING),
 ) -> tuple[np.ndarray, np.ndarray]:
     """The same motion by an integrator with error control, written down anew: ahead, m, and pull over the resistance.
 
-    ``swings``: what a taut line pulls with beyond the resistance, how much the faster it shortens, cosine of its angle.
+    ``swings``: what a taut line pulls with beyond the resistance, how much the faster it shortens, cosine of its angle; ``line``:
+    how it bounces, rad/s, and its damping.
     """
-    beyond, lighter, cosine = swings
+    (beyond, lighter, cosine), (stiff, damping) = swings, line
 
     def held(ahead: float, speed: float) -> float:
-        spring = max(TOW.pull_m_s2 * (1 + beyond) - SPRING**2 * ahead, 0.0)
-        return max(spring - min(spring / TOW.pull_m_s2, 1.0) * 2 * DAMPING * SPRING * speed, 0.0)
+        spring = max(TOW.pull_m_s2 * (1 + beyond) - stiff**2 * ahead, 0.0)
+        return max(spring - min(spring / TOW.pull_m_s2, 1.0) * 2 * damping * stiff * speed, 0.0)
 
     def rates(t: float, state: np.ndarray) -> list[float]:
         ahead, speed = state
@@ -108,10 +114,11 @@ def seen(
     rng: np.random.Generator,
     width_s: float = BLOCK_S,
     sd_m: float = SD_M,
+    line: tuple[float, float] = (SPRING, DAMPING),
 ) -> np.ndarray:
     """Means of the exact course, with noise."""
     fine = np.arange(0.0, 20.0, 0.002)
-    ahead, _ = exact(push, length, hard, fine)
+    ahead, _ = exact(push, length, hard, fine, line=line)
     at = t_s[:, None] - begin + width_s * ((np.arange(50) + 0.5) / 50 - 0.5)
     return np.interp(at, fine, ahead, left=0.0, right=0.0).mean(axis=1) + rng.normal(0, sd_m, len(t_s))
 
@@ -138,27 +145,36 @@ def test_an_event_is_found_in_the_radius_with_its_time_length_and_strength(
     assert np.corrcoef(course, wanted)[0, 1] > 0.9
 
 
-def test_a_short_stop_shows_its_course_in_parts_of_a_block_that_whole_ones_hide() -> None:
-    """A stop that shows for half a second holds two means of a block: any wave fits them, and the jerk it ends with is not told."""
-    course = np.arange(0.0, 6.0, STEP_S)
-    _, wanted = exact(Push(1), 1.7, 1.8, course)
+def test_a_short_stop_is_told_from_waves_by_parts_of_a_block_and_not_by_whole_ones() -> None:
+    """A stop that shows for half a second holds two means of a block: a train of waves fits them as well."""
 
-    def jerk(width_s: float, sd_m: float, seed: int) -> tuple[float, float]:
+    def rival(width_s: float, sd_m: float, seed: int) -> float:
         rng, t_s = np.random.default_rng(seed), width_s * (np.arange(round(45 / width_s)) + 0.5)
         shown = seen(Push(1), 14.0, 1.7, 1.8, t_s, rng, width_s, sd_m)
         shown[:: round(4 / width_s)] = np.nan  # a frame without its marks here and there
         (found,) = events([Radius(t_s, shown, sd_m, TOW)])
         stop = next(e for e in found if e.push == Push(1))
-        t, _, carried, more = stop.course()
-        pull = more - carried
-        told = np.interp(course + 14.0, t, pull, left=0.0, right=0.0)
-        return found[0].gain - stop.gain, float(np.abs(np.cumsum(told + 1 - wanted)).max() * STEP_S)
+        return max(e.gain for e in found if e.push != Push(1)) - stop.gain
 
-    block = [jerk(BLOCK_S, SD_M, seed) for seed in range(6)]
-    parts = [jerk(BLOCK_S / 4, 1.2 * SD_M, seed) for seed in range(6)]
-    assert max(behind for behind, _ in parts) < SLACK_Z
-    # what the line has not pulled so far, in resistances times seconds: the radius in parts tells it better
-    assert np.mean([off for _, off in parts]) < 0.8 * np.mean([off for _, off in block])
+    assert min(rival(BLOCK_S, SD_M, seed) for seed in range(2)) > -SLACK_Z
+    assert max(rival(BLOCK_S / 4, 1.2 * SD_M, seed) for seed in range(2)) < -2 * SLACK_Z
+
+
+@pytest.mark.parametrize("line", [(12.0, 0.15), (29.0, 0.1)], ids=["slow", "quick"])
+def test_a_bounce_of_any_pace_hides_no_stop(line: tuple[float, float]) -> None:
+    """A model that bounces ten times on a stiff line is out of step with all but one pace, and no step leads back: the stop is
+    found nearly as well as the truth fits. Bounces begun at 15 rad/s alone were up to a tenth behind.
+    """
+    t_s = BLOCK_S / 4 * (np.arange(500) + 0.5)
+    exactly = seen(Push(1), 14.0, 1.9, 1.8, t_s, np.random.default_rng(0), BLOCK_S / 4, 0.0, line)
+    for seed in range(2):
+        shown = exactly + np.random.default_rng(seed).normal(0, SD_M, len(t_s))
+        (found,) = events([Radius(t_s, shown, SD_M, TOW)])
+        stop = next(e for e in found if e.push == Push(1))
+        truth = 0.5 * float((shown**2 - (shown - exactly) ** 2).sum()) / SD_M**2
+        # steps of the first order bend a bounce a little
+        assert stop.gain > 0.95 * truth
+        assert abs(stop.begin_s + stop.length_s / 2 - 14.95) < 0.25
 
 
 def test_the_radius_in_parts_of_a_block(tow_runs: Callable[[int, int], list]) -> None:

@@ -47,6 +47,7 @@ COARSE_S = 0.6
 NUMBERS = ("begin_s", "length", "hard", "skew", "spring", "damping", "gain")
 """Of an event, all but the first as logarithms."""
 SPRING = NUMBERS.index("spring")
+"""Which of them says how fast a line bounces."""
 USUAL = np.log([1.0, 1.0, 1.0, 1.0, SPRING_RAD_S, DAMPING, 1.0])
 """About which they lie, the first three anywhere ..."""
 SPREAD = np.array([np.inf, np.inf, np.inf, 0.5, 0.7, 0.7, 0.05])
@@ -313,20 +314,23 @@ def longer(radii: Sequence[Radius], found: Sequence[Event]) -> list[list[Event]]
 
 def _begun(radius: Radius, coarse: Sequence[Event]) -> list[tuple[Push, Array]]:
     """Of every kind of push the likeliest STARTS: events as they show without bounces, bouncing in every way."""
-    tried = [
-        (
-            event.push,
-            event.numbers + np.where(np.arange(len(NUMBERS)) == SPRING, np.log(spring) - event.numbers[SPRING], 0.0),
-        )
-        for event in coarse
-        for spring in SPRINGS_RAD_S
-    ]
-    numbers = np.array([x for _, x in tried])
-    kinds = [p for p, _ in tried]
+    tried = [(event.push, _bouncing(event.numbers, spring)) for event in coarse for spring in SPRINGS_RAD_S]
+    kinds, numbers = [p for p, _ in tried], np.array([x for _, x in tried])
     (rows,) = _missed([radius], [kinds], [numbers[:, None]], ([numbers], SPREAD))
-    order = np.argsort(_squares(rows))
-    kept = [k for push in PUSHES for k in [k for k in order if kinds[k] == push][:STARTS]]
-    return [tried[k] for k in kept]
+    return [tried[k] for k in _best_of_each(kinds, -_squares(rows), STARTS)]
+
+
+def _bouncing(numbers: Array, spring_rad_s: float) -> Array:
+    """The same event on a line of this stiffness."""
+    changed = numbers.copy()
+    changed[SPRING] = np.log(spring_rad_s)
+    return changed
+
+
+def _best_of_each(kinds: Sequence[Push], gain: Array, count: int) -> list[int]:
+    """Indices of the best ``count`` of every kind."""
+    order = np.argsort(-gain)
+    return [int(k) for push in PUSHES for k in [k for k in order if kinds[k] == push][:count]]
 
 
 def _coarse(radius: Radius) -> Radius:
@@ -362,9 +366,7 @@ def _of_grid(radius: Radius) -> list[tuple[Push, Array]]:
             at = int(np.argmax(gain))
             if gain[at] > best[k]:
                 best[k], numbers[k, 0] = gain[at], t_s[at] - step / 2 - early
-    order = np.argsort(-best)
-    kept = [k for push in PUSHES for k in [k for k in order if pushes[k] == push][:ALIKE_TRIED]]
-    return [(pushes[k], numbers[k]) for k in kept]
+    return [(pushes[k], numbers[k]) for k in _best_of_each(pushes, best, ALIKE_TRIED)]
 
 
 def _block_means(whole: Array, early_s: float, step_s: float) -> Array:

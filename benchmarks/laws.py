@@ -25,11 +25,10 @@ from laws_truth import apart, right_form, seen_by, told, true_force, true_variab
 
 from towline.blind.seal import CASES, write_cases
 from towline.blind.truth.cases import Case
-from towline.diagnose.tow.data import Recorded, block_step, tow_runs
 from towline.diagnose.tow.towed import TowSimulator
-from towline.pipeline.diagnosing import diagnose_folders
+from towline.pipeline.diagnosing import diagnose_folders, tows_of
 from towline.pipeline.laws import law_file, law_of
-from towline.pipeline.stages import compute_run_motion, fit_run_datum, track_static
+from towline.pipeline.stages import compute_run_motion
 from towline.record.run import read_run
 from towline.record.threads import one_thread
 
@@ -44,13 +43,7 @@ OFF = 0.1
 def simulator_of(folders: list[Path]) -> TowSimulator:
     """Run folders as a campaign."""
     runs = [read_run(folder) for folder in folders]
-    motions = [compute_run_motion(run) for run in runs]
-    step = block_step([float(m.motion["t_s"].iloc[-1] - m.motion["t_s"].iloc[0]) for m in motions])
-    recorded = [
-        Recorded(run, m.motion, m.common, m.tracks, fit_run_datum(run), track_static(run, None))
-        for run, m in zip(runs, motions, strict=True)
-    ]
-    return TowSimulator(tow_runs(recorded, step))
+    return TowSimulator(tows_of(runs, [compute_run_motion(run) for run in runs]))
 
 
 def answered(out: Path, case: Case, count: int) -> dict[str, Any]:

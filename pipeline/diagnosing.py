@@ -18,6 +18,7 @@ from ..diagnose.own.hull import read_hull
 from ..diagnose.tow.data import Recorded, block_step, tow_runs, without_cell
 from ..diagnose.tow.lasting import shown_px
 from ..diagnose.tow.numbers import COMPLIANCE
+from ..diagnose.tow.tow_run import TowRun
 from ..diagnose.tow.towed import TowSimulator
 from ..record.errors import EstimationError, InputError, TowlineError
 from ..record.files import sha256_of_file, write_text
@@ -94,19 +95,7 @@ def diagnose_folders(
             failed[shown(str(folder))] = str(error)
     if not runs:
         raise TowlineError(next(iter(failed.values()), "no run to diagnose"))
-    step = block_step([float(m.motion["t_s"].iloc[-1] - m.motion["t_s"].iloc[0]) for m in motions])
-    recorded = [
-        Recorded(
-            run,
-            m.motion,
-            m.common,
-            m.tracks,
-            fit_run_datum(run) if m.tracks is not None else None,
-            track_static(run, progress),
-        )
-        for run, m in zip(runs, motions, strict=True)
-    ]
-    tows = tow_runs(recorded, step)
+    tows = tows_of(runs, motions, progress)
     inputs = all_inputs(runs) | ({} if hull is None else {str(hull): sha256_of_file(hull)})
     judged = None if reference is None else _reference(reference)
     apart = measured_apart(runs, library)
@@ -120,6 +109,30 @@ def diagnose_folders(
         simulator = TowSimulator(without_cell(tows), judged, apart, without, equations)
         found = without_the_cell(diagnosed_runs(simulator, library, inputs, held or None, progress))
     return Diagnosed(found, runs, failed, tuple(library), tuple(held) or None)
+
+
+def tows_of(runs: Sequence[Run], motions: Sequence[RunMotion], progress: Progress | None = None) -> list[TowRun]:
+    """Runs as the diagnosis takes them: means over blocks, with their noise.
+
+    Parameters
+    ----------
+    runs : of one campaign
+    motions : of ``compute_run_motion``, one of each
+    progress : is told what is done
+    """
+    step = block_step([float(m.motion["t_s"].iloc[-1] - m.motion["t_s"].iloc[0]) for m in motions])
+    recorded = [
+        Recorded(
+            run,
+            m.motion,
+            m.common,
+            m.tracks,
+            fit_run_datum(run) if m.tracks is not None else None,
+            track_static(run, progress),
+        )
+        for run, m in zip(runs, motions, strict=True)
+    ]
+    return tow_runs(recorded, step)
 
 
 def without_the_cell(found: Diagnosis) -> Diagnosis:
@@ -253,4 +266,4 @@ def write_model(path: Path, found: Diagnosed, fitted: Fitted | None = None) -> N
     write_text(path, tomlkit.dumps(document))
 
 
-__all__ = ["Diagnosed", "concluded_runs", "diagnose_folders", "diagnosed_runs", "library_of", "write_model"]
+__all__ = ["Diagnosed", "concluded_runs", "diagnose_folders", "diagnosed_runs", "library_of", "tows_of", "write_model"]

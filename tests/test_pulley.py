@@ -14,11 +14,11 @@ from towline.diagnose.effects import KEPT, LAWS, PULLEYS
 from towline.diagnose.effects.line import PULLEYS_M
 from towline.diagnose.inference.evidence import Inference
 from towline.diagnose.inference.noise import Forces
-from towline.diagnose.tow.data import Recorded, block_step, tow_runs
 from towline.diagnose.tow.start import lawful_hypotheses
 from towline.diagnose.tow.towed import TowSimulator
 from towline.diagnose.tow.weak import by_motion, missed
-from towline.pipeline.stages import compute_run_motion, fit_run_datum, track_static
+from towline.pipeline.diagnosing import tows_of
+from towline.pipeline.stages import compute_run_motion
 from towline.record.run import read_run
 
 STEP = PULLEYS_M[1] / PULLEYS_M[0]
@@ -27,14 +27,8 @@ STEP = PULLEYS_M[1] / PULLEYS_M[0]
 def campaign(folder: Path, seed: int) -> tuple[Case, TowSimulator]:
     """A weight over a pulley out of round, by the blind check's equations, as the diagnosis takes it."""
     case = case_of("case", "effect", ["constant_tension"], [777, seed], forms={"constant_tension": "out of round"})
-    recorded = []
-    for one in write_case(folder, case):
-        run = read_run(one)
-        found = compute_run_motion(run)
-        fit = fit_run_datum(run) if found.tracks is not None else None
-        recorded.append(Recorded(run, found.motion, found.common, found.tracks, fit, track_static(run)))
-    lasts = [float(r.motion["t_s"].iloc[-1] - r.motion["t_s"].iloc[0]) for r in recorded]
-    return case, TowSimulator(tow_runs(recorded, block_step(lasts)))
+    runs = [read_run(one) for one in write_case(folder, case)]
+    return case, TowSimulator(tows_of(runs, [compute_run_motion(run) for run in runs]))
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -37,8 +37,7 @@ MOST_COLOUR = 2.5
 APART_S = 0.12
 """Of the begins that are tried."""
 SPRINGS_RAD_S = tuple(np.geomspace(9.0, 32.0, 7))
-"""How a line bounces is tried beside that: a bounce that starts at another frequency is out of step within a second, and no step
-leads back."""
+"""Paces of a line's bounce that are tried: one that is begun at another is out of step within a second, and no step leads back."""
 ALIKE_TRIED, STARTS = 8, 3
 """Of every kind of push so many of the grid's events are fitted to means in which no bounce shows (COARSE_S), tried with all of
 these, and so many of those fitted to all that shows. Choices, for time."""
@@ -283,11 +282,9 @@ def events(radii: Sequence[Radius]) -> list[list[Event]]:
     fitted = _fitted(shown, [_begun(radius, own) for radius, own in zip(shown, begun, strict=True)])
     found = {k: [e for e in own if e.length_s < MOST_S] for k, own in zip(loud, fitted, strict=True)}
     answers = []
-    for k in range(len(radii)):
-        best: dict[Push, Event] = {}
-        for event in sorted(found.get(k, []), key=lambda event: -event.gain):
-            best.setdefault(event.push, event)
-        answers.append(list(best.values()))
+    for own in (found.get(k, []) for k in range(len(radii))):
+        best = _best_of_each([e.push for e in own], np.array([e.gain for e in own]), 1)
+        answers.append(sorted((own[k] for k in best), key=lambda event: -event.gain))
     return answers
 
 

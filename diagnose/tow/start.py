@@ -148,8 +148,7 @@ def excess_scatter(run: TowRun) -> Array:
 def measured_path(run: TowRun, nodes: int, wider: Sequence[float] | Array = (1.0, 1.0)) -> Array:
     """(4, nodes) alpha, beta, v, r every half block, from smoothing splines of y and beta; beyond the run its last values.
 
-    ``wider``: how many times as far as their noise y and beta may lie off the splines. A model that is further from the post's
-    track than its line is long is at the end of a longer one: as long as it is seen to be.
+    A model that is further from the post's track than its line is long is at the end of a longer one: as long as it is seen to be.
 
     Parameters
     ----------
@@ -158,9 +157,10 @@ def measured_path(run: TowRun, nodes: int, wider: Sequence[float] | Array = (1.0
     wider : how many times as far as their noise y and beta may lie off the splines
     """
     tow, found = run.data.tow, _followed(run, nodes, (Y, BETA), wider)
-    alpha, length = found.angle(tow.line_length_m), run.values[:, LINE]
-    if (np.abs(np.sin(alpha)) >= LARGEST_SINE).any() and np.isfinite(length).sum() > SMOOTH_ORDER:
-        alpha = found.angle(tow.line_length_m + _followed(run, nodes, (Y, BETA, LINE)).at(LINE))
+    length, beyond = tow.line_length_m, run.values[:, LINE]
+    if (np.abs(found.sine(length)) > LARGEST_SINE).any() and np.isfinite(beyond).sum() > SMOOTH_ORDER:
+        length = length + _followed(run, nodes, (LINE,)).at(LINE)
+    alpha = found.angle(length)
     if tow.line == "constant":  # u = U
         sway = (found.rate(Y) - tow.speed_m_s * found.sin_b) / found.cos_b
     else:
@@ -202,10 +202,14 @@ class _Followed:
     def cos_b(self) -> Array:
         return np.cos(self.at(BETA))
 
+    def sine(self, length_m: Any) -> Array:
+        """Of the angle of a line so long; beyond 1 where it does not reach."""
+        point = self.tow.tow_point_m * self.sin_b + self.tow.tow_point_offset_m * self.cos_b
+        return (self.at(Y) - self.post_y + point) / length_m
+
     def angle(self, length_m: Any) -> Array:
         """The line's, of a line so long."""
-        point = self.tow.tow_point_m * self.sin_b + self.tow.tow_point_offset_m * self.cos_b
-        return np.arcsin(np.clip((self.at(Y) - self.post_y + point) / length_m, -LARGEST_SINE, LARGEST_SINE))
+        return np.arcsin(np.clip(self.sine(length_m), -LARGEST_SINE, LARGEST_SINE))
 
     @property
     def across(self) -> Array:

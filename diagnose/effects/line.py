@@ -11,7 +11,7 @@ import numpy as np
 
 from ...geometry.checks.bundle import half_sine
 from ...simulate.model import RESISTANCE_EXPONENT
-from .base import Effect, Parameter, Seen, Situation
+from .base import SMALLEST_COSINE, Effect, Parameter, Seen, Situation
 from .members import any_of, with_some
 
 GIVES = 0.15
@@ -480,15 +480,15 @@ class Jerks:
     count : of all runs
     runs : indices of those that have one
     ahead : by how much lines are shorter, m, (..., runs, 1), and that by how long and how hard the models were carried (logarithms)
-    carried : what carries the models ahead, over the straight tow's resistance; likewise
-    pull : what lines pull with beyond taut ones beside that, over the resistance; likewise
+    faster : by how much the models go faster through the water, m/s; likewise
+    pushed : what pushes them ahead, over the straight tow's resistance; likewise
     """
 
     count: int
     runs: Sequence[int]
     ahead: Sequence[Callable[[Any], Any]]
-    carried: Sequence[Callable[[Any], Any]]
-    pull: Sequence[Callable[[Any], Any]]
+    faster: Sequence[Callable[[Any], Any]]
+    pushed: Sequence[Callable[[Any], Any]]
 
     def moved(self, courses: Sequence[Callable[[Any], Any]], t_s: Any, own: Sequence[Any]) -> Any:
         """The course with every event so much later, longer and harder, (..., runs, columns)."""
@@ -502,6 +502,8 @@ class Jerks:
 def jerked(jerks: Jerks, variant: str, cost: float) -> Effect:
     """A line that keeps its length goes slack and comes straight with a jerk; the engine finds the courses in the taut-line radius.
 
+    The model goes as fast as those say. The line pulls with what that takes of it: nothing where it coasts, and the jerks.
+
     Parameters
     ----------
     jerks : the events
@@ -509,14 +511,18 @@ def jerked(jerks: Jerks, variant: str, cost: float) -> Effect:
     cost : log evidence that finding them costs
     """
 
-    def tension(s: Situation, share, _, *own):
-        return share * (s.tension_n - s.beyond_n) * jerks.moved(jerks.pull, s.t_s, own)
+    def speed(s: Situation, share, _, *own):
+        return share * jerks.moved(jerks.faster, s.t_s, own)
 
     def ahead(s: Situation, share, _, *own):
-        return share * s.tension_n * jerks.moved(jerks.carried, s.t_s, own)
+        return share * s.tension_n * jerks.moved(jerks.pushed, s.t_s, own)
 
-    def stretch(seen: Seen, _, nearer, *own):
-        return -nearer * jerks.moved(jerks.ahead, seen.t_s, own)
+    def observe(seen: Seen, _, nearer, *own):
+        # how the model goes aside meanwhile its speed says
+        nearer = (
+            nearer * jerks.moved(jerks.ahead, seen.t_s, own) / np.clip(np.cos(seen.alpha_rad), SMALLEST_COSINE, None)
+        )
+        return nearer, 0.0, 0.0, 0.0
 
     own = [
         (
@@ -535,8 +541,10 @@ def jerked(jerks: Jerks, variant: str, cost: float) -> Effect:
         ),
         physics="The carriage slows, or a wave or a hand carries the model ahead: the line goes slack and straightens with a jerk.",
         ahead=ahead,
-        tension=tension,
-        stretch=stretch,
+        speed=speed,
+        observe=observe,
+        tension=None,
+        stretch=None,
         variant=variant,
         form=JERK_FORM,
         cost=cost,

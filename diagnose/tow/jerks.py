@@ -1,7 +1,8 @@
-"""How a model surges on a taut line while something carries it ahead, until the line has come straight again.
+"""How a model surges on a taut line while something carries it ahead or the carriage slows, until the line is straight again.
 
 Surge alone, on a stiff spring that cannot push: what the taut-line radius shows of a slack line says when, how long and how hard
-the model was carried, and with that what the line pulled with, jerks included, which no camera sees.
+the model was carried, and with that how fast it went through the water. What the line pulled with, jerks included, no camera sees:
+it follows from that by the model's inertia.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,17 +38,18 @@ MOST_COLOUR = 2.5
 """What lasts in a radius makes stretches scatter by up to so many times what white noise does; what scatters more is not noise."""
 APART_S = 0.12
 """Of the begins that are tried."""
-SPRINGS_RAD_S = tuple(np.geomspace(9.0, 32.0, 7))
-"""Paces of a line's bounce that are tried: one that is begun at another is out of step within a second, and no step leads back."""
-ALIKE_TRIED, STARTS = 8, 3
+BOUNCES = tuple((spring, damping) for spring in np.geomspace(9.0, 32.0, 7) for damping in (0.06, DAMPING))
+"""Paces of a line's bounce, rad/s, with their damping, that are tried: one that is begun otherwise is out of step within a second,
+and no step leads back."""
+ALIKE_TRIED, STARTS, STARTS_AGAIN = 8, 3, 1
 """Of every kind of push so many of the grid's events are fitted to means in which no bounce shows (COARSE_S), tried with all of
-these, and so many of those fitted to all that shows. Choices, for time."""
+these, and so many of those fitted to all that shows; and so many bouncing as the likeliest events do. Choices, for time."""
 COARSE_S = 0.6
 """A line bounces at 9 rad/s and more."""
 NUMBERS = ("begin_s", "length", "hard", "skew", "spring", "damping", "gain")
 """Of an event, all but the first as logarithms."""
-SPRING = NUMBERS.index("spring")
-"""Which of them says how fast a line bounces."""
+LINE = slice(NUMBERS.index("spring"), NUMBERS.index("damping") + 1)
+"""Which of them say how a line bounces."""
 USUAL = np.log([1.0, 1.0, 1.0, 1.0, SPRING_RAD_S, DAMPING, 1.0])
 """About which they lie, the first three anywhere ..."""
 SPREAD = np.array([np.inf, np.inf, np.inf, 0.5, 0.7, 0.7, 0.05])
@@ -64,31 +67,58 @@ AT_MOST = np.array([0.3, 0.2, 0.2, 0.3, 0.3, 0.5, 0.05])
 
 @dataclass(frozen=True)
 class Push:
-    """What carries a model ahead: one wave or a stop of the carriage, a shove, or a train of waves.
+    """What carries a model ahead of its post: a shove, a wave or a train of them, or the carriage that slows and comes back.
 
     Attributes
     ----------
     waves : how many; 0: a shove
+    carriage : it is the carriage; the model is pushed by nothing
     """
 
     waves: int
+    carriage: bool = False
 
-    def __call__(self, share: Array) -> Array:
-        """At a share of its length (0..1; 0 beyond), at most about 1."""
+    def __call__(self, share: Array, skew: Array | float = 1.0) -> Array:
+        """At a share of its length (0..1; 0 beyond), at most about 1 without skew. Of a carriage: how fast it slows.
+
+        Parameters
+        ----------
+        share : of its length
+        skew : above 1 its first half takes the longer
+        """
         inside = (share > 0) & (share < 1)
+        if self.carriage:
+            turned, rate = _turned(np.clip(share, 0.0, 1.0), skew)
+            return np.where(inside, np.sin(2 * np.pi * turned) * rate, 0.0)
+        share = np.clip(share, 0.0, 1.0) ** skew
         if self.waves == 0:
             return np.where(inside, np.sin(np.pi * share) ** 2, 0.0)
         course = np.sin(2 * np.pi * self.waves * share)
         return np.where(inside, course if self.waves == 1 else np.sin(np.pi * share) ** 2 * course, 0.0)
 
+    def slowed(self, share: Array, skew: Array | float = 1.0) -> Array:
+        """How much slower the carriage goes for it, over what slows it at most times the length: the sum of what it slows by."""
+        if not self.carriage:
+            return np.zeros_like(share)
+        return np.sin(np.pi * _turned(np.clip(share, 0.0, 1.0), skew)[0]) ** 2 / np.pi
+
     @property
     def words(self) -> str:
         """What it is called."""
-        return ("a shove", "a stop or a wave")[self.waves] if self.waves < 2 else f"{self.waves} waves"
+        if self.carriage:
+            return "a stop of the carriage"
+        return ("a shove", "a wave")[self.waves] if self.waves < 2 else f"{self.waves} waves"
 
 
-PUSHES = tuple(Push(k) for k in range(6))
-"""A shove, and one to five waves: longer trains slacken a line again and again, and look alike. A choice."""
+def _turned(share: Array, skew: Array | float) -> tuple[Array, Array]:
+    """How much of its turn a carriage has made that slows in another time than it comes back in, and the rate of that."""
+    late = np.asarray(skew, dtype=float) ** 2
+    below = share + late * (1 - share)
+    return share / below, late / below**2
+
+
+PUSHES = (Push(0), Push(1), Push(1, carriage=True), *(Push(k) for k in range(2, 6)))
+"""A shove, a wave, a stop, and two to five waves: longer trains slacken a line again and again, and look alike. A choice."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +165,23 @@ class Straight:
     swinging: Swinging = NOT_AT_ALL
 
 
+class Surged(NamedTuple):
+    """How models surge, (n, k) or (n,), every STEP_S from an event's begin.
+
+    Attributes
+    ----------
+    ahead_m : how far ahead of where its taut line would hold it
+    faster_m_s : by how much it goes faster through the water than the tow's own speed
+    pushed : what pushes it, over the resistance; a carriage pushes nothing
+    pull : what its line pulls with, over the resistance
+    """
+
+    ahead_m: Array
+    faster_m_s: Array
+    pushed: Array
+    pull: Array
+
+
 @dataclass(frozen=True)
 class Event:
     """One slackening of a run's line.
@@ -162,14 +209,10 @@ class Event:
         """How long the model is carried."""
         return float(np.exp(self.numbers[1]))
 
-    def course(self) -> tuple[Array, Array, Array, Array]:
-        """Times from the run's start, s, by how much the model is ahead, m, what carries it ahead, over R, and what the line pulls
-        with beyond what a taut one would beside that, over R, (n,) each.
-        """
-        ahead, pull, carried = (found[:, 0] for found in surged([self.push], self.numbers[None], [self.tow]))
-        t_s = self.begin_s + STEP_S * np.arange(len(ahead))
-        beyond, lighter, cosine = self.tow.swinging.at(t_s)
-        return t_s, ahead, carried, pull - (1 + beyond - cosine / lighter * carried)
+    @property
+    def end_s(self) -> float:
+        """When what carries the model has ended."""
+        return self.begin_s + self.length_s
 
 
 @dataclass(frozen=True)
@@ -208,39 +251,54 @@ class Radius:
         return all(z.max() < QUIET_Z * colour for z, colour in zip(shown, colours, strict=True))
 
 
-def surged(pushes: Sequence[Push], numbers: Array, tows: Sequence[Straight]) -> tuple[Array, Array, Array]:
-    """How far ahead a model comes, what its line pulls with and what carries it, every STEP_S from the event's begin.
+def courses(found: Sequence[Event]) -> list[tuple[Array, Surged]]:
+    """Of each event times from the run's start, s, (n,), and how its model surges then.
+
+    Parameters
+    ----------
+    found : the events
+    """
+    if not found:
+        return []
+    every = surged([e.push for e in found], np.array([e.numbers for e in found]), [e.tow for e in found])
+    answers = []
+    for k, event in enumerate(found):
+        own = slice(_steps(np.array([event.length_s])))
+        one = Surged(*(rows[own, k] for rows in every))
+        answers.append((event.begin_s + STEP_S * np.arange(len(one.ahead_m)), one))
+    return answers
+
+
+def surged(pushes: Sequence[Push], numbers: Array, tows: Sequence[Straight]) -> Surged:
+    """How models surge, (n, k), every STEP_S from the event's begin.
 
     Parameters
     ----------
     pushes : k of them
     numbers : (k, 7) NUMBERS
     tows : k of them
-
-    Returns
-    -------
-    ahead (n, k), m, pull and what carries it (n, k), over the resistance
     """
     length, hard, skew, spring, damping, gain = np.exp(numbers[:, 1:]).T
     usual, carriage, exponent = np.array([(t.pull_m_s2, t.speed_m_s, t.exponent) for t in tows]).T
     rate = usual * gain
     count = _steps(length)
     share = (STEP_S * (np.arange(count) + 0.5))[:, None] / length
-    warped = np.clip(share, 0.0, 1.0) ** skew
-    carried = np.empty_like(warped)
+    pushed, slows, slower = np.zeros((3, *share.shape))
     for push in set(pushes):
         at = [k for k, own in enumerate(pushes) if own == push]
-        carried[:, at] = push(warped[:, at])
-    carried = hard * carried
+        carried = slows if push.carriage else pushed
+        carried[:, at] = hard[at] * push(share[:, at], skew[at])
+        if push.carriage:
+            slower[:, at] = hard[at] * rate[at] * length[at] * push.slowed(share[:, at], skew[at])
     clock = STEP_S * np.arange(count)
     courses = [t.swinging.at(begin + clock) for t, begin in zip(tows, numbers[:, 0], strict=True)]
     beyond, lighter, cosine = (np.column_stack(found) for found in zip(*courses, strict=True))
     # what swings pulls the line the harder, or less hard, and it falls slack the later, or sooner
     taut = rate * (1 + beyond)
-    push = cosine * (rate * carried) - lighter * taut + rate
+    push = rate * (cosine * pushed + slows) - lighter * taut + rate
     stiff, grip = spring**2, 2 * damping * spring
     ahead, speed = np.zeros(len(numbers)), np.zeros(len(numbers))
-    far, pulled = np.empty_like(warped), np.empty_like(warped)
+    far, faster, pulled = np.empty((3, *share.shape))
     # in place: the arrays are short, and there are thousands of steps
     held, drag, more = np.empty_like(ahead), np.empty_like(ahead), np.empty_like(ahead)
     for k in range(count):
@@ -251,15 +309,16 @@ def surged(pushes: Sequence[Push], numbers: Array, tows: Sequence[Straight]) -> 
         more *= grip
         more *= speed
         np.maximum(np.subtract(held, more, out=held), 0.0, out=held)
-        np.add(np.divide(speed, carriage, out=drag), 1.0, out=drag)
+        np.subtract(speed, slower[k], out=drag)
+        np.add(np.divide(drag, carriage, out=drag), 1.0, out=drag)
         np.power(np.maximum(drag, 0.0, out=drag), exponent, out=drag)
         np.add(push[k], np.multiply(lighter[k], held, out=more), out=more)
         more -= np.multiply(rate, drag, out=drag)
         more *= STEP_S
         speed += more
         ahead += np.multiply(STEP_S, speed, out=more)
-        far[k], pulled[k] = ahead, held
-    return far, pulled / rate, carried
+        far[k], faster[k], pulled[k] = ahead, speed, held
+    return Surged(far, faster - slower, pushed, pulled / rate)
 
 
 def _steps(length_s: Array) -> int:
@@ -279,7 +338,12 @@ def events(radii: Sequence[Radius]) -> list[list[Event]]:
     shown, smooth = [radii[k] for k in loud], [_coarse(radii[k]) for k in loud]
     # a bounce that is out of step hides what carried the model
     begun = _fitted(smooth, [_of_grid(radius) for radius in smooth], turns=FIRST_TURNS)
-    fitted = _fitted(shown, [_begun(radius, own) for radius, own in zip(shown, begun, strict=True)])
+    fitted = _fitted(shown, [_begun(radius, own, BOUNCES, STARTS) for radius, own in zip(shown, begun, strict=True)])
+    # one line bounces alike whatever carried the model, and in all runs
+    likeliest = [max(own, key=lambda event: event.gain) for own in fitted if own]
+    alike = [tuple(np.exp(event.numbers[LINE])) for event in likeliest]
+    again = _fitted(shown, [_begun(radius, own, alike, STARTS_AGAIN) for radius, own in zip(shown, begun, strict=True)])
+    fitted = [one + other for one, other in zip(fitted, again, strict=True)]
     found = {k: [e for e in own if e.length_s < MOST_S] for k, own in zip(loud, fitted, strict=True)}
     answers = []
     for own in (found.get(k, []) for k in range(len(radii))):
@@ -296,31 +360,33 @@ def longer(radii: Sequence[Radius], found: Sequence[Event]) -> list[list[Event]]
     radii : of the runs
     found : of each run the likeliest
     """
-    answers = []
+    starts = []
     for times in LONGER:
-        starts = []
         for event in found:
             more = (times - 1) * event.length_s
             start = event.numbers + np.array([-more / 2, np.log(times), *np.zeros(len(NUMBERS) - 2)])
             # of what is beyond the resistance as much as before
             start[2] = np.log1p(np.expm1(max(event.numbers[2], 0.05)) / times)
             starts.append([(event.push, start)])
-        answers.append([one for (one,) in _fitted(radii, starts, HELD)])
+    fitted = [one for (one,) in _fitted(list(radii) * len(LONGER), starts, HELD)]
+    answers = [fitted[k : k + len(found)] for k in range(0, len(fitted), len(found))]
     return [own for own in answers if all(event.length_s < MOST_S for event in own)]
 
 
-def _begun(radius: Radius, coarse: Sequence[Event]) -> list[tuple[Push, Array]]:
-    """Of every kind of push the likeliest STARTS: events as they show without bounces, bouncing in every way."""
-    tried = [(event.push, _bouncing(event.numbers, spring)) for event in coarse for spring in SPRINGS_RAD_S]
+def _begun(
+    radius: Radius, coarse: Sequence[Event], bounces: Sequence[tuple[float, float]], count: int
+) -> list[tuple[Push, Array]]:
+    """Of every kind of push the likeliest ``count``: events as they show without bounces, bouncing in each of these ways."""
+    tried = [(event.push, _bouncing(event.numbers, bounce)) for event in coarse for bounce in bounces]
     kinds, numbers = [p for p, _ in tried], np.array([x for _, x in tried])
     (rows,) = _missed([radius], [kinds], [numbers[:, None]], ([numbers], SPREAD))
-    return [tried[k] for k in _best_of_each(kinds, -_squares(rows), STARTS)]
+    return [tried[k] for k in _best_of_each(kinds, -_squares(rows), count)]
 
 
-def _bouncing(numbers: Array, spring_rad_s: float) -> Array:
-    """The same event on a line of this stiffness."""
+def _bouncing(numbers: Array, bounce: tuple[float, float]) -> Array:
+    """The same event on a line of this stiffness and damping."""
     changed = numbers.copy()
-    changed[SPRING] = np.log(spring_rad_s)
+    changed[LINE] = np.log(bounce)
     return changed
 
 
@@ -349,7 +415,7 @@ def _of_grid(radius: Radius) -> list[tuple[Push, Array]]:
     pushes, numbers = [p for p, _ in starts], np.array([x for _, x in starts])
     # an event of any begin: as if the tow did not swing
     straight = replace(radius.tow, swinging=NOT_AT_ALL)
-    far, *_ = surged(pushes, numbers, [straight] * len(starts))
+    far = surged(pushes, numbers, [straight] * len(starts)).ahead_m
     whole = np.concatenate([np.zeros_like(far[:1]), np.cumsum(far, axis=0)])
     best = np.full(len(starts), -np.inf)
     shifts = math.ceil(step / APART_S)
@@ -392,7 +458,7 @@ def _missed(
     kinds = [p for own, x in zip(pushes, numbers, strict=True) for p in own for _ in range(x.shape[1])]
     tows = [r.tow for r, x in zip(radii, numbers, strict=True) for _ in range(x.shape[0] * x.shape[1])]
     # one integration of all: what a step costs hardly grows with how many go side by side
-    every, *_ = surged(kinds, np.concatenate([x.reshape(-1, len(NUMBERS)) for x in numbers]), tows)
+    every = surged(kinds, np.concatenate([x.reshape(-1, len(NUMBERS)) for x in numbers]), tows).ahead_m
     found, first = [], 0
     for radius, own, usual in zip(radii, numbers, known[0], strict=True):
         flat, step = own.reshape(-1, len(NUMBERS)), radius.step_s
@@ -467,13 +533,16 @@ def _change(rows: Array, damp: Array) -> Array:
 
 __all__ = [
     "MOST_S",
+    "NUMBERS",
     "PUSHES",
     "STEP_S",
     "Event",
     "Push",
     "Radius",
     "Straight",
+    "Surged",
     "Swinging",
+    "courses",
     "events",
     "longer",
     "surged",

@@ -17,7 +17,21 @@ from ...simulate.model import RESISTANCE_EXPONENT, Array
 from ..effects import Effect, Jerks, jerked, slack
 from .channels import LINE
 from .courses import by_run
-from .jerks import MOST_S, NOT_AT_ALL, STEP_S, Event, Push, Radius, Straight, Swinging, events, longer
+from .jerks import (
+    MOST_S,
+    NOT_AT_ALL,
+    NUMBERS,
+    STEP_S,
+    Event,
+    Push,
+    Radius,
+    Straight,
+    Surged,
+    Swinging,
+    courses,
+    events,
+    longer,
+)
 from .start import straight_pull
 from .tow_run import TowRun
 
@@ -96,7 +110,7 @@ def jerk_effects(
     shown: dict[int, list[Event]] = {index: own for index, own in likely if own}
     sure = {index: max(found[0].gain, 0.0) for index, found in shown.items()}
     order = sorted((i for i in sure if sure[i] > SLACK_Z**2 / 2), key=lambda i: -sure[i])
-    found: list[Effect] = []
+    found: list[dict[int, Event]] = []
     gains: dict[Push, float] = {}
     for event in (e for i in order for e in shown[i]):
         gains[event.push] = gains.get(event.push, 0.0) + event.gain
@@ -109,19 +123,25 @@ def jerk_effects(
         for events_of in (begun, *longer([radii[i] for i in shortest], begun)):
             own = dict(zip(shortest, events_of, strict=True))
             alike = {i: replace(events_of[0], tow=tow, gain=0.0) for i, tow in enumerate(tows) if i not in own}
-            found += [_jerked(runs, dict(islice(own.items(), count))) for count in range(1, len(own) + 1)]
-            found += [_jerked(runs, own | {i: event}) for i, event in alike.items()]
-    return found
+            found += [dict(islice(own.items(), count)) for count in range(1, len(own) + 1)]
+            found += [own | {i: event} for i, event in alike.items()]
+    return _jerked(runs, found)
 
 
-def _jerked(runs: Sequence[TowRun], own: dict[int, Event]) -> Effect:
-    """The effect of these events, each in its run."""
-    said = ", ".join(f"run {i + 1} {own[i].begin_s:.1f}-{own[i].begin_s + own[i].length_s:.1f} s" for i in sorted(own))
-    courses = [_courses(own[i], run.step_s / 2) if i in own else NOTHING for i, run in enumerate(runs)]
-    kinds = [[by_run(functions) for functions in zip(*kind, strict=True)] for kind in zip(*courses, strict=True)]
-    (first, *_) = own.values()
-    jerks = Jerks(len(runs), sorted(own), *kinds)
-    return jerked(jerks, f"{first.push.words}, {said}", FOUND_COST * len(own))
+def _jerked(runs: Sequence[TowRun], found: Sequence[dict[int, Event]]) -> list[Effect]:
+    """The effects of such events, each in its run."""
+    # most are in several
+    every = {id(event): event for own in found for event in own.values()}
+    shown = dict(zip(every, _courses(list(every.values()), runs[0].step_s / 2), strict=True))
+    answers = []
+    for own in found:
+        said = ", ".join(f"run {i + 1} {own[i].begin_s:.1f}-{own[i].end_s:.1f} s" for i in sorted(own))
+        each = [shown[id(own[i])] if i in own else NOTHING for i in range(len(runs))]
+        kinds = [[by_run(functions) for functions in zip(*kind, strict=True)] for kind in zip(*each, strict=True)]
+        (first, *_) = own.values()
+        jerks = Jerks(len(runs), sorted(own), *kinds)
+        answers.append(jerked(jerks, f"{first.push.words}, {said}", FOUND_COST * len(own)))
+    return answers
 
 
 def _radius(run: TowRun, left: Array, tow: Straight) -> Radius | None:
@@ -131,9 +151,13 @@ def _radius(run: TowRun, left: Array, tow: Straight) -> Radius | None:
         return None
     t_s, means, sd_m = run.radius_by_parts(PARTS)
     explained = np.interp(t_s, run.centre_s[good], (run.values[:, LINE] - left)[good])
-    short = explained + np.median(left[good]) - means
+    level = np.full_like(t_s, np.median(run.values[good, LINE]))
+    # a fit that a hard jerk has led astray explains less than nothing
+    shorts = (explained + np.median(left[good]) - means, level - means)
     # most of a block's error is slow: its parts scatter less than if it were white, and a run is taut for most of its time
-    scatter = float(median_abs_deviation(short, nan_policy="omit", scale=float(ndtri(0.75))))
+    scatters = [float(median_abs_deviation(s, nan_policy="omit", scale=float(ndtri(0.75)))) for s in shorts]
+    best = int(np.argmin(scatters))
+    short, scatter = shorts[best], scatters[best]
     return Radius(t_s, short, min(sd_m, scatter), tow)
 
 
@@ -152,33 +176,37 @@ def surging_kg(run: TowRun) -> float:
     return SURGING * run.run.model.mass_kg
 
 
-def _courses(event: Event, node_s: float) -> tuple[tuple[Callable[[Array], Array], ...], ...]:
-    """By how much the line is shorter, what carries the model, and the pull beyond a taut line's, over R, as means about each node;
+def _courses(found: Sequence[Event], node_s: float) -> list[tuple[tuple[Callable[[Array], Array], ...], ...]]:
+    """Of each event by how much the line is shorter, m, the model is faster, m/s, and is pushed, over R, as means about each node;
     and how these change if the event lasts longer about the same middle, and if it is harder.
     """
-    here = _course(event, node_s)
-    steps = np.zeros((2, len(event.numbers)))
-    steps[0, :2] = -CHANGED * event.length_s / 2, CHANGED
-    steps[1, 2] = CHANGED
-    more = [_course(replace(event, numbers=event.numbers + step), node_s) for step in steps]
-    return tuple((own, *(partial(_slope, own, other[k]) for other in more)) for k, own in enumerate(here))
+    steps = np.zeros((3, len(NUMBERS)))
+    moved = []
+    for event in found:
+        steps[1, :2] = -CHANGED * event.length_s / 2, CHANGED
+        steps[2, 2] = CHANGED
+        moved += [replace(event, numbers=event.numbers + step) for step in steps]
+    each = [_course(t_s, surge, node_s) for t_s, surge in courses(moved)]
+    return [
+        tuple((own, *(partial(_slope, own, other[k]) for other in more)) for k, own in enumerate(here))
+        for here, *more in (each[k : k + 3] for k in range(0, len(each), 3))
+    ]
 
 
 def _slope(here: Callable[[Array], Array], there: Callable[[Array], Array], t_s: Array) -> Array:
     return (there(t_s) - here(t_s)) / CHANGED
 
 
-def _course(event: Event, node_s: float) -> tuple[Callable[[Array], Array], ...]:
+def _course(t_s: Array, surge: Surged, node_s: float) -> tuple[Callable[[Array], Array], ...]:
     """The courses themselves."""
-    t_s, ahead, carried, pull = event.course()
     width = max(1, round(node_s / STEP_S))
     # a cubic spline's own shape: nodes then hold a jerk's impulse wherever it lies between them, and how that moves with it
     box = np.ones(width) / width
     kernel = np.convolve(np.convolve(box, box), np.convolve(box, box))
     beside = STEP_S * np.arange(1, 2 * width + 1)
     t_s = np.concatenate([t_s[0] - beside[::-1], t_s, t_s[-1] + beside])
-    ahead, carried, pull = (np.pad(row, 2 * width) for row in (ahead, carried, pull))
-    rows = (ahead, *(np.convolve(row, kernel, mode="same") for row in (carried, pull)))
+    ahead, faster, pushed = (np.pad(row, 2 * width) for row in (surge.ahead_m, surge.faster_m_s, surge.pushed))
+    rows = (ahead, *(np.convolve(row, kernel, mode="same") for row in (faster, pushed)))
     return tuple(partial(np.interp, xp=t_s, fp=row, left=0.0, right=0.0) for row in rows)
 
 

@@ -519,10 +519,8 @@ def jerked(jerks: Jerks, variant: str, cost: float) -> Effect:
 
     def observe(seen: Seen, _, nearer, *own):
         # how the model goes aside meanwhile its speed says
-        nearer = (
-            nearer * jerks.moved(jerks.ahead, seen.t_s, own) / np.clip(np.cos(seen.alpha_rad), SMALLEST_COSINE, None)
-        )
-        return nearer, 0.0, 0.0, 0.0
+        ahead_m = nearer * jerks.moved(jerks.ahead, seen.t_s, own)
+        return ahead_m / np.clip(np.cos(seen.alpha_rad), SMALLEST_COSINE, None), 0.0, 0.0, 0.0
 
     own = [
         (

@@ -479,7 +479,8 @@ class Jerks:
     ----------
     count : of all runs
     runs : indices of those that have one
-    ahead : by how much lines are shorter, m, (..., runs, 1), and that by how long and how hard the models were carried (logarithms)
+    ahead : by how much lines are shorter, m, (..., runs, 1), and how that changes with an event's length, hardness and skew
+        (logarithms)
     faster : by how much the models go faster through the water, m/s; likewise
     pushed : what pushes them ahead, over the straight tow's resistance; likewise
     """
@@ -491,9 +492,9 @@ class Jerks:
     pushed: Sequence[Callable[[Any], Any]]
 
     def moved(self, courses: Sequence[Callable[[Any], Any]], t_s: Any, own: Sequence[Any]) -> Any:
-        """The course with every event so much later, longer and harder, (..., runs, columns)."""
-        numbers = np.zeros((3, self.count, np.size(own[0])))
-        numbers[:, list(self.runs)] = np.reshape(own, (len(self.runs), 3, -1)).swapaxes(0, 1)
+        """The course with every event so much later, longer, harder and more skewed, (..., runs, columns)."""
+        numbers = np.zeros((4, self.count, np.size(own[0])))
+        numbers[:, list(self.runs)] = np.reshape(own, (len(self.runs), 4, -1)).swapaxes(0, 1)
         later, *others = numbers
         here, *changes = (course(t_s - later) for course in courses)
         return here + sum(number * change for number, change in zip(others, changes, strict=True))
@@ -527,6 +528,7 @@ def jerked(jerks: Jerks, variant: str, cost: float) -> Effect:
             Parameter(f"later_{k + 1}_s", "s", 0.1),
             Parameter(f"longer_{k + 1}", "", 0.2),
             Parameter(f"harder_{k + 1}", "", 0.2),
+            Parameter(f"skewed_{k + 1}", "", 0.2),
         )
         for k in jerks.runs
     ]

@@ -47,10 +47,10 @@ FOUND_COST = 10.0
 """Log evidence that finding an event's six numbers in a run's residual costs: a choice."""
 SURGING = 1.05
 """Usual mass in surge over the model's."""
-NOTHING = ((np.zeros_like,) * 3,) * 3
+NOTHING = ((np.zeros_like,) * 4,) * 3
 """Courses of a line that stays taut."""
 CHANGED = 0.05
-"""Of an event's length and hardness, for the slopes of its courses."""
+"""Of an event's length, hardness and skew, for the slopes of its courses."""
 PARTS = 4
 """Of a block, for the course of a jerk: about 0.1 s."""
 LEAST_BLOCKS = 10
@@ -178,18 +178,19 @@ def surging_kg(run: TowRun) -> float:
 
 def _courses(found: Sequence[Event], node_s: float) -> list[tuple[tuple[Callable[[Array], Array], ...], ...]]:
     """Of each event by how much the line is shorter, m, the model is faster, m/s, and is pushed, over R, as means about each node;
-    and how these change if the event lasts longer about the same middle, and if it is harder.
+    and how these change if the event lasts longer about the same middle, if it is harder, and if its first half takes the longer.
     """
-    steps = np.zeros((3, len(NUMBERS)))
+    steps = np.zeros((4, len(NUMBERS)))
     moved = []
     for event in found:
         steps[1, :2] = -CHANGED * event.length_s / 2, CHANGED
         steps[2, 2] = CHANGED
+        steps[3, 3] = CHANGED
         moved += [replace(event, numbers=event.numbers + step) for step in steps]
     each = [_course(t_s, surge, node_s) for t_s, surge in courses(moved)]
     return [
         tuple((own, *(partial(_slope, own, other[k]) for other in more)) for k, own in enumerate(here))
-        for here, *more in (each[k : k + 3] for k in range(0, len(each), 3))
+        for here, *more in (each[k : k + len(steps)] for k in range(0, len(each), len(steps)))
     ]
 
 

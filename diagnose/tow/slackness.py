@@ -94,7 +94,7 @@ def jerk_effects(
 ) -> list[Effect]:
     """The likeliest slackenings of lines that keep their length, from the taut line's residual: in the run that shows most, in the
     two, ... in all that show any; by the likeliest kinds of what carried the models. What carried one may have come at the same
-    time in a run whose line stayed taut, as a carriage slows at the same place of its rails: no radius shows it.
+    time where a line stayed taut, or hardly fell slack, as a carriage slows at the same place of its rails: no radius says so.
 
     Parameters
     ----------
@@ -122,7 +122,9 @@ def jerk_effects(
         begun = list(shortest.values())
         for events_of in (begun, *longer([radii[i] for i in shortest], begun)):
             own = dict(zip(shortest, events_of, strict=True))
-            alike = {i: replace(events_of[0], tow=tow, gain=0.0) for i, tow in enumerate(tows) if i not in own}
+            clearest, event = next(iter(own.items()))
+            # what hardly shows in one run may be what shows clearly in another
+            alike = {i: replace(event, tow=tow, gain=0.0) for i, tow in enumerate(tows) if i != clearest}
             found += [dict(islice(own.items(), count)) for count in range(1, len(own) + 1)]
             found += [own | {i: event} for i, event in alike.items()]
     return _jerked(runs, found)

@@ -283,7 +283,7 @@ def surged(pushes: Sequence[Push], numbers: Array, tows: Sequence[Straight]) -> 
     rate = usual * gain
     count = _steps(length)
     share = (STEP_S * (np.arange(count) + 0.5))[:, None] / length
-    pushed, slows, slower = np.zeros((3, *share.shape))
+    pushed, slows, slower = (np.zeros_like(share) for _ in range(3))
     for push in set(pushes):
         at = [k for k, own in enumerate(pushes) if own == push]
         carried = slows if push.carriage else pushed
@@ -298,7 +298,7 @@ def surged(pushes: Sequence[Push], numbers: Array, tows: Sequence[Straight]) -> 
     push = rate * (cosine * pushed + slows) - lighter * taut + rate
     stiff, grip = spring**2, 2 * damping * spring
     ahead, speed = np.zeros(len(numbers)), np.zeros(len(numbers))
-    far, faster, pulled = np.empty((3, *share.shape))
+    far, faster, pulled = (np.empty_like(share) for _ in range(3))
     # in place: the arrays are short, and there are thousands of steps
     held, drag, more = np.empty_like(ahead), np.empty_like(ahead), np.empty_like(ahead)
     for k in range(count):

@@ -36,7 +36,7 @@ def line(run: UsersRun, n: dict, effects: dict) -> np.ndarray:
     """A straight line, and a wave as the effect: all linear; k side by side."""
     (size,) = effects.get("wave", (0.0,))
     t_s = run.centre_s[:, None]
-    gone = 1e12 * sum(effects.get("beyond", (0.0, 0.0))) * np.sin(2 * t_s)
+    gone = 1e16 * sum(effects.get("beyond", (0.0, 0.0))) * np.sin(2 * t_s)
     return (n["a0"] + n["rate"] * t_s + size * np.cos(t_s) + gone)[:, None]
 
 
@@ -101,8 +101,7 @@ def test_a_score_foresees_what_a_measurement_adds() -> None:
 def test_slopes_that_have_run_off_take_no_other_effect_with_them() -> None:
     inference, base = fitted(None, {})
     both = screened(inference, base, [BEYOND, WAVE], (1.0,)).seen
-    # minus infinity, or what another processor's rounding leaves of it: nothing speaks for it
-    assert both["beyond"] < 0
+    assert both["beyond"] == -np.inf
     assert both["wave"] == screened(inference, base, [WAVE], (1.0,)).seen["wave"]
 
 

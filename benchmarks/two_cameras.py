@@ -19,15 +19,13 @@ from scipy.spatial.transform import Rotation
 from two_cameras_cases import MARKS, NAMES, Case, random_case
 from two_cameras_films import film_two
 from two_cameras_flash import flash_rows, tied_rows
-from two_cameras_rendered import rendered
+from two_cameras_rendered import rendered, tracked
 
 from towline.geometry.cameras.flash import Lit
 from towline.geometry.cameras.motion import AFLOAT, JointMotion, joint_motion
 from towline.geometry.cameras.view import between
 from towline.geometry.motion import run_datum
 from towline.geometry.poses import poses_from_tracks
-from towline.pipeline.stages.joined import join_cameras
-from towline.record import read_run
 from towline.record.run import cameras_of
 
 LEVEL, ROLLING = ("bow", "stern"), ("bow", "stern", "mast", "side")
@@ -236,7 +234,7 @@ def rms_of(values: np.ndarray) -> np.ndarray:
 
 
 def films(out: Path) -> None:
-    """Rendered before two cameras, H.264 crf 20, tracked and joined by the stages of ``towline motion``."""
+    """Rendered before two cameras, H.264 crf 20, tracked by the stages of ``towline track``, and joined."""
     print("\n== films: the MARINER tows before two cameras, 640x480, 30 and 25 frames/s, H.264 crf 20, tracked")
     print(
         f"{'':8}{'offset':>9}{'stated':>8}{'rate':>10}{'stated':>9}{'y rms':>10}{'z':>6}{'heading':>11}{'z':>6}   "
@@ -246,10 +244,8 @@ def films(out: Path) -> None:
         scenario = ROOT / "sample_videos" / "mariner" / name / "scenario.toml"
         seed = 100 + 10 * number
         made = film_two(scenario, out / name, POSES, ENDS_S, (30.0, 25.0), offset_s, rate, seed, (640, 480))
-        found, said = join_cameras(read_run(made.folder))
-        assert found.common is not None
-        assert found.lag is not None
-        motion = found.motion
+        found = joined(tracked(made, offset_s, rate, 0.0))
+        motion, clock = found.motion, found.match.clock
         seen = (motion["status"] == "measured").to_numpy()
         truth = made.truth(np.clip(motion["t_s"], made.motion["t_s"].iloc[0], made.motion["t_s"].iloc[-1]))
         error = motion[["y_cg_m", "beta_rad"]].to_numpy() - truth[:, 1:3]
@@ -257,10 +253,10 @@ def films(out: Path) -> None:
         y_z, heading_z = rms_of((error / stated(motion, found.lag))[seen])
         steps = " ".join(f"{v:+.1f}" for v in np.ravel(hand_overs(found, error)))
         cells = [
-            f"{1e3 * (said.offset_s.value - offset_s):+6.2f} ms{1e3 * said.offset_s.std:8.2f}",
-            f"{said.rate.value - rate:+10.1e}{said.rate.std:9.1e}",
+            f"{1e3 * (clock.offset_s - offset_s):+6.2f} ms{1e3 * clock.offset_sd_s:8.2f}",
+            f"{clock.rate - rate:+10.1e}{clock.rate_sd:9.1e}",
             f"{1e3 * y:7.2f} mm{y_z:6.2f}{np.degrees(heading):7.4f} deg{heading_z:6.2f}",
-            f"   {steps:16} {'agree' if said.agree else 'do not agree'}",
+            f"   {steps:16} {'agree' if found.match.agree else 'do not agree'}",
         ]
         print(f"{name:8}{''.join(cells)}", flush=True)
 

@@ -59,11 +59,16 @@ def rendered(seed: int, rolls: bool, out: Path, lossless: bool = False) -> Case:
     film_motion(filmed, file, poses, ends_s, (rates[0], rates[1]), 2 * seed, crf=0 if lossless else crf)
     if not is_told(filmed.folder / RUN_FILE):
         _believed(filmed.folder / RUN_FILE, rng)
+    return tracked(filmed, offset_s, rate, film_of(file).water_depth_m)
+
+
+def tracked(filmed: Filmed, offset_s: float, rate: float, axis_m: float) -> Case:
+    """What both cameras see of a tow, by the stages of ``towline track``; ``axis_m``: of ``Case``."""
     run = read_run(filmed.folder)
     first, second = (compute_camera_motion(view).tracks for view in cameras_of(run))
     assert first is not None
     assert second is not None
-    return Case(run, {}, (first, second), offset_s, rate, filmed.truth, film_of(file).water_depth_m)
+    return Case(run, {}, (first, second), offset_s, rate, filmed.truth, axis_m)
 
 
 def _afloat(motion, rng: Rng):
@@ -118,4 +123,4 @@ def _believed(path: Path, rng: Rng) -> None:
     path.write_text(tomlkit.dumps(told), encoding="utf-8")
 
 
-__all__ = ["rendered"]
+__all__ = ["rendered", "tracked"]

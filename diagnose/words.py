@@ -132,6 +132,11 @@ def _summary(file: GapFile, held: Shrink | None, rest: Leftover, titles: Mapping
             f"With it, the gap on the {on} falls from {row.gap_before:.2f} to {row.gap_after:.2f} sigma "
             f"({100 * row.shrink:.0f} %, interval {100 * low:.0f}-{100 * high:.0f})."
         )
+        if held.alone and file.kept_aside:
+            said.append(
+                f"What no other run tells ({held.alone} of its numbers: of what came once, when and how much) is fitted to the run "
+                "itself, not kept aside."
+            )
     if (swallowed := _swallowed(file)) >= SWALLOWED:
         said.append(f"Without it, random forces {swallowed:.0f} times as large would have to be believed.")
     if inexact:

@@ -553,6 +553,30 @@ def test_a_gap_is_that_of_runs_the_fit_has_not_seen() -> None:
     assert found.shrink == pytest.approx(removed_share(found.before, found.after))
 
 
+def test_what_came_once_is_measured_on_its_own_run_alone() -> None:
+    """The others tell nothing of a push that one run had: its size is a regression of that run, with the rate of the other two."""
+    planted = white(4)
+    planted[1] = planted[1] + SIZE_M * WAVE
+    simulator = campaign(planted)
+    inference, fit = fitted(simulator)
+    found = shrink(inference, fit, fitted(simulator, PUSH)[1], None, np.random.default_rng(0))
+    values, squares = np.array([run.values[:, 0] for run in simulator.runs]), 0.0
+    for run in range(3):
+        design = [np.column_stack([T_S, shape("push", f"run-{k}")]) for k in range(3)]
+        centred = [columns - columns.mean(axis=0) for columns in design]
+        others = [k for k in range(3) if k != run]
+        target = np.concatenate([values[k] - values[k].mean() for k in others])
+        rate = np.linalg.lstsq(np.concatenate([centred[k] for k in others]), target, rcond=None)[0][0]
+        rest, push = values[run] - values[run].mean() - rate * centred[run][:, 0], centred[run][:, 1]
+        rest = rest - push * (push @ rest) / max(push @ push, 1.0)
+        squares += float((rest / NOISE_M) @ (rest / NOISE_M))
+    assert found.alone == 1
+    assert found.after == pytest.approx(np.sqrt(squares / (3 * (COUNT - 1) - 1)), rel=2e-3)
+    assert found.before > 1.5 > 1.1 > found.after
+    # what all runs tell is nobody's own
+    assert shrink(inference, fit, fitted(simulator, OTHER)[1], None, np.random.default_rng(0)).alone == 0
+
+
 @pytest.mark.parametrize(("sizes", "narrow"), [((1.0, 1.0, 1.0), True), ((1.0, 1.0, 1.8), False)])
 def test_the_interval_of_a_shrink_is_what_runs_and_stretches_differ_by(sizes: tuple[float, ...], narrow: bool) -> None:
     """Residuals that are alike at all times and in all runs leave nothing to chance. Where one run keeps nearly all of its gap,

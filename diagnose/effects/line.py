@@ -479,25 +479,27 @@ class Jerks:
     ----------
     count : of all runs
     runs : indices of those that have one
-    ahead : by how much lines are shorter, m, (..., runs, 1), and how that changes with an event's length, hardness and skew
-        (logarithms)
+    ahead : time -> by how much lines are shorter, m, and how that changes with an event's length, hardness and skew (logarithms):
+        (4, ..., runs, columns)
     faster : by how much the models go faster through the water, m/s; likewise
     pushed : what pushes them ahead, over the straight tow's resistance; likewise
     """
 
     count: int
     runs: Sequence[int]
-    ahead: Sequence[Callable[[Any], Any]]
-    faster: Sequence[Callable[[Any], Any]]
-    pushed: Sequence[Callable[[Any], Any]]
+    ahead: Callable[[Any], Any]
+    faster: Callable[[Any], Any]
+    pushed: Callable[[Any], Any]
 
-    def moved(self, courses: Sequence[Callable[[Any], Any]], t_s: Any, own: Sequence[Any]) -> Any:
+    def moved(self, course: Callable[[Any], Any], t_s: Any, own: Sequence[Any]) -> Any:
         """The course with every event so much later, longer, harder and more skewed, (..., runs, columns)."""
         numbers = np.zeros((4, self.count, np.size(own[0])))
         numbers[:, list(self.runs)] = np.reshape(own, (len(self.runs), 4, -1)).swapaxes(0, 1)
-        later, *others = numbers
-        here, *changes = (course(t_s - later) for course in courses)
-        return here + sum(number * change for number, change in zip(others, changes, strict=True))
+        here, *changes = course(t_s - numbers[0])
+        for number, change in zip(numbers[1:], changes, strict=True):
+            change *= number
+            here += change
+        return here
 
 
 def jerked(jerks: Jerks, variant: str, cost: float) -> Effect:

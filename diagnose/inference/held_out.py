@@ -1,4 +1,4 @@
-"""How far the gap shrinks: each run kept aside in turn, the others fitted, only the run's own numbers fitted again to it."""
+"""How far the gap shrinks: each run kept aside in turn, the others fitted, only what is the run's own fitted again to it."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ DRAWS = 400
 """Of the bootstrap: a choice."""
 LOW, HIGH = 5.0, 95.0
 """Percentiles of a 90 % interval."""
+UNTOLD = 1e-9
+"""An effect's number that the others tell by less than this share of what a run tells of it is that run's own: an event's time."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,7 @@ class Shrink:
     before, after : root mean square of whitened residuals of y and beta; 1 = noise
     shrink, interval : 1 - excess ratio, and its 90 % interval
     residuals : run -> before and after (2n,), whitened
+    alone : how many of the effects' numbers no other run tells: they are fitted to the run that is kept aside
     """
 
     before: float
@@ -35,6 +38,7 @@ class Shrink:
     shrink: float
     interval: tuple[float, float]
     residuals: dict[int, tuple[Array, Array]]
+    alone: int = 0
 
 
 def none_left(count: int, held: Sequence[int] | None) -> bool:
@@ -59,11 +63,25 @@ def aside(inference: Inference, fitted: Fitted, forces: Forces, run: int, others
     run : that is kept aside
     others : runs that are fitted
     """
+    return _aside(inference, fitted, forces, run, others, alone=False)[0]
+
+
+def _aside(
+    inference: Inference, fitted: Fitted, forces: Forces, run: int, others: Sequence[int], alone: bool
+) -> tuple[Array, int]:
+    """``aside``, and how many of the effects' numbers are fitted to the run itself; ``alone``: those that no other tells are."""
     h, grams = fitted.hypothesis, fitted.grams
-    step = inference.solve(grams, h, forces, others).shared
-    own = inference.reduced(grams, h, forces, [run]).own_step(step)[0]
-    left = inference.left(fitted.linear, forces, step, own, run)
-    return left[: len(inference.noise.runs[run].white)]
+    told, own = inference.solve(grams, h, forces, others), inference.reduced(grams, h, forces, [run])
+    step, first = told.shared.copy(), inference.fixed(h)
+    here, there = (np.diag(part.matrix)[first:] for part in (own, told.reduced))
+    untold = first + np.flatnonzero((here > 0) & (there <= UNTOLD * here) & alone)
+    if len(untold):
+        prior = inference.priors(h)
+        step[untold] = 0.0
+        matrix = own.matrix[np.ix_(untold, untold)] + np.diag(prior.precision[untold])
+        step[untold] = np.linalg.solve(matrix, (own.right - own.matrix @ step + prior.pull)[untold])
+    left = inference.left(fitted.linear, forces, step, own.own_step(step)[0], run)
+    return left[: len(inference.noise.runs[run].white)], len(untold)
 
 
 def shrink(
@@ -74,7 +92,7 @@ def shrink(
     rng: np.random.Generator,
     forces: Forces | None = None,
 ) -> Shrink:
-    """Gap before and after.
+    """Gap before and after. What no other run tells of an effect (when, how long and how hard an event came) is the run's own.
 
     Parameters
     ----------
@@ -92,13 +110,16 @@ def shrink(
     if none_left(count, held):
         turns = [(i, list(range(count))) for i in range(count)]
     residuals: dict[int, tuple[Array, Array]] = {}
-    for run, others in turns:
-        residuals[run] = tuple(aside(inference, f, forces, run, others) for f in (base, best))  # pyright: ignore
-    before, after = (_gap([r[k] for r in residuals.values()], free) for k in (0, 1))
-    parts = [_sums(b, a, lengths[i]) for i, (b, a) in residuals.items()]
-    values = np.array([removed_share(b, a) for b, a in _drawn(parts, free, rng)])
+    fitted, parts = np.zeros((len(turns), 2)), []
+    for k, (run, others) in enumerate(turns):
+        (without, _), (left, alone) = (_aside(inference, f, forces, run, others, alone=True) for f in (base, best))
+        residuals[run], fitted[k] = (without, left), (free, free + alone)
+        parts.append(_sums(without, left, lengths[run]))
+    before, after = (_gap([r[k] for r in residuals.values()], float(fitted[:, k].sum())) for k in (0, 1))
+    values = np.array([removed_share(b, a) for b, a in _drawn(parts, fitted, rng)])
     interval = (float(np.percentile(values, LOW)), float(np.percentile(values, HIGH)))
-    return Shrink(before, after, removed_share(before, after), interval, residuals)
+    alone = int(fitted[:, 1].sum()) - free * len(turns)
+    return Shrink(before, after, removed_share(before, after), interval, residuals, alone)
 
 
 def size_aside(inference: Inference, fitted: Fitted, forces: Forces) -> float:
@@ -112,7 +133,7 @@ def size_aside(inference: Inference, fitted: Fitted, forces: Forces) -> float:
     """
     turns = _turns(len(inference.simulator.runs), None)
     left = [aside(inference, fitted, forces, run, others) for run, others in turns]
-    return _gap(left, inference.simulator.free) ** 2
+    return _gap(left, inference.simulator.free * len(left)) ** 2
 
 
 def worse_aside(inference: Inference, one: Fitted, other: Fitted, held: Sequence[int] | None) -> float:
@@ -151,9 +172,10 @@ def _turns(count: int, held: Sequence[int] | None) -> list[tuple[int, list[int]]
     return [(i, [j for j in range(count) if j not in (held or (i,))]) for i in held or range(count)]
 
 
-def _gap(parts: Sequence[Array], free: int) -> float:
+def _gap(parts: Sequence[Array], fitted: float) -> float:
+    """Root mean square of parts to which so many numbers were fitted."""
     total = sum(float(p @ p) for p in parts)
-    return float(np.sqrt(total / max(sum(len(p) for p in parts) - free * len(parts), 1)))
+    return float(np.sqrt(total / max(sum(len(p) for p in parts) - fitted, 1)))
 
 
 def removed_share(before: float, after: float) -> float:
@@ -191,10 +213,12 @@ def _sums(before: Array, after: Array, n: int) -> tuple[Array, int, int]:
     return np.concatenate([np.zeros((2, 1)), np.cumsum(squares, axis=1)], axis=1), before.size, n
 
 
-def _drawn(parts: Sequence[tuple[Array, int, int]], free: int, rng: np.random.Generator) -> Array:
-    """(DRAWS, 2) bootstrap draws over runs, and stretches of time within them; parts are of ``_sums``."""
+def _drawn(parts: Sequence[tuple[Array, int, int]], fitted: Array, rng: np.random.Generator) -> Array:
+    """(DRAWS, 2) bootstrap draws over runs, and stretches of time within them; parts are of ``_sums``, and ``fitted`` (runs, 2) how
+    many numbers were fitted to each before and after.
+    """
     chosen = rng.integers(len(parts), size=(DRAWS, len(parts)))
-    sums, total = np.zeros((DRAWS, 2)), np.zeros(DRAWS)
+    sums, total = np.zeros((DRAWS, 2)), np.zeros((DRAWS, 2))
     for index, (up_to, values, n) in enumerate(parts):
         # a run that is drawn twice is so with stretches of its own
         draw = np.nonzero(chosen == index)[0]
@@ -202,5 +226,5 @@ def _drawn(parts: Sequence[tuple[Array, int, int]], free: int, rng: np.random.Ge
         end = np.minimum(begin + BLOCKS_TOGETHER, n)
         found = (up_to[:, end] - up_to[:, begin]).sum(axis=2) * (n / (end - begin).sum(axis=1))
         np.add.at(sums, draw, found.T)
-        np.add.at(total, draw, values - free)
-    return np.sqrt(sums / np.maximum(total, 1)[:, None])
+        np.add.at(total, draw, values - fitted[index])
+    return np.sqrt(sums / np.maximum(total, 1))

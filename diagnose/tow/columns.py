@@ -105,15 +105,15 @@ def columns_of(whole: Asked, columns: slice) -> Asked:
         value = getattr(whole, name)
         if isinstance(value, tuple):
             changes[name] = tuple(_in_columns(part, columns) for part in value)
-        else:
-            changes[name] = _in_columns(value, columns)
-    return replace(whole, **changes)
+        elif (own := _in_columns(value, columns)) is not value:
+            changes[name] = own
+    return replace(whole, **changes) if changes else whole
 
 
 def _in_columns(value: Any, columns: slice) -> Any:
-    """Restricted to some columns, where it has more than one: the others are the same in all."""
+    """Restricted to some columns, where it has others too, and more than one: what has one is the same in all."""
     several = isinstance(value, np.ndarray) and value.ndim > 1 and value.shape[-1] > 1
-    return value[..., columns] if several else value
+    return value[..., columns] if several and columns != slice(0, value.shape[-1]) else value
 
 
 __all__ = [

@@ -21,7 +21,7 @@ STEP_S = 0.01
 """A stiff line springs at 10 to 30 rad/s."""
 TAIL = 3.0
 """After the push has ended a model may drift and bounce for this many times its length ..."""
-LEAST_TAIL_S, LONGEST_S = 3.0, 24.0
+LEAST_TAIL_S, LONGEST_S = 10.0, 24.0
 """... but not less than this, and no event is followed longer than the second."""
 MOST_S = 10.0
 """What seems to carry a model for longer is a radius that drifts, no event; so of windows in which a line is short (slackness)."""
@@ -56,6 +56,8 @@ SPREAD = np.array([np.inf, np.inf, np.inf, 0.5, 0.7, 0.7, 0.05])
 """... with these standard deviations."""
 TURNS, FIRST_TURNS = 15, 6
 """Steps of the fit, and of the one to means in which no bounce shows."""
+ENOUGH, STUCK = 1e-4, 1e4
+"""A fit ends where a step gains less than this share of the squares that are left, or gains nothing however much it is damped."""
 LONGER, HELD = (1.25, 1.6, 2.0, 2.5), 0.02
 """What carries a model with less than the resistance shows in no radius: an event may have lasted so many times as long as its
 radius says, and been the less hard. Those are fitted with their length held to so much of itself."""
@@ -263,14 +265,13 @@ def courses(found: Sequence[Event]) -> list[tuple[Array, Surged]]:
     every = surged([e.push for e in found], np.array([e.numbers for e in found]), [e.tow for e in found])
     answers = []
     for k, event in enumerate(found):
-        own = slice(_steps(np.array([event.length_s])))
-        one = Surged(*(rows[own, k] for rows in every))
+        one = Surged(*(rows[: _steps(np.array(event.length_s)), k] for rows in every))
         answers.append((event.begin_s + STEP_S * np.arange(len(one.ahead_m)), one))
     return answers
 
 
 def surged(pushes: Sequence[Push], numbers: Array, tows: Sequence[Straight]) -> Surged:
-    """How models surge, (n, k), every STEP_S from the event's begin.
+    """How models surge, (n, k), every STEP_S from the event's begin, each for as many steps as it is followed.
 
     Parameters
     ----------
@@ -278,53 +279,112 @@ def surged(pushes: Sequence[Push], numbers: Array, tows: Sequence[Straight]) -> 
     numbers : (k, 7) NUMBERS
     tows : k of them
     """
-    length, hard, skew, spring, damping, gain = np.exp(numbers[:, 1:]).T
+    order, forces = _forces(pushes, numbers, tows)
+    far, faster, pull = _followed(forces, 3)
+    back = np.argsort(order)
+    faster -= np.where(np.arange(len(far))[:, None] < forces.count, forces.slower, 0.0)
+    return Surged(*(rows[:, back] for rows in (far, faster, forces.pushed, pull / forces.rate)))
+
+
+class _Forces(NamedTuple):
+    """What moves k models, the one that is followed longest first.
+
+    Attributes
+    ----------
+    count : (k,) how many steps each is followed
+    taut : (n, k) what its line pulls with where it is taut, m/s2
+    push : (n, k) what carries it, the resistance and what swings
+    lighter, pushed : (n, k) of ``Swinging`` and of ``Surged``
+    slower : (n, k) by how much the carriage goes slower, m/s
+    rate, carriage, exponent : (k,) of its resistance
+    stiff, grip : (k,) of its line
+    """
+
+    count: Array
+    taut: Array
+    push: Array
+    lighter: Array
+    pushed: Array
+    slower: Array
+    rate: Array
+    carriage: Array
+    exponent: Array
+    stiff: Array
+    grip: Array
+
+
+def _forces(pushes: Sequence[Push], numbers: Array, tows: Sequence[Straight]) -> tuple[Array, _Forces]:
+    """Which is followed longest, and so on: indices, and what moves them."""
+    own = _steps(np.exp(numbers[:, 1]))
+    order = np.argsort(-own, kind="stable")
+    own, pushes, tows = own[order], [pushes[k] for k in order], [tows[k] for k in order]
+    begin, (length, hard, skew, spring, damping, gain) = numbers[order, 0], np.exp(numbers[order, 1:].T)
     usual, carriage, exponent = np.array([(t.pull_m_s2, t.speed_m_s, t.exponent) for t in tows]).T
-    rate = usual * gain
-    count = _steps(length)
-    share = (STEP_S * (np.arange(count) + 0.5))[:, None] / length
-    pushed, slows, slower = (np.zeros_like(share) for _ in range(3))
+    rate, count = usual * gain, int(own[0])
+    pushed, slows, slower = (np.zeros((count, len(own))) for _ in range(3))
     for push in set(pushes):
-        at = [k for k, own in enumerate(pushes) if own == push]
+        at = [k for k, kind in enumerate(pushes) if kind == push]
+        carrying = min(int(length[at].max() / STEP_S) + 1, count)
+        share = STEP_S * (np.arange(carrying) + 0.5)[:, None] / length[at]
         carried = slows if push.carriage else pushed
-        carried[:, at] = hard[at] * push(share[:, at], skew[at])
+        carried[:carrying, at] = hard[at] * push(share, skew[at])
         if push.carriage:
-            slower[:, at] = hard[at] * rate[at] * length[at] * push.slowed(share[:, at], skew[at])
-    clock = STEP_S * np.arange(count)
-    courses = [t.swinging.at(begin + clock) for t, begin in zip(tows, numbers[:, 0], strict=True)]
-    beyond, lighter, cosine = (np.column_stack(found) for found in zip(*courses, strict=True))
+            slower[:carrying, at] = hard[at] * rate[at] * length[at] * push.slowed(share, skew[at])
+    beyond, lighter, cosine = _swung(tows, begin, STEP_S * np.arange(count))
     # what swings pulls the line the harder, or less hard, and it falls slack the later, or sooner
     taut = rate * (1 + beyond)
     push = rate * (cosine * pushed + slows) - lighter * taut + rate
-    stiff, grip = spring**2, 2 * damping * spring
-    ahead, speed = np.zeros(len(numbers)), np.zeros(len(numbers))
-    far, faster, pulled = (np.empty_like(share) for _ in range(3))
+    steady = rate, carriage, exponent, spring**2, 2 * damping * spring
+    return order, _Forces(own, taut, push, lighter, pushed, slower, *steady)
+
+
+def _swung(tows: Sequence[Straight], begin_s: Array, clock_s: Array) -> tuple[Array, Array, Array]:
+    """How each tow swings (n, k) from a begin on: ``Swinging.at``."""
+    # most of them begin as others do
+    first: dict[tuple[int, float], int] = {}
+    at = [first.setdefault((id(t.swinging), begin), len(first)) for t, begin in zip(tows, begin_s, strict=True)]
+    every = {id(t.swinging): t.swinging for t in tows}
+    found = [every[one].at(begin + clock_s) for one, begin in first]
+    return tuple(np.array(rows).T[:, at] for rows in zip(*found, strict=True))  # pyright: ignore
+
+
+def _followed(forces: _Forces, kinds: int) -> Array:
+    """How far ahead models are, how fast, and what their lines pull with, as many of these ``kinds`` as asked: (kinds, n, k)."""
+    rows = np.zeros((kinds, *forces.taut.shape))
+    ahead, speed = np.zeros(len(forces.rate)), np.zeros(len(forces.rate))
     # in place: the arrays are short, and there are thousands of steps
     held, drag, more = np.empty_like(ahead), np.empty_like(ahead), np.empty_like(ahead)
-    for k in range(count):
-        np.subtract(taut[k], np.multiply(stiff, ahead, out=held), out=held)
-        np.maximum(held, 0.0, out=held)
-        # strands grip as they tighten, and a line never pushes
-        np.minimum(np.divide(held, rate, out=more), 1.0, out=more)
-        more *= grip
-        more *= speed
-        np.maximum(np.subtract(held, more, out=held), 0.0, out=held)
-        np.subtract(speed, slower[k], out=drag)
-        np.add(np.divide(drag, carriage, out=drag), 1.0, out=drag)
-        np.power(np.maximum(drag, 0.0, out=drag), exponent, out=drag)
-        np.add(push[k], np.multiply(lighter[k], held, out=more), out=more)
-        more -= np.multiply(rate, drag, out=drag)
-        more *= STEP_S
-        speed += more
-        ahead += np.multiply(STEP_S, speed, out=more)
-        far[k], faster[k], pulled[k] = ahead, speed, held
-    return Surged(far, faster - slower, pushed, pulled / rate)
+    begin = 0
+    for end in np.unique(forces.count):
+        going = int((forces.count >= end).sum())
+        now = _Forces(*(x[..., :going] for x in forces))
+        ahead, speed, held, drag, more = (x[:going] for x in (ahead, speed, held, drag, more))
+        for k in range(begin, end):
+            np.subtract(now.taut[k], np.multiply(now.stiff, ahead, out=held), out=held)
+            np.maximum(held, 0.0, out=held)
+            # strands grip as they tighten, and a line never pushes
+            np.minimum(np.divide(held, now.rate, out=more), 1.0, out=more)
+            more *= now.grip
+            more *= speed
+            np.maximum(np.subtract(held, more, out=held), 0.0, out=held)
+            np.subtract(speed, now.slower[k], out=drag)
+            np.add(np.divide(drag, now.carriage, out=drag), 1.0, out=drag)
+            np.power(np.maximum(drag, 0.0, out=drag), now.exponent, out=drag)
+            np.add(now.push[k], np.multiply(now.lighter[k], held, out=more), out=more)
+            more -= np.multiply(now.rate, drag, out=drag)
+            more *= STEP_S
+            speed += more
+            ahead += np.multiply(STEP_S, speed, out=more)
+            for row, own in zip(rows, (ahead, speed, held), strict=False):
+                row[k, :going] = own
+        begin = end
+    return rows
 
 
-def _steps(length_s: Array) -> int:
+def _steps(length_s: Array) -> Array:
     """How many steps events of such lengths are followed."""
     after = np.maximum(TAIL * length_s, LEAST_TAIL_S)
-    return int(min((length_s + after).max(), LONGEST_S) / STEP_S) + 1
+    return (np.minimum(length_s + after, LONGEST_S) / STEP_S).astype(int) + 1
 
 
 def events(radii: Sequence[Radius]) -> list[list[Event]]:
@@ -458,17 +518,20 @@ def _missed(
     kinds = [p for own, x in zip(pushes, numbers, strict=True) for p in own for _ in range(x.shape[1])]
     tows = [r.tow for r, x in zip(radii, numbers, strict=True) for _ in range(x.shape[0] * x.shape[1])]
     # one integration of all: what a step costs hardly grows with how many go side by side
-    every = surged(kinds, np.concatenate([x.reshape(-1, len(NUMBERS)) for x in numbers]), tows).ahead_m
+    order, forces = _forces(kinds, np.concatenate([x.reshape(-1, len(NUMBERS)) for x in numbers]), tows)
+    (every,) = _followed(forces, 1)
+    whole = np.zeros((len(order), len(every) + 1))
+    np.cumsum(every.T, axis=1, out=whole[:, 1:])
+    fine, place = STEP_S * np.arange(whole.shape[1]), np.argsort(order)
     found, first = [], 0
     for radius, own, usual in zip(radii, numbers, known[0], strict=True):
         flat, step = own.reshape(-1, len(NUMBERS)), radius.step_s
-        far = every[: _steps(np.exp(flat[:, 1])), first : first + len(flat)]
+        late, early = radius.t_s + step / 2, radius.t_s - step / 2
+        sums = whole[place[first : first + len(flat)]]
         first += len(flat)
-        whole = np.concatenate([np.zeros_like(far[:1]), np.cumsum(far, axis=0)]) * STEP_S
-        fine, late, early = STEP_S * np.arange(len(whole)), radius.t_s + step / 2, radius.t_s - step / 2
         rows = [
-            (np.interp(late - b, fine, w) - np.interp(early - b, fine, w)) / step
-            for b, w in zip(flat[:, 0], whole.T, strict=True)
+            (np.interp(late - b, fine, w) - np.interp(early - b, fine, w)) * (STEP_S / step)
+            for b, w in zip(flat[:, 0], sums, strict=True)
         ]
         apart = np.nan_to_num(radius.ahead_m - np.array(rows))
         gaps = np.column_stack([apart / radius.sd_m, (np.repeat(usual, own.shape[1], axis=0) - flat) / known[1]])
@@ -494,18 +557,28 @@ def _fitted(
     known, spread = [np.where(np.arange(len(NUMBERS)) == 1, x, USUAL) for x in here], SPREAD.copy()
     spread[1] = length_sd
 
-    def missed(at: Sequence[Array]) -> list[Array]:
-        return _missed(radii, pushes, [x[:, None] + steps for x in at], (known, spread))
+    def missed(runs: Sequence[int], at: Sequence[Array]) -> list[Array]:
+        """Of these runs, their pushes that still go on moved to ``at``."""
+        some = [[push for push, on in zip(pushes[k], going[k], strict=True) if on] for k in runs]
+        about = [known[k][going[k]] for k in runs]
+        return _missed([radii[k] for k in runs], some, [x[:, None] + steps for x in at], (about, spread))
 
-    rows, damp = missed(here), [np.full(len(x), 1e-2) for x in here]
+    going = [np.ones(len(x), dtype=bool) for x in here]
+    rows, damp = missed(range(len(here)), here), [np.full(len(x), 1e-2) for x in here]
     for _ in range(turns):
-        trial = [x + _change(beside, own) for x, beside, own in zip(here, rows, damp, strict=True)]
+        runs = [k for k, on in enumerate(going) if on.any()]
+        if not runs:
+            break
+        trial = [(here[k] + _change(rows[k], damp[k]))[going[k]] for k in runs]
         # with what a step from there would ask for: a second integration costs far more than these beside the first
-        for k, after in enumerate(missed(trial)):
-            better = _squares(after) < _squares(rows[k])
-            here[k] = np.where(better[:, None], trial[k], here[k])
-            rows[k] = np.where(better[:, None, None], after, rows[k])
-            damp[k] = np.where(better, damp[k] / 5, damp[k] * 8)
+        for k, to, after in zip(runs, trial, missed(runs, trial), strict=True):
+            on = np.flatnonzero(going[k])
+            before = _squares(rows[k][on])
+            less = before - _squares(after)
+            better = less > 0
+            here[k][on[better]], rows[k][on[better]] = to[better], after[better]
+            damp[k][on] *= np.where(better, 1 / 5, 8.0)
+            going[k][on[(better & (less < ENOUGH * before)) | (damp[k][on] > STUCK)]] = False
     before = [float(((r.seen_m / r.sd_m) ** 2).sum()) for r in radii]
     return [
         [

@@ -172,10 +172,11 @@ class TowRates:
         speed, rate = own * pace + nothing, own * gain + nothing
         if self._speeding:
             base = self._situation(t, now)
-            early, late = replace(base, t_s=t - SOON_S), replace(base, t_s=t + SOON_S)
             for a in self._speeding:
                 assert a.effect.speed is not None
-                one, two, three = (a.effect.speed(columns_of(s, a.columns), *a.numbers) for s in (early, base, late))
+                here = columns_of(base, a.columns)
+                early, late = replace(here, t_s=t - SOON_S), replace(here, t_s=t + SOON_S)
+                one, two, three = (a.effect.speed(s, *a.numbers) for s in (early, here, late))
                 speed[..., a.columns] += two
                 rate[..., a.columns] += (three - one) / (2 * SOON_S)
         return speed, rate

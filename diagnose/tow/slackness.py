@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import islice
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -16,7 +17,7 @@ from ...geometry.checks.bundle import half_sine
 from ...simulate.model import RESISTANCE_EXPONENT, Array
 from ..effects import Effect, Jerks, jerked, slack
 from .channels import LINE
-from .courses import by_run
+from .courses import Drawn
 from .jerks import (
     MOST_S,
     NOT_AT_ALL,
@@ -47,8 +48,6 @@ FOUND_COST = 10.0
 """Log evidence that finding an event's six numbers in a run's residual costs: a choice."""
 SURGING = 1.05
 """Usual mass in surge over the model's."""
-NOTHING = ((np.zeros_like,) * 4,) * 3
-"""Courses of a line that stays taut."""
 CHANGED = 0.05
 """Of an event's length, hardness and skew, for the slopes of its courses."""
 PARTS = 4
@@ -138,8 +137,8 @@ def _jerked(runs: Sequence[TowRun], found: Sequence[dict[int, Event]]) -> list[E
     answers = []
     for own in found:
         said = ", ".join(f"run {i + 1} {own[i].begin_s:.1f}-{own[i].end_s:.1f} s" for i in sorted(own))
-        each = [shown[id(own[i])] if i in own else NOTHING for i in range(len(runs))]
-        kinds = [[by_run(functions) for functions in zip(*kind, strict=True)] for kind in zip(*each, strict=True)]
+        each = {i: shown[id(event)] for i, event in own.items()}
+        kinds = (partial(_changing, _drawn(len(runs), each, k)) for k in range(3))
         (first, *_) = own.values()
         jerks = Jerks(len(runs), sorted(own), *kinds)
         answers.append(jerked(jerks, f"{first.push.words}, {said}", FOUND_COST * len(own)))
@@ -178,9 +177,10 @@ def surging_kg(run: TowRun) -> float:
     return SURGING * run.run.model.mass_kg
 
 
-def _courses(found: Sequence[Event], node_s: float) -> list[tuple[tuple[Callable[[Array], Array], ...], ...]]:
-    """Of each event by how much the line is shorter, m, the model is faster, m/s, and is pushed, over R, as means about each node;
-    and how these change if the event lasts longer about the same middle, if it is harder, and if its first half takes the longer.
+def _courses(found: Sequence[Event], node_s: float) -> list[list[tuple[float, Array]]]:
+    """Of each event by how much the line is shorter, m, the model is faster, m/s, and is pushed, over R, as means about each node:
+    when these rows (3, n) begin, s, and they. Then the same if it lasts CHANGED longer about the same middle, if it is so much
+    harder, and if its first half takes so much the longer.
     """
     steps = np.zeros((4, len(NUMBERS)))
     moved = []
@@ -190,27 +190,39 @@ def _courses(found: Sequence[Event], node_s: float) -> list[tuple[tuple[Callable
         steps[3, 3] = CHANGED
         moved += [replace(event, numbers=event.numbers + step) for step in steps]
     each = [_course(t_s, surge, node_s) for t_s, surge in courses(moved)]
-    return [
-        tuple((own, *(partial(_slope, own, other[k]) for other in more)) for k, own in enumerate(here))
-        for here, *more in (each[k : k + len(steps)] for k in range(0, len(each), len(steps)))
-    ]
+    return [each[k : k + len(steps)] for k in range(0, len(each), len(steps))]
 
 
-def _slope(here: Callable[[Array], Array], there: Callable[[Array], Array], t_s: Array) -> Array:
-    return (there(t_s) - here(t_s)) / CHANGED
+def _drawn(count: int, shown: dict[int, list[tuple[float, Array]]], kind: int) -> Drawn:
+    """Of ``count`` runs what those that have an event show of one kind: ``_courses``'s rows."""
+    longest = max(rows.shape[1] for each in shown.values() for _, rows in each)
+    begin_s, values = np.zeros((4, count)), np.zeros((4, count, longest))
+    for run, each in shown.items():
+        for k, (first_s, rows) in enumerate(each):
+            begin_s[k, run] = first_s
+            values[k, run, : rows.shape[1]] = rows[kind]
+    return Drawn(begin_s, STEP_S, values)
 
 
-def _course(t_s: Array, surge: Surged, node_s: float) -> tuple[Callable[[Array], Array], ...]:
-    """The courses themselves."""
+def _changing(drawn: Drawn, t_s: Any) -> Array:
+    """A course, and how it changes with its numbers."""
+    rows = drawn(t_s)
+    rows[1:] -= rows[0]
+    rows[1:] /= CHANGED
+    return rows
+
+
+def _course(t_s: Array, surge: Surged, node_s: float) -> tuple[float, Array]:
+    """Begin and rows."""
     width = max(1, round(node_s / STEP_S))
     # a cubic spline's own shape: nodes then hold a jerk's impulse wherever it lies between them, and how that moves with it
     box = np.ones(width) / width
     kernel = np.convolve(np.convolve(box, box), np.convolve(box, box))
-    beside = STEP_S * np.arange(1, 2 * width + 1)
-    t_s = np.concatenate([t_s[0] - beside[::-1], t_s, t_s[-1] + beside])
-    ahead, faster, pushed = (np.pad(row, 2 * width) for row in (surge.ahead_m, surge.faster_m_s, surge.pushed))
-    rows = (ahead, *(np.convolve(row, kernel, mode="same") for row in (faster, pushed)))
-    return tuple(partial(np.interp, xp=t_s, fp=row, left=0.0, right=0.0) for row in rows)
+    # nothing at either end
+    beside = 2 * width
+    ahead, faster, pushed = (np.pad(row, beside) for row in (surge.ahead_m, surge.faster_m_s, surge.pushed))
+    rows = np.array([ahead, *(np.convolve(row, kernel, mode="same") for row in (faster, pushed))])
+    return float(t_s[0]) - beside * STEP_S, rows
 
 
 def _slackest(t_s: Array, rest: Array, power: int) -> tuple[float, float, float]:

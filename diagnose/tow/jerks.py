@@ -282,7 +282,7 @@ def surged(pushes: Sequence[Push], numbers: Array, tows: Sequence[Straight]) -> 
     order, forces = _forces(pushes, numbers, tows)
     far, faster, pull = _followed(forces, 3)
     back = np.argsort(order)
-    faster -= np.where(np.arange(len(far))[:, None] < forces.count, forces.slower, 0.0)
+    faster -= np.where(np.arange(len(far))[:, None] < forces.steps, forces.slower, 0.0)
     return Surged(*(rows[:, back] for rows in (far, faster, forces.pushed, pull / forces.rate)))
 
 
@@ -291,7 +291,7 @@ class _Forces(NamedTuple):
 
     Attributes
     ----------
-    count : (k,) how many steps each is followed
+    steps : (k,) how many each is followed
     taut : (n, k) what its line pulls with where it is taut, m/s2
     push : (n, k) what carries it, the resistance and what swings
     lighter, pushed : (n, k) of ``Swinging`` and of ``Surged``
@@ -300,7 +300,7 @@ class _Forces(NamedTuple):
     stiff, grip : (k,) of its line
     """
 
-    count: Array
+    steps: Array
     taut: Array
     push: Array
     lighter: Array
@@ -355,10 +355,11 @@ def _followed(forces: _Forces, kinds: int) -> Array:
     # in place: the arrays are short, and there are thousands of steps
     held, drag, more = np.empty_like(ahead), np.empty_like(ahead), np.empty_like(ahead)
     begin = 0
-    for end in np.unique(forces.count):
-        going = int((forces.count >= end).sum())
+    for end in np.unique(forces.steps):
+        going = int((forces.steps >= end).sum())
         now = _Forces(*(x[..., :going] for x in forces))
         ahead, speed, held, drag, more = (x[:going] for x in (ahead, speed, held, drag, more))
+        moved = ahead, speed, held
         for k in range(begin, end):
             np.subtract(now.taut[k], np.multiply(now.stiff, ahead, out=held), out=held)
             np.maximum(held, 0.0, out=held)
@@ -375,8 +376,8 @@ def _followed(forces: _Forces, kinds: int) -> Array:
             more *= STEP_S
             speed += more
             ahead += np.multiply(STEP_S, speed, out=more)
-            for row, own in zip(rows, (ahead, speed, held), strict=False):
-                row[k, :going] = own
+            for at in range(kinds):
+                rows[at, k, :going] = moved[at]
         begin = end
     return rows
 

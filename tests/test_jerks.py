@@ -13,21 +13,9 @@ from scipy.integrate import solve_ivp
 from towline.blind.one_case import case_of
 from towline.blind.truth.cases import swum
 from towline.blind.truth.folders import write_case
-from towline.diagnose.tow.jerks import (
-    PUSHES,
-    STEP_S,
-    Event,
-    Push,
-    Radius,
-    Straight,
-    Surged,
-    Swinging,
-    courses,
-    events,
-    longer,
-    surged,
-)
+from towline.diagnose.tow.jerks import Radius, events, longer
 from towline.diagnose.tow.slackness import SLACK_Z, jerk_effects
+from towline.diagnose.tow.surging import PUSHES, STEP_S, Event, Push, Straight, Surged, Swinging, courses, surged
 from towline.pipeline.diagnosing import diagnose_folders
 
 TOW = Straight(1.28, 0.05, 1.85)

@@ -18,22 +18,9 @@ from ...simulate.model import RESISTANCE_EXPONENT, Array
 from ..effects import Effect, Jerks, jerked, slack
 from .channels import LINE
 from .courses import Drawn
-from .jerks import (
-    MOST_S,
-    NOT_AT_ALL,
-    NUMBERS,
-    STEP_S,
-    Event,
-    Push,
-    Radius,
-    Straight,
-    Surged,
-    Swinging,
-    courses,
-    events,
-    longer,
-)
+from .jerks import MOST_S, Radius, events, longer
 from .start import straight_pull
+from .surging import NOT_AT_ALL, NUMBERS, STEP_S, Event, Push, Straight, Surged, Swinging, courses
 from .tow_run import TowRun
 
 SLACK_Z = 8.0

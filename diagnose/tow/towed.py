@@ -22,7 +22,6 @@ from .channels import CHANNELS
 from .columns import OWN, own_numbers
 from .delays import delay_effects
 from .fields import OtherHull
-from .jerks import Swinging
 from .model import TowModel
 from .noise import measured_noise, tow_noise
 from .numbers import SIX, shared_numbers
@@ -32,6 +31,7 @@ from .shifts import shift_effects
 from .slackness import jerk_effects, slack_effects, surging_kg
 from .springs import springing_effects
 from .start import base_hypotheses, lawful_hypotheses, settings_of, straight_pull
+from .surging import Swinging
 from .tow_run import TowRun
 from .unknown import free_forms, one_off, repeating
 from .waves import waves

@@ -1,4 +1,5 @@
-# make demo        the main job on the sample videos        make test   lint and tests        make docs   build/site/index.html
+# make demo        the main job on the sample videos        make test   lint and tests, minutes   make docs   build/site/index.html
+# make test-all    lint and every test, an hour: statistics over many seeds, whole campaigns and diagnoses, too
 # make wheel       dist/ with wheel and sdist               make sbom   dist/ with what the wheel brings along (CycloneDX)
 # make lock        release/*.txt anew, from constraints.txt
 # make version VERSION=0.3.0   the new version in all files that say it (docs/developer/release.md)
@@ -37,7 +38,7 @@ define cpu_torch
   || echo "$(TORCH_CPU) cannot be reached: the default build of torch follows, several GB (KORNIA=0 leaves it out)" >&2; fi
 endef
 
-.PHONY: demo test pytest lint wheel wheel-test sbom lock version clean docs
+.PHONY: demo test test-all pytest lint wheel wheel-test sbom lock version clean docs
 
 demo: $(VENV)/.demo
 	$(BIN)/towline run sample_videos/leander_steady/hole6 sample_videos/leander_steady/hole5 sample_videos/leander_steady/hole4 sample_videos/leander_steady/hole3
@@ -45,11 +46,14 @@ demo: $(VENV)/.demo
 
 # Types are checked by one core while the tests run on the others; either one fails the whole.
 test: $(VENV)/.test-$(STAMP)
+	@$(MAKE) --no-print-directory -j2 lint pytest TESTS='-m "not slow" $(TESTS)'
+
+test-all: $(VENV)/.test-$(STAMP)
 	@$(MAKE) --no-print-directory -j2 lint pytest
 
 # Byte code is kept, whatever the environment says: a hundred tests start Python anew, and each would compile the package first.
 pytest: $(VENV)/.test-$(STAMP)
-	PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests -n $(WORKERS) --dist worksteal
+	PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests -n $(WORKERS) --dist worksteal $(TESTS)
 
 lint: $(VENV)/.test-$(STAMP)
 	$(BIN)/ruff check .

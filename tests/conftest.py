@@ -94,8 +94,16 @@ def two_cores() -> Iterator[None]:
     os.sched_setaffinity(0, own)
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The dearest files first, all others in their order."""
+    """The dearest files first, all others in their order; of tests marked ``once`` all cases but the first are slow."""
+    begun: set[str] = set()
+    for item in items:
+        if item.get_closest_marker("once") is not None:
+            function = item.nodeid.partition("[")[0]
+            if function in begun:
+                item.add_marker("slow")
+            begun.add(function)
     place = {f"test_{name}.py": k for k, name in enumerate(DEAREST)}
     items.sort(key=lambda item: place.get(item.path.name, len(place)))
 

@@ -88,6 +88,7 @@ def followed(footage: ModuleType, footage_scenes: ModuleType, seed: int) -> dict
     return footage.ours(one, list(one.frames()))
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("seed", [*range(2000, 2012), 2013, 2048, 2049, 7028, 7127, 7200, 9165, 9263, 9284])
 def test_marks_on_photographs_are_acquired_and_held(footage: ModuleType, footage_scenes: ModuleType, seed: int) -> None:
     """No mark in the wrong place, and at least 95 of 100 of all places found.
@@ -101,6 +102,7 @@ def test_marks_on_photographs_are_acquired_and_held(footage: ModuleType, footage
     assert found["held"] > 0.95
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("seed", [4013, 9038, 9141])
 def test_a_mark_whose_ground_may_move_it_too_far_is_nowhere_rather_than_elsewhere(
     footage: ModuleType, footage_scenes: ModuleType, seed: int
@@ -111,6 +113,7 @@ def test_a_mark_whose_ground_may_move_it_too_far_is_nowhere_rather_than_elsewher
     assert found["held"] > 0.95 or found["reasons"]
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("seed", [7132, 20062, 20416, 20830, 21193, 21528])
 def test_a_mark_on_its_plates_corner_is_taken_for_one_like_its_fellows(
     footage: ModuleType, footage_scenes: ModuleType, seed: int
@@ -121,6 +124,7 @@ def test_a_mark_on_its_plates_corner_is_taken_for_one_like_its_fellows(
     assert found["held"] > 0.98
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [20050, 21022, 21188, 21627])
 def test_marks_of_a_pixel_or_two_are_judged_by_pixels_enough(
     footage: ModuleType, footage_scenes: ModuleType, seed: int
@@ -131,6 +135,7 @@ def test_marks_of_a_pixel_or_two_are_judged_by_pixels_enough(
     assert found["held"] > 0.98
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("seed", [20005, 21000, 21053, 21226])
 def test_marks_before_strong_print_or_gravel_are_found(
     footage: ModuleType, footage_scenes: ModuleType, seed: int
@@ -247,6 +252,7 @@ def towed(count: int, bar_level: float, rng: np.random.Generator) -> tuple[str, 
     return "\n".join(lines) + "\n", frames, np.array(places)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "bar"), [(1, 70.0), (2, 70.0), (3, 20.0)])
 def test_a_weak_mark_on_a_dark_bar_is_found_where_the_taut_line_leads(tmp_path: Path, seed: int, bar: float) -> None:
     """It is least significant of hundreds of spots, and lies where a model on its line has it: no lamp and no foam is taken."""
@@ -265,6 +271,7 @@ def test_a_weak_mark_on_a_dark_bar_is_found_where_the_taut_line_leads(tmp_path: 
     assert np.abs(off[stern]).mean() < 2 * bound_px
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [3, 5])
 def test_glints_that_were_soon_gone_are_taken_back_whole(tmp_path: Path, count: int) -> None:
     """Two that lie as the marks would, in the first frames: none of them stays measured, and the marks are found afterwards."""
@@ -314,6 +321,7 @@ def rigid_scatter(place: np.ndarray) -> float:
     return float(np.std(distance - basis @ np.linalg.lstsq(basis, distance, rcond=None)[0]))
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("start", [120, 140, 160, 180, 200])
 def test_dots_on_a_small_disc_of_a_real_recording(shared: Path, tmp_path: Path, start: int) -> None:
     """Two dark dots on a white disc that rolls over darker ground, from several frames of its way."""

@@ -64,6 +64,7 @@ def test_a_new_run_is_filled_in_where_the_template_has_its_comments(tmp_path: Pa
     assert "# carriage speed U" in next(line for line in document.text.splitlines() if "# speed_m_s" in line)
 
 
+@pytest.mark.slow
 def test_any_edits_give_what_was_asked_for_and_are_taken_back_one_by_one(tmp_path: Path) -> None:
     """Random edits of random keys, against a plain dictionary."""
     fields = [field for table in tables() for field in table.fields if field.kind in ("number", "text")]
@@ -264,6 +265,7 @@ def _wait(worker: Worker, until_s: float = 40.0) -> Any:
     return worker.poll()
 
 
+@pytest.mark.slow
 def test_jobs_run_beside_the_page_and_can_be_stopped(session: Session, run_folder: Path, tmp_path: Path) -> None:
     worker = Worker()
     try:

@@ -37,6 +37,7 @@ CODEC_PX = 0.15
 # frames and snapping --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_frame_is_the_decoders(run_folder: Path) -> None:
     frames = Frames(run_folder / "video.mp4")
     try:
@@ -119,6 +120,7 @@ def _bound_px(draw: Any) -> float:
     return NOISE_DN / float(np.sqrt((slope[20:43, 20:43] ** 2).sum()))
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("draw", [_dot, _corner])
 def test_a_click_snaps_to_the_rendered_truth(draw: Any) -> None:
     """40 clicks up to 2 px beside the mark."""
@@ -224,6 +226,7 @@ def test_the_detector_shows_what_tracking_will_take(run_folder: Path, samples: P
     assert "not complete" in nothing.words
 
 
+@pytest.mark.slow
 def test_a_look_ahead_is_a_look_at_that_frame(session: Session) -> None:
     """Whatever frame is on the screen; kept until run.toml changes, and a few at most."""
     assert session.frames is not None

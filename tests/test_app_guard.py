@@ -352,6 +352,7 @@ def test_only_pages_stand_on_nicegui(root: Path) -> None:
             assert not heavy or (heavy == {"nicegui"} and path.name.startswith("page_")), path.name
 
 
+@pytest.mark.slow
 def test_without_nicegui_the_command_says_so(run_folder: Path) -> None:
     code = (
         "import sys; sys.modules['nicegui'] = None\n"

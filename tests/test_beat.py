@@ -139,6 +139,7 @@ def filmed(samples: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pat
     return before, folder
 
 
+@pytest.mark.slow
 def test_tracks_of_a_camera_that_stamps_nothing_are_on_its_beat(filmed: tuple[Path, Path]) -> None:
     """As of the film itself: times, and what paths show of a mark's error, which a wavering clock would make larger."""
     before, folder = filmed
@@ -156,6 +157,7 @@ def test_tracks_of_a_camera_that_stamps_nothing_are_on_its_beat(filmed: tuple[Pa
     assert np.median(sigma / usual) < 1.5
 
 
+@pytest.mark.slow
 def test_a_flash_has_the_same_time(filmed: tuple[Path, Path]) -> None:
     _, folder = filmed
     t_s, _ = brightness(read_frames(read_run(folder).source_path))

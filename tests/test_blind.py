@@ -77,6 +77,7 @@ def _case(effect: str, seed: int = 3, coloured: bool = False, **numbers: float) 
 # --- reality
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("name", GOLDEN)
 def test_a_stiff_spring_goes_to_the_line_without_stretch(shared: Path, name: str) -> None:
     golden = pd.read_csv(shared / "golden" / f"{name}.csv")
@@ -94,6 +95,7 @@ def test_a_stiff_spring_goes_to_the_line_without_stretch(shared: Path, name: str
     assert np.abs(pull - golden["tension_n"])[late].max() < 0.03
 
 
+@pytest.mark.slow
 def test_a_tow_of_any_hull_is_that_of_the_constraint(surge_cases: ModuleType) -> None:
     """The identification benchmark's tows stand on equations of their own: a hull at random, all of surge, another speed."""
     rng = np.random.default_rng(4)
@@ -139,6 +141,7 @@ def test_a_straight_tow_pulls_with_resistance_and_inertia() -> None:
     assert np.ptp(wanted) > 0.09
 
 
+@pytest.mark.slow
 def test_the_carriage_pays_for_every_joule() -> None:
     """No damping of hull or line: kinetic energy and spring = the line's work on the carriage less the resistance's."""
     bare = {
@@ -165,6 +168,7 @@ def test_the_carriage_pays_for_every_joule() -> None:
     assert lost[1] < 5e-4
 
 
+@pytest.mark.slow
 def test_steps_resolve_the_spring() -> None:
     lanes = [{**TOW, "stiffness_n_m": 60000.0, "line_damping": 0.05}, {**FRIGATE_TOW, "stiffness_n_m": 60000.0}]
     fine, usual, coarse = (swim(lanes, 20.0, None, step) for step in (0.005, 0.02, 0.04))
@@ -195,6 +199,7 @@ def test_a_line_that_stretches_is_longer_and_springs() -> None:
     assert rate == pytest.approx(np.sqrt(1 / compliance / MARINER["surge_mass"]) / 2 / np.pi, rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("carriage", [0.0, 1.0])
 def test_a_line_falls_slack_when_inertia_asks_for_more_than_its_pull(carriage: float) -> None:
     event = {"slack_line.length_s": 2.5, "slack_line.begin_s": 10.0, "slack_line.carriage": carriage}
@@ -264,6 +269,7 @@ def test_a_current_is_a_sway_velocity() -> None:
     assert (side[0], moment[0]) == pytest.approx((52.87 * 0.02, 48.51 * 0.02))
 
 
+@pytest.mark.slow
 def test_every_effect_of_the_library_can_be_drawn_and_moves_the_picture() -> None:
     assert set(EFFECTS) == {effect.name for effect in LIBRARY} | {"slack_line", "constant_tension"}
     assert set(STRENGTH) == {*EFFECTS, *OUTSIDE, "law"}  # laws are drawn by benchmarks/laws.py
@@ -287,6 +293,7 @@ def test_every_effect_of_the_library_can_be_drawn_and_moves_the_picture() -> Non
         assert max(np.abs(films[0] - films[1]).max(), picked) > 0.1, name
 
 
+@pytest.mark.slow
 def test_a_load_cell_sees_what_the_line_pulls_with() -> None:
     case = replace(_case(""), history=True)
     path = swum(case)
@@ -300,6 +307,7 @@ def test_a_load_cell_sees_what_the_line_pulls_with() -> None:
     assert seen[t_s < 0].mean() == pytest.approx(stated, rel=0.005)
 
 
+@pytest.mark.slow
 def test_runs_of_a_hull_share_its_resistance() -> None:
     for k in range(6):
         case = case_of("case-x", "null", [], [9, k], False)
@@ -316,6 +324,7 @@ def test_runs_of_a_hull_share_its_resistance() -> None:
     assert not any(set(pair) <= FREE_LINE | {"elastic_line", "slack_line"} for pair in pairs if FREE_LINE & set(pair))
 
 
+@pytest.mark.slow
 def test_the_camera_is_a_pinhole_behind_a_bent_lens() -> None:
     case = _case("")
     camera = camera_of({**case.camera, "k1": 0.0, "k2": 0.0})
@@ -372,6 +381,7 @@ def test_the_generator_shares_no_code_with_what_it_tests(root: Path) -> None:
 # --- what the truth measures
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coloured", [False, True])
 def test_the_noise_that_the_score_takes_is_the_generators(coloured: bool) -> None:
     """Pixels less their noise-free motion, whitened by ``linear``'s covariance, have unit variance."""
@@ -389,6 +399,7 @@ def test_the_noise_that_the_score_takes_is_the_generators(coloured: bool) -> Non
     assert total / count == pytest.approx(1.0, abs=5 * np.sqrt(2 / count) + 12 * len(case.runs) / count)
 
 
+@pytest.mark.slow
 def test_d_grows_with_the_square_of_the_size_and_drag_is_near_to_cubic() -> None:
     small = replace(_case("crossflow_drag", drag_m=0.01, tilt=0.0, ends=0.0), duration_s=20.0)
     large = replace(small, numbers={**small.numbers, "crossflow_drag.drag_m": 0.02})
@@ -398,6 +409,7 @@ def test_d_grows_with_the_square_of_the_size_and_drag_is_near_to_cubic() -> None
     assert one.rivals["cubic_damping"] < 0.8 * one.strength
 
 
+@pytest.mark.slow
 def test_a_cell_that_is_late_shows_in_its_record_alone() -> None:
     case = replace(case_of("case-x", "effect", ["sync_delay"], [4, 1], False), runs=[])
     whole = case_of("case-x", "effect", ["sync_delay"], [4, 1], False)
@@ -409,6 +421,7 @@ def test_a_cell_that_is_late_shows_in_its_record_alone() -> None:
     assert distances_of(case, sensed).strength > 20
 
 
+@pytest.mark.slow
 def test_an_oracle_leaves_noise() -> None:
     case = _case("speed_drift", share=0.02, settle_s=30.0)
     found = measured(case)
@@ -418,6 +431,7 @@ def test_an_oracle_leaves_noise() -> None:
     assert found["oracle_shrink"] > 0.9
 
 
+@pytest.mark.slow
 def test_a_faint_effect_has_the_d_that_was_drawn() -> None:
     case = replace(_case("hull_asymmetry"), duration_s=20.0)
     faint = fainter(case, np.random.default_rng(4))
@@ -431,6 +445,7 @@ def test_a_faint_effect_has_the_d_that_was_drawn() -> None:
 # --- seal, folders, answers
 
 
+@pytest.mark.slow
 def test_the_seal_comes_first_and_holds(tmp_path: Path) -> None:
     wanted = Wanted(2, 11, nulls=2)
     cases, digest = sealed(tmp_path, wanted)
@@ -463,6 +478,7 @@ def test_the_drawing_has_its_shares() -> None:
     assert dealt(Wanted(400, 7)) != cases
 
 
+@pytest.mark.slow
 def test_folders_tell_nothing_and_read_back(tmp_path: Path) -> None:
     case = _case("swivel_friction")
     write_cases(tmp_path, [case])
@@ -487,6 +503,7 @@ def test_folders_tell_nothing_and_read_back(tmp_path: Path) -> None:
     assert (folder / "run-2" / "run.toml").is_file()
 
 
+@pytest.mark.slow
 def test_a_filmed_case_is_tracked_to_its_pixels(tmp_path: Path) -> None:
     from towline.pipeline.stages import track_run
 
@@ -519,6 +536,7 @@ def _fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wanted: Wanted) -> li
     return cases
 
 
+@pytest.mark.slow
 def test_answers_go_on_where_they_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cases = _fake(tmp_path, monkeypatch, Wanted(3, 3, nulls=3))
     first = tmp_path / ANSWERS / f"{cases[2].name}.json"
@@ -530,6 +548,7 @@ def test_answers_go_on_where_they_stopped(tmp_path: Path, monkeypatch: pytest.Mo
     assert json.loads(first.read_text())["seconds"] == 99.0
 
 
+@pytest.mark.slow
 def test_a_check_is_scored_from_its_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _fake(tmp_path, monkeypatch, Wanted(4, 3, nulls=4))
     diagnose(tmp_path, 1)
@@ -759,6 +778,7 @@ def test_the_diagnosis_own_class_counts_for_it_alone() -> None:
     assert _find(table, "right within its class", "D > 20").hits == 0
 
 
+@pytest.mark.slow
 def test_a_next_run_is_one_more_tow() -> None:
     case = _case("crossflow_drag", drag_m=0.1)
     proposed = {
@@ -788,6 +808,7 @@ are the fewest that have one: none right has a probability of 0.2^3 = 0.008. A d
 0.9^3 = 73 % of slices of three; of four, whose threshold is one too, it would in 66 %."""
 
 
+@pytest.mark.slow
 def test_a_slice_of_the_blind_check(tmp_path: Path) -> None:
     cases, _ = sealed(tmp_path, Wanted(3, 21, nulls=1, only=("crossflow_drag", "tow_point_offset", "deck_height")))
     write_cases(tmp_path, cases)

@@ -245,6 +245,7 @@ def test_the_carriages_courses() -> None:
     assert swing == pytest.approx([0.0, 0.01, -0.01])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("event", ["brake", "crest", "shove"])
 def test_every_slack_line_falls_slack_and_comes_straight(event: str) -> None:
     form = next(f for f in FORMS["slack_line"].values() if event in f)
@@ -257,6 +258,7 @@ def test_every_slack_line_falls_slack_and_comes_straight(event: str) -> None:
     assert pull[-100:].mean() == pytest.approx(3.96, rel=0.03)
 
 
+@pytest.mark.slow
 def test_what_slackens_a_line_is_made_strong_enough_for_it() -> None:
     """A model that swings is pulled harder than one that runs straight, and a shove of 1.4 R left its line taut."""
     case = case_of("case-x", "effect", ["slack_line"], [4, 1], False, forms={"slack_line": "shove"})
@@ -308,6 +310,7 @@ def test_a_hanging_line_is_a_catenary(share: float) -> None:
     assert ROUNDS >= 10
 
 
+@pytest.mark.slow
 def test_soft_lines_end_where_their_pull_holds_them() -> None:
     """A straight tow, let go at its own length: what is left when it has come to rest."""
     straight = {**TOW, "y_release": 0.0}
@@ -521,6 +524,7 @@ def every() -> dict[tuple[str, str], tuple[Case, list[Path]]]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", EVERY, ids=": ".join)
 def test_every_form_moves_the_picture_and_none_of_size_nothing_does(every, key: tuple[str, str]) -> None:
     case, (within, without, nothing) = every[key]
@@ -575,6 +579,7 @@ def test_what_is_kept_out_is_never_known() -> None:
     assert len({kept_digest(seed) for seed in range(30)}) == 30
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("choice", CHOICES)
 def test_forms_are_dealt_by_the_choice(choice: str) -> None:
     plan = dealt(Wanted(400, 6, forms=choice))
@@ -593,6 +598,7 @@ def test_forms_are_dealt_by_the_choice(choice: str) -> None:
     assert bare == [replace(each, form=(), kept=()) for each in dealt(Wanted(400, 6, forms="classic"))]
 
 
+@pytest.mark.slow
 def test_a_truth_from_before_the_forms_reads_and_goes_on(tmp_path: File) -> None:
     wanted = Wanted(3, 12, nulls=1, only=("deck_height",), forms="classic")
     cases, _ = sealed(tmp_path, wanted)
@@ -627,6 +633,7 @@ def test_a_case_keeps_its_form_on_paper() -> None:
     assert asdict(case)["form"] == case.form
 
 
+@pytest.mark.slow
 def test_d_and_faint_sizes_of_another_form() -> None:
     case = case_of("case-x", "effect", ["swivel_friction"], [3, 0], False, forms={"swivel_friction": "at the post"})
     case = gentle(replace(case, runs=case.runs[:2]))

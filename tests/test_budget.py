@@ -106,6 +106,7 @@ def test_the_lines_sum_to_the_fits_covariance(budget: Budget, fit: Fit) -> None:
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_load_cells_history_is_four_lines() -> None:
     priors = PRIORS.model_copy(update={"tension_zero_sd_n": 0.02, "tension_delay_sd_s": 0.1})
     rng = np.random.default_rng(2)
@@ -176,6 +177,7 @@ def test_what_the_fit_takes_as_exact_has_a_sensitivity_too(
     assert (np.abs(moved - told) < AS_ITS_LINE_SAYS * np.abs(told) + FIT_TOL * six_u(budget)).all()
 
 
+@pytest.mark.slow
 def test_settings_without_priors_are_not_included_and_move_what_they_move() -> None:
     exact = tows(Priors(line_length_sd_m=0.0))
     fit = fit_runs(exact)
@@ -361,6 +363,7 @@ def test_an_unstable_hull_has_no_turning_circle(budget: Budget) -> None:
 # repeats --------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_repeats_that_scatter_as_stated_and_repeats_that_do_not() -> None:
     one_set_up = tuple("abcd")
     runs = [replace(d, tow=replace(d.tow, tow_point_m=1.446)) for d in repeated(one_set_up, 0.003)]
@@ -414,6 +417,7 @@ def out(folders: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_it_says(out: Path) -> None:
     file = read_result(out / "budget.json", BudgetFile)
     assert file.closure < CLOSES
@@ -427,12 +431,14 @@ def test_the_command_writes_what_it_says(out: Path) -> None:
         assert q.combined_std == pytest.approx(q.fit_std)
 
 
+@pytest.mark.slow
 def test_the_front_door_gives_the_same(folders: list[str], out: Path) -> None:
     found, file = towline.budget(*folders, noise="output"), read_result(out / "budget.json", BudgetFile)
     for name, q in file.quantities.items():
         assert found.quantities[name].expanded == pytest.approx(q.expanded, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_tables_say_the_same(out: Path) -> None:
     file = read_result(out / "budget.json", BudgetFile)
     rows = list(csv.DictReader((out / "budget.csv").open(encoding="utf-8")))
@@ -452,6 +458,7 @@ def test_the_tables_say_the_same(out: Path) -> None:
     assert document.tables[0].rows[3].cells[0].text == "Y_v"
 
 
+@pytest.mark.slow
 def test_the_page_of_the_fit_shows_the_budget_of_the_same_runs(folders: list[str], out: Path) -> None:
     assert 'id="budget"' in (out / "budget.html").read_text(encoding="utf-8")
     assert main(["identify", *folders, *QUICK, "-o", str(out)]) == 0
@@ -462,6 +469,7 @@ def test_the_page_of_the_fit_shows_the_budget_of_the_same_runs(folders: list[str
     assert budget_beside(out / "elsewhere", inputs) is None
 
 
+@pytest.mark.slow
 def test_inputs_say_more_of_the_lines(answer: Identified, out: Path, tmp_path: Path) -> None:
     inputs = tmp_path / "inputs.toml"
     inputs.write_text(
@@ -483,6 +491,7 @@ def test_inputs_say_more_of_the_lines(answer: Identified, out: Path, tmp_path: P
     assert y_v.prime_std == pytest.approx(abs(y_v.prime) * np.hypot(y_v.combined_std / y_v.value, 2e-3))
 
 
+@pytest.mark.slow
 def test_a_temperature_gives_the_density_its_line(answer: Identified, out: Path, tmp_path: Path) -> None:
     """Against Kell's formula (J. Chem. Eng. Data 20 (1975) 97), another fit to other measurements; the two differ by 3e-3 kg/m3."""
     over, under = (-280.54253e-12, 105.56302e-9, -46.170461e-6, -7.9870401e-3, 16.945176, 999.83952), (16.87985e-3, 1.0)

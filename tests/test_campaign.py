@@ -103,6 +103,7 @@ def test_runs_are_found_and_what_is_none_is_said(made: Path, tmp_path: Path) -> 
         run_folders(tmp_path / "nowhere")
 
 
+@pytest.mark.slow
 def test_failed_runs_have_their_reason_and_the_rest_is_done(
     undisturbed: tuple[Path, dict[str, bytes]], self_contained: Callable[[str], list[bytes]]
 ) -> None:
@@ -131,6 +132,7 @@ def test_failed_runs_have_their_reason_and_the_rest_is_done(
     assert len(self_contained(campaign_page(again))) == 1
 
 
+@pytest.mark.slow
 def test_what_changed_is_redone_and_no_more(undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path) -> None:
     folder = copied(undisturbed[0], tmp_path)
     first = folder / run_folders(folder).runs[0] / "run.toml"
@@ -141,6 +143,7 @@ def test_what_changed_is_redone_and_no_more(undisturbed: tuple[Path, dict[str, b
     assert [a.redone for a in found.fits] == [True]
 
 
+@pytest.mark.slow
 def test_what_a_run_is_good_for_follows_what_is_known_of_it(
     undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path
 ) -> None:
@@ -155,6 +158,7 @@ def test_what_a_run_is_good_for_follows_what_is_known_of_it(
     assert [a.wants for a in after.runs[:RUNS]] == ["steady"] + ["derivatives"] * (RUNS - 1)
 
 
+@pytest.mark.slow
 def test_two_workers_write_what_one_writes(
     made: Path, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path, files_of: FilesOf
 ) -> None:
@@ -164,6 +168,7 @@ def test_two_workers_write_what_one_writes(
     assert files_of(folder) == undisturbed[1]
 
 
+@pytest.mark.slow
 def test_a_killed_campaign_goes_on_to_the_same_end(
     made: Path, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path, files_of: FilesOf
 ) -> None:
@@ -193,6 +198,7 @@ def test_a_killed_campaign_goes_on_to_the_same_end(
     assert files_of(folder) == undisturbed[1]
 
 
+@pytest.mark.slow
 def test_what_is_stopped_after_the_fit_does_not_fit_again(
     stopped: tuple[Path, list[str]], undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path, files_of: FilesOf
 ) -> None:
@@ -207,6 +213,7 @@ def test_what_is_stopped_after_the_fit_does_not_fit_again(
     assert files_of(folder) == undisturbed[1]
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     "damage", [b"", b"x", b'{"is": "Fit", "holds": {}}', b'{"is": "array", "holds": 3}', b"[" * 10_000]
 )
@@ -229,6 +236,7 @@ def test_only_one_campaign_at_a_time(undisturbed: tuple[Path, dict[str, bytes]])
             campaign(folder, one, QUICK)
 
 
+@pytest.mark.slow
 def test_the_command_on_storage(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -291,6 +299,7 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
         process.wait()
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_the_same_and_a_killed_worker_costs_its_own_work(
     made: Path,
     undisturbed: tuple[Path, dict[str, bytes]],
@@ -321,6 +330,7 @@ def test_a_cluster_gives_the_same_and_a_killed_worker_costs_its_own_work(
         pass
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", [f"derivatives/{RECORD}", f"*/out/{RECORD}", "motion_common.npy", "camera.json"])
 def test_a_damaged_result_is_made_again(
     undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path, files_of: FilesOf, damage: str

@@ -38,6 +38,7 @@ def checked(case) -> Check:
     return check_geometry([case.run], [case.tracks], run_datum(case.run, None))
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     "planted", ["deck height", "datum point", "datum width", "camera turned", "line length", "slack line", "k1"]
 )
@@ -66,6 +67,7 @@ def test_a_planted_fault_is_named_with_its_size(cameras: ModuleType, planted: st
     assert named >= (4 if planted == "k1" else 5)
 
 
+@pytest.mark.slow
 def test_nothing_planted_nothing_named(cameras: ModuleType) -> None:
     for seed in range(20):
         scene = cameras.random_scene(np.random.default_rng(seed), FRAMES)
@@ -112,6 +114,7 @@ def test_a_film_of_few_frames_is_no_turned_camera(cameras: ModuleType, hertz: fl
         assert not check.named, check.named[0].fault
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planted", ["", "camera turned"])
 def test_many_runs_of_one_set_up_hide_and_invent_no_turn(cameras: ModuleType, planted: str) -> None:
     """Twelve runs share 1500 frames, two a second; a turn is found at its own frame of ten a second all the same."""
@@ -191,6 +194,7 @@ def test_sums_of_a_coloured_series_vary_as_itslong_run_variance_variance_says(me
     assert np.mean(found) == pytest.approx(1 + 2 * powers[powers > 0.05].sum(), rel=0.08)
 
 
+@pytest.mark.slow
 def test_coloured_noise_is_no_fault(cameras: ModuleType) -> None:
     """Marks whose errors last for a second (a codec's) carry less than their number says; white statistics would cry out."""
     for seed in range(10):
@@ -206,6 +210,7 @@ def test_coloured_noise_is_no_fault(cameras: ModuleType) -> None:
         assert not check.named, check.named[0].fault
 
 
+@pytest.mark.slow
 def test_stated_intervals_hold_over_random_cameras(cameras: ModuleType) -> None:
     """Lens, heights, places of marks, picks and pixels unsure at once: 40 cameras, bounds 4 standard errors of a std."""
     draws, scores, frame = 40, [], []

@@ -23,9 +23,10 @@ def copied(source: Path, target: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def mariner(samples: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    folder = tmp_path_factory.mktemp("mariner é")
-    return [copied(samples / "mariner" / name, folder / name) for name in ("x1446", "x1548", "x1649", "x1751")]
+def mariner(worked: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Four runs that are tracked already, from their videos, in another folder."""
+    folder, names = tmp_path_factory.mktemp("mariner é"), ("x1446", "x1548", "x1649", "x1751")
+    return [Path(shutil.copytree(worked / "sample_videos" / "mariner" / name, folder / name)) for name in names]
 
 
 def test_four_videos_become_six_derivatives(mariner: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
@@ -57,6 +58,7 @@ def test_four_videos_become_six_derivatives(mariner: list[Path], capsys: pytest.
         assert list(marks.columns) == ["t_s", "marker", "x_m", "y_m", "sigma_x_m", "sigma_y_m", "status"]
 
 
+@pytest.mark.slow
 def test_what_is_up_to_date_is_not_done_again(mariner: list[Path]) -> None:
     run = mariner[0]
     assert main(["motion", str(run)]) == 0
@@ -76,6 +78,7 @@ def test_what_is_up_to_date_is_not_done_again(mariner: list[Path]) -> None:
     assert (run / "out" / "motion.csv").read_bytes() != motion
 
 
+@pytest.mark.slow
 def test_steady_videos_give_the_neutral_point_back(samples: Path, tmp_path: Path) -> None:
     runs = [copied(samples / "leander_steady" / name, tmp_path / name) for name in ("hole6", "hole5", "hole4", "hole3")]
     assert main(["run", *map(str, runs)]) == 0
@@ -130,6 +133,7 @@ def test_simulate_and_render(samples: Path, tmp_path: Path, capsys: pytest.Captu
     assert main(["track", str(tmp_path / "run"), "--no-overlay"]) == 0
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
@@ -170,6 +174,7 @@ def edit(run: Path, old: str, new: str) -> None:
     (run / "run.toml").write_text(text.replace(old, new))
 
 
+@pytest.mark.slow
 def test_one_bad_run_keeps_the_batch_alive(
     mariner: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -128,6 +128,7 @@ def put(folder: Path, corrections: Corrections) -> None:
 # seeds ----------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_seed_sets_swapped_marks_right_from_its_frame_on(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["track", str(run), "--no-overlay"]) == 0
     before = read_tracks(run / "out" / "tracks.csv")
@@ -143,12 +144,14 @@ def test_a_seed_sets_swapped_marks_right_from_its_frame_on(run: Path, capsys: py
     pd.testing.assert_frame_equal(*early)
 
 
+@pytest.mark.slow
 def test_one_seed_is_enough_where_the_other_mark_follows_from_it(run: Path) -> None:
     assert main(["track", str(run), "--no-overlay", *seeds()[:4]]) == 0
     after = read_tracks(run / "out" / "tracks.csv")
     assert meets_the_truth(after[after["frame"] >= SEED])
 
 
+@pytest.mark.slow
 def test_a_correction_is_applied_again_whenever_the_run_is_tracked(run: Path) -> None:
     assert main(["track", str(run), "--no-overlay", *seeds()]) == 0
     put(run, read_corrections(read_run(run)).model_copy(update={"removed": (Removed(frame=3, marker="bow"),)}))
@@ -165,6 +168,7 @@ def test_a_correction_is_applied_again_whenever_the_run_is_tracked(run: Path) ->
         assert (gone["status"], gone["reason"]) == ("lost", REMOVED), again
 
 
+@pytest.mark.slow
 def test_marks_that_nothing_tells_apart_at_first_are_followed_from_a_seed_on(run: Path) -> None:
     """Without a name in the first frame the command stops; a later seed names them, and what came before stays lost."""
     text = (run / "run.toml").read_text()
@@ -208,6 +212,7 @@ def write_patches(folder: Path, cut: int, other: bool) -> dict[int, NDArray]:
     return place
 
 
+@pytest.mark.slow
 def test_a_template_is_found_again_where_it_is_seeded(tmp_path: Path) -> None:
     """The camera is knocked by 60 px in frame 40; the point stays the same point of the body, to what its sigma says."""
     place = write_patches(tmp_path, 40, other=False)
@@ -243,6 +248,7 @@ def test_a_template_that_is_not_there_any_more_is_cut_out_anew_and_says_how_well
 # points ---------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_points_by_hand_and_removed_ones_stand_in_the_table_and_nothing_is_lost(run: Path) -> None:
     track_run(read_run(run))
     written = (run / "out" / "tracks.csv").read_bytes()
@@ -281,6 +287,7 @@ def test_points_by_hand_and_removed_ones_stand_in_the_table_and_nothing_is_lost(
     assert (run / "out" / "tracks.csv").read_bytes() == written
 
 
+@pytest.mark.slow
 def test_moving_a_point_tracks_nothing_again(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     track_run(read_run(run))
     written = (run / "out" / "tracks.csv").read_bytes()
@@ -298,6 +305,7 @@ def test_moving_a_point_tracks_nothing_again(run: Path, monkeypatch: pytest.Monk
     assert (run / "out" / "tracks.csv").read_bytes() == written
 
 
+@pytest.mark.slow
 def test_notes_are_those_of_the_tracks_they_were_written_with(run: Path) -> None:
     """What other tracks left in automatic.csv, a note with them, says nothing of these."""
     plain = track_run(read_run(run))
@@ -306,6 +314,7 @@ def test_notes_are_those_of_the_tracks_they_were_written_with(run: Path) -> None
     assert track_run(read_run(run)).notes == plain.notes
 
 
+@pytest.mark.slow
 def test_the_motion_has_the_hands_sigma(run: Path) -> None:
     """Straight down at a millimetre a pixel: beta of one mark set by hand is as sure as sigma over the marks' distance."""
     u, v = true_px("bow", 5)
@@ -323,6 +332,7 @@ def test_the_motion_has_the_hands_sigma(run: Path) -> None:
 # the file -------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -380,6 +390,7 @@ def test_a_wrong_file_is_one_line(run: Path, text: str, said: str, capsys: pytes
     assert "\n" not in line
 
 
+@pytest.mark.slow
 def test_a_correction_outside_a_narrower_span_waits(run: Path) -> None:
     put(run, Corrections(point=(Placed(frame=70, marker="bow", pixel_px=(60.0, 90.0)),)))
     text = (run / "run.toml").read_text()
@@ -435,6 +446,7 @@ def test_what_is_written_is_what_is_read(run: Path) -> None:
     assert read_corrections(read_run(run)) == made
 
 
+@pytest.mark.slow
 def test_corrections_are_an_input_of_all_that_follows(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = read_run(run).input_hash()
     put(run, Corrections(point=(Placed(frame=5, marker="bow", pixel_px=(60.0, 90.0)),)))

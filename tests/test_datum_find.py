@@ -58,6 +58,7 @@ def mark(kind: str, centre: np.ndarray, size: int = 61) -> np.ndarray:
     return 100 + 120 * disc - 60 * (1 - soft(edge - 6.5)) / 2  # a white disc in a dark ring, as the simulator draws it
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("kind", ["dot", "dark dot", "cross", "ringed dot"])
 @pytest.mark.parametrize("sd_dn", [1.5, 4.0])
 def test_the_centre_of_symmetry_is_as_good_as_it_says(kind: str, sd_dn: float) -> None:
@@ -90,6 +91,7 @@ def point(look: str | None, near: tuple[float, float], place: float = 0.0) -> Da
     return DatumPoint(name=f"at {place:g}", pixel_px=near, tank_m=(place, 0.0, 0.0), look=look)
 
 
+@pytest.mark.slow
 def test_marks_are_found_from_rough_picks_and_averaged() -> None:
     """Four frames: sigma falls by nearly two and stays true; a single frame's, with loss, is twice what the fit says."""
     rng = np.random.default_rng(33)
@@ -142,6 +144,7 @@ POINTS = 24
 """Points of a case below: 48 numbers, whose standard deviation is known to a tenth of itself; three of these are allowed."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("crf", "texture_dn"), [(None, 3.0), (18, 0.0), (23, 3.0), (28, 0.0)])
 def test_frames_of_a_still_camera_do_not_know_a_point_better_than_what_repeats_in_them(
     tmp_path: Path, crf: int | None, texture_dn: float
@@ -211,6 +214,7 @@ def draw_tag(picture: np.ndarray, cells: np.ndarray, to_px: np.ndarray, blur_px:
     picture[:] = fine.reshape(len(v) // FINE, FINE, len(u) // FINE, FINE).mean(axis=(1, 3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "family"), [("aruco", "6X6_1000"), ("apriltag", "APRILTAG_36h11")])
 def test_tag_corners_are_as_good_as_they_say(kind: str, family: str) -> None:
     """45 views, four corners each, in OpenCV's order: 360 numbers. The near side of a tag is up to 4 % larger (0.1 m seen from 1 m
@@ -255,6 +259,7 @@ def chessboard(to_px: np.ndarray, columns: int, rows: int, shape: tuple[int, int
     return 190.0 - 75.0 * inside * (1 + pattern)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("turned", [False, True])
 def test_chessboard_corners_are_as_good_as_they_say(turned: bool) -> None:
     """20 views, 12 of 24 corners each, 480 numbers; which end is which, rough picks 5 px off say (a board turned as well)."""
@@ -343,6 +348,7 @@ def scenario() -> ScenarioFile:
     return check_tables(content, ScenarioFile, "scenario.toml")
 
 
+@pytest.mark.slow
 def test_a_run_gets_its_datum_and_keeps_its_comments(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Rendered marks hang on strings that pass through them askew, which no sigma knows: 0.1 px is the bar, 2 px the picks."""
     file = scenario()

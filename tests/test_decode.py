@@ -303,6 +303,7 @@ def test_a_recording_cut_short_says_so_unless_the_span_ends_before(
         assert not any(frame.damaged or frame.notes for frame in frames)
 
 
+@pytest.mark.slow
 def test_two_hundred_broken_copies_in_small(root: Path) -> None:
     """A slice of benchmarks/fuzz.py: no crash, no hang, no wrong time, no wrong picture."""
     command = [sys.executable, str(root / "benchmarks" / "fuzz.py"), "--copies", "20", "--seed", "9"]

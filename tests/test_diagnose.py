@@ -36,6 +36,7 @@ UNTIL_S = 26.0
 """And so much of each, of 45 s: by then the swings have died away."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planted", ["none", "crossflow_drag", "deck_height", "unknown kick"])
 def test_what_was_planted_is_what_is_said(
     write_runs: Callable[[list, Path], list[Path]], cases: ModuleType, planted: str, tmp_path: Path
@@ -153,6 +154,7 @@ def test_an_absent_effect_changes_nothing(model) -> None:
         }
 
 
+@pytest.mark.slow
 def test_a_next_runs_distance_grows_with_the_square_and_falls_with_what_is_not_known(model) -> None:
     """Nothing apart is no distance; a force half as large has a fourth of it; derivatives known less well explain more of it."""
     tow_model, hypothesis = model
@@ -237,6 +239,7 @@ def test_a_users_own_effect_is_one_short_file(tmp_path: Path) -> None:
         load_effects(tmp_path / "absent.py")
 
 
+@pytest.mark.slow
 def test_the_command_its_page_and_the_fixed_simulator(
     write_runs: Callable[[list, Path], list[Path]],
     straight_tow: Callable[[dict], dict],

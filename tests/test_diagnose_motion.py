@@ -112,6 +112,7 @@ def kick(t_s: np.ndarray, *_: object) -> tuple[np.ndarray, float]:
     return IMPULSE_N_S / LASTED_S * ((t_s > AT_S) & (t_s < AT_S + LASTED_S)), 0.0
 
 
+@pytest.mark.slow
 def test_a_push_that_comes_once_is_told_with_run_time_and_impulse(tows: list[TowRun]) -> None:
     """Random forces alone would follow it: each run's motion is smooth, and no channel leaves anything over."""
     third = made(2, 1.6, 0.15)
@@ -163,6 +164,7 @@ def washboard(t_s: np.ndarray, y: np.ndarray, *_: object) -> tuple[np.ndarray, f
     return WAVE_N * np.sin(2 * np.pi * y / WAVE_M + 0.7), 0.0
 
 
+@pytest.mark.slow
 def test_a_force_that_repeats_across_the_tank_is_told_with_its_distance() -> None:
     """Between two of the free form's own wave numbers; the same in three tows."""
     runs = [made(k, x, y, extra=washboard) for k, (x, y) in enumerate(((1.446, 0.2), (1.751, -0.2), (1.6, 0.15)))]
@@ -184,6 +186,7 @@ def test_a_force_that_repeats_across_the_tank_is_told_with_its_distance() -> Non
     assert wave.per_unit + off == pytest.approx(1 / WAVE_M, abs=4 * sd[4])
 
 
+@pytest.mark.slow
 def test_random_forces_are_neither_pushes_nor_waves(tows: list[TowRun]) -> None:
     """What noise and forces of the fit's own sizes do: odds of e^3 are reached by chance in e^-3 of the campaigns at most."""
     inference, base = _nothing(TowSimulator(tows))
@@ -220,6 +223,7 @@ def wandering(seed: int, side_n: float, moment_n_m: float, lasts_s: float) -> Ca
     return lambda t, y, *_: (np.interp(t, t_s, side) + 0.0 * y, np.interp(t, t_s, moment) + 0.0 * y)
 
 
+@pytest.mark.slow
 def test_beside_random_forces_no_effect_ends_far_below_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """An effect can be as good as none: what its evidence may fall below is what its own freedom costs, 5 at most here, however
     small the random forces are that its fit begins with.
@@ -296,6 +300,7 @@ def test_a_tension_log_is_over_its_mean_at_the_runs_own_clock(tows: list[TowRun]
     np.testing.assert_array_equal(Fields(tows, np.full((2, 1), 45.0), 1.28).history(at[:, None, None]), np.ones((2, 1)))
 
 
+@pytest.mark.slow
 def test_the_simulated_side_follows_a_tension_log() -> None:
     """Residuals at the truth are the noise; with the mean tension alone they are not."""
     clock = np.arange(0, 60, 0.05)
@@ -316,6 +321,7 @@ def test_the_simulated_side_follows_a_tension_log() -> None:
     assert (rms[1] > 3).all(), rms
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("push", "verdict"), [((0.0, 0.0), "no_gap"), ((0.25, 0.0), "effect")])
 def test_a_push_from_one_side_is_found_in_a_motion(push: tuple[float, float], verdict: str) -> None:
     """A hull that pulls by 0.25 N, against drag, a current and a tow point aside."""
@@ -333,6 +339,7 @@ def test_a_push_from_one_side_is_found_in_a_motion(push: tuple[float, float], ve
     assert len({row.gap_before for row in found.ranking}) == 1
 
 
+@pytest.mark.slow
 def test_the_command_takes_runs_that_came_as_motion(motion_run: Callable[..., Path], tmp_path: Path) -> None:
     from towline.cli import main
 

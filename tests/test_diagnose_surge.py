@@ -110,6 +110,7 @@ def test_tows_that_hold_nothing_but_surge_have_no_gap() -> None:
     assert ["tension scale", "all derivatives together"] not in found.file.indistinguishable
 
 
+@pytest.mark.slow
 def test_films_of_tows_on_a_stiff_spring_have_no_gap(shared: Path) -> None:
     """Motions integrated by other code, with the marks' noise on them; small swings leave the scale to the load cell."""
     rng, runs = np.random.default_rng(7), []
@@ -127,6 +128,7 @@ def test_films_of_tows_on_a_stiff_spring_have_no_gap(shared: Path) -> None:
     assert ["tension scale", "all derivatives together"] in found.file.indistinguishable
 
 
+@pytest.mark.slow
 def test_a_rudder_that_is_stated_is_not_blamed() -> None:
     """15 degrees in every run, Y_delta and N_delta free: no asymmetry, no current, no offset."""
     found = found_in(campaign(3, rudder_rad=float(np.radians(15))))
@@ -135,6 +137,7 @@ def test_a_rudder_that_is_stated_is_not_blamed() -> None:
     assert names[-2:] == ["y_delta", "n_delta"]
 
 
+@pytest.mark.slow
 def test_a_line_that_a_weight_keeps_at_one_tension_is_told_from_surge() -> None:
     """Two motions at constant T, one of them slow, said to be on a line that keeps its length."""
     file = found_in(campaign(4, line="constant")[-2:]).file
@@ -149,7 +152,8 @@ def test_a_line_that_a_weight_keeps_at_one_tension_is_told_from_surge() -> None:
 FORM = 0.05
 
 
-@pytest.mark.parametrize("planted", ["none", "deck_height", "crossflow_drag", "constant_tension"])
+@pytest.mark.once
+@pytest.mark.parametrize("planted", ["crossflow_drag", "none", "deck_height", "constant_tension"])
 def test_a_planted_effect_is_named_on_top_of_surge(
     cases: ModuleType, write_runs: Callable[[list, Path], list[Path]], planted: str, tmp_path: Path
 ) -> None:
@@ -181,6 +185,7 @@ STATED = {
 }
 
 
+@pytest.mark.slow
 def test_a_base_that_cannot_follow_stands_where_its_steps_end(tmp_path: Path) -> None:
     """A film 3 % too slow beside a load cell, by the blind check's equations: where the first fit led, the next step promised 9,973
     more and none gained; scores of such a place name anything.
@@ -194,6 +199,7 @@ def test_a_base_that_cannot_follow_stands_where_its_steps_end(tmp_path: Path) ->
     assert found.file.ranking[0].effects == ["frame_rate"]
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("name", STATED)
 def test_every_stated_input_moves_the_simulated_side(name: str) -> None:
     """Against DOP853 at 1e-10: means over blocks to a hundredth of a millimetre and of a milliradian."""
@@ -244,6 +250,7 @@ PUSHED = (
 )
 
 
+@pytest.mark.slow
 def test_slopes_on_a_line_that_keeps_its_length_are_differences_of_motions() -> None:
     """Every number of surge and of effects, against central differences of motions."""
     runs = [stated(), replace(stated(rudder_rad=0.1), name="other")]
@@ -281,6 +288,7 @@ SLOPE_SHARE = 0.03
 """As ``test_shooting`` grants."""
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("label", "numbers"),
     [
@@ -363,6 +371,7 @@ def test_a_tow_point_that_has_slipped_turns_the_model_by_all_that_the_line_pulls
         assert np.abs(forced[column] - wanted[column]).max() < SECOND_ORDER * change, column
 
 
+@pytest.mark.slow
 def test_the_diagnosis_has_the_same_of_a_tow_point_that_has_slipped() -> None:
     """Beside its own offset, all along: y and heading of the model and the line's length as they are seen."""
     model = TowSimulator([stated()])

@@ -225,7 +225,18 @@ RUNNABLE = [
 ]
 
 
-@pytest.mark.parametrize("page", RUNNABLE, ids=lambda p: p.relative_to(ROOT).as_posix())
+LONG = {
+    "campaign.md", "commands.md", "derivatives.md", "effect.md", "figures.md", "gap.md", "index.md", "plan.md", "source.md",
+    "tutorial.md", "winch.md",
+}  # fmt: skip
+"""Pages whose blocks take more than a few seconds."""
+
+
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=[pytest.mark.slow] * (page.name in LONG)) for page in RUNNABLE],
+    ids=[page.relative_to(ROOT).as_posix() for page in RUNNABLE],
+)
 def test_blocks_run(
     page: Path, worked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, registries: None
 ) -> None:
@@ -368,6 +379,7 @@ def test_a_docstring_of_the_house_is_numpydoc_for_the_site() -> None:
     assert told.index("Where it fails, more.") < told.index("Parameters")
 
 
+@pytest.mark.slow
 def test_the_site_is_whole(site: Path) -> None:
     for page in PAGES:
         if ROOT / "docs" in page.parents:
@@ -387,6 +399,7 @@ def test_the_site_is_whole(site: Path) -> None:
     assert (site / "benchmarks" / "identify.txt").is_file()
 
 
+@pytest.mark.slow
 def test_the_site_asks_nothing_of_the_outside(site: Path) -> None:
     loaded = re.compile(
         r"<(?:script|link|img|iframe|source|video|object)\b[^>]*?\b(?:src|href|srcset|data)=[\"']?([^\"'\s>]+)"

@@ -78,6 +78,7 @@ def test_what_never_ends_takes_no_memory(doors_wire: ModuleType, hall: Any, what
     held(doors_wire.endless(hall, what, wires=4, for_s=1.5))
 
 
+@pytest.mark.slow
 @linux
 def test_a_long_head_is_refused(hall: Any) -> None:
     fits = hall.ask(f"/?token={'x' * (MOST_HEAD // 2)}")
@@ -135,6 +136,7 @@ def test_of_too_many_strangers_the_oldest_goes_and_who_is_known_stays() -> None:
 # nonsense -------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @linux
 def test_absurd_numbers_and_addresses_are_refused(doors_wire: ModuleType, hall: Any) -> None:
     held(doors_wire.absurd_addresses(hall))

@@ -46,6 +46,7 @@ def folders(
     return sorted(path.parent for path in made_once("sagging", make).glob("*/run.toml"))
 
 
+@pytest.mark.slow
 def test_a_sagging_line_is_named_by_its_own_file(
     folders: list[Path], straight_tow: Callable[[dict], dict], cases: ModuleType, sag: Path, tmp_path: Path
 ) -> None:
@@ -71,6 +72,7 @@ def test_a_sagging_line_is_named_by_its_own_file(
         towline.simulate(path)
 
 
+@pytest.mark.slow
 def test_without_its_file_something_is_missing(folders: list[Path]) -> None:
     """Three tows are enough for that, with the slow one among them."""
     file = towline.diagnose(*folders[1::2])

@@ -45,6 +45,7 @@ def test_a_free_run_gives_the_rudder(root: Path, capsys: pytest.CaptureFixture[s
     assert "note" not in said
 
 
+@pytest.mark.slow
 def test_the_pendulum(root: Path, shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """w^2 near the authors' own m a g/(I + m a^2) = 64.2 1/s2 with the full sine; the linear model cannot have it.
 
@@ -70,6 +71,7 @@ def test_the_pendulum(root: Path, shared: Path, capsys: pytest.CaptureFixture[st
         module.main([str(data.with_name("absent.mat"))])
 
 
+@pytest.mark.slow
 def test_the_pendulum_misses_its_sine(root: Path, shared: Path) -> None:
     """A simulator of small swings: the diagnosis names the finite amplitude and finds its share, which is 1 by physics.
 
@@ -86,6 +88,7 @@ def test_the_pendulum_misses_its_sine(root: Path, shared: Path) -> None:
     assert abs(share.value - 1.0) < 5 * share.std + 0.005
 
 
+@pytest.mark.slow
 def test_the_thesis_needs_more_tension_at_low_speed(root: Path, shared: Path) -> None:
     """Frequencies at 0.5 m/s are 26-62 % above the simulator's with T falling as U^2 (theory.md 3).
 
@@ -105,6 +108,7 @@ def test_the_thesis_needs_more_tension_at_low_speed(root: Path, shared: Path) ->
     assert all("hull_asymmetry" not in row.effects or row.probability < 0.05 for row in found.ranking)
 
 
+@pytest.mark.slow
 def test_the_tanker_hung_on_a_longer_line_than_stated(root: Path, shared: Path) -> None:
     """Tows on 0.256 m and on 0.851 m of line at one speed: w^2 ~ T/L (8.9), so that 36 mm more are 7 % in one, 2 % in the other.
 

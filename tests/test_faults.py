@@ -57,6 +57,7 @@ ESTIMATORS = benchmark("faults_estimators")
 # readers and estimators ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # what numpy warns of on nonsense is no matter here: the answer is judged
 @pytest.mark.parametrize("reader", READERS.readers(), ids=lambda one: one.name)
 def test_a_reader_takes_or_refuses_whatever_it_is_given(reader: Any, tmp_path: Path) -> None:
@@ -72,6 +73,7 @@ def test_a_reader_takes_or_refuses_whatever_it_is_given(reader: Any, tmp_path: P
     assert "refused" in seen
 
 
+@pytest.mark.once
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("estimator", ESTIMATORS.estimators(), ids=lambda one: one.name)
 def test_an_estimator_answers_or_refuses(estimator: Any) -> None:
@@ -264,6 +266,7 @@ def test_an_interrupted_write_leaves_the_old_output(
     capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_what_a_killed_command_left_is_no_output(run: Path) -> None:
     """Killed between temporary name and rename: the temporary file stays, under a name that nothing reads."""
     code = (
@@ -278,6 +281,7 @@ def test_what_a_killed_command_left_is_no_output(run: Path) -> None:
     assert read_result(run / "out" / "derivatives.json", DerivativesFile).speed_m_s == pytest.approx(1.28)
 
 
+@pytest.mark.slow
 def test_two_commands_on_one_folder_both_end_well(run: Path) -> None:
     both = [shell(identify(run)) for _ in range(2)]
     for process in both:
@@ -299,6 +303,7 @@ def test_names_with_blanks_and_letters_of_other_languages(
     assert "船" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_locale_with_a_decimal_comma_changes_nothing(run: Path, tmp_path: Path) -> None:
     found = []
     for number, name in enumerate(("C.UTF-8", "de_DE.UTF-8")):  # where the second is absent, Python takes C
@@ -318,6 +323,7 @@ def test_no_code_sets_a_locale(root: Path) -> None:
             assert "setlocale" not in names, path
 
 
+@pytest.mark.slow
 def test_a_traceback_comes_with_debug_only(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (run / "motion.csv").write_text("t_s;y_cg_m\n")
     assert main(identify(run)) == 1

@@ -190,6 +190,7 @@ def worn(rng: np.random.Generator, picture: Floats, to_px: Floats) -> None:
         picture += spot * 0.8 * ((BLACK + WHITE) / 2 - picture)
 
 
+@pytest.mark.slow
 def test_a_worn_tag_that_names_its_dictionary_is_measured_with_a_sigma_that_knows_it() -> None:
     rng = np.random.default_rng(12)
     ratios, never_whole = [], 0

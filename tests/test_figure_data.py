@@ -118,6 +118,7 @@ PAGES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", PAGES)
 def test_each_page_has_its_numbers_beside_it(
     command: str, runs: list[Path], drawn: list[Pair], self_contained: Callable[[str], list[bytes]]

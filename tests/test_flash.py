@@ -39,6 +39,7 @@ def level(rng: np.random.Generator, begin_s: float, end_s: float, step_s: float,
     return t_s, 0.2 + 0.1 * share + 0.1 * NOISE * rng.normal(size=len(t_s))
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("known", [True, False])
 def test_the_offset_by_a_flash_is_as_uncertain_as_it_says(known: bool) -> None:
     """48 flashes of up to 0.12 s, two cameras at rates and exposures of their own: the rms of z scatters by 1/sqrt(96) = 0.1. Half
@@ -65,6 +66,7 @@ def test_the_offset_by_a_flash_is_as_uncertain_as_it_says(known: bool) -> None:
     assert np.median(sds) < np.sqrt(2 / 12) / 30
 
 
+@pytest.mark.slow
 def test_a_flash_that_fills_frames_is_not_said_to_be_told_better_than_it_is() -> None:
     """40 flashes of 0.1 s, exposed all the time at 30 a second: the rms of z scatters by 1/sqrt(80) = 0.11, none is beyond 4. On a
     grid of lengths wider than what both cameras tell together it is 1.4, one in a hundred beyond 5."""

@@ -94,6 +94,7 @@ def clean() -> dict[str, tuple[pd.DataFrame, Program]]:
     return {"zigzag": (seen(ZIGZAG), ZIGZAG), "random": (seen(RANDOM), RANDOM)}
 
 
+@pytest.mark.slow
 def test_identify_gives_the_ratios_within_their_intervals(tmp_path: Path, clean, capsys) -> None:
     """20 campaigns of two runs: z of the six ratios has rms 0.8-1.25, K's too; no run.toml says anything of forces or water."""
     scores, gains = [], []
@@ -123,6 +124,7 @@ def test_identify_gives_the_ratios_within_their_intervals(tmp_path: Path, clean,
     assert "Y_v/(m - Y_vdot)" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_page_json_and_masses_that_are_stated(tmp_path: Path, clean, capsys: pytest.CaptureFixture[str]) -> None:
     """m' and I' under [priors.derivatives] (here to 1 %) give the rest in newtons, with their error."""
     rng = np.random.default_rng(1)
@@ -157,6 +159,7 @@ def towed(folder: Path, x_t: float, y_0: float, rng: np.random.Generator, model:
     return folder
 
 
+@pytest.mark.slow
 def test_with_tows_in_the_same_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Each kind is fitted apart and that is said; the tows' six and covariance give the rudder in newtons."""
     rng = np.random.default_rng(2)
@@ -223,6 +226,7 @@ def test_run_without_a_rudder_gives_the_motion_and_says_why(tmp_path: Path, caps
     assert "--form" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_gaps_a_speed_history_and_a_heading_error(tmp_path: Path) -> None:
     """A third of the samples lost, U grown by 5 % in the run, 0.5 degrees of heading error in one of two runs, with a prior."""
     rng = np.random.default_rng(6)
@@ -254,6 +258,7 @@ def test_gaps_a_speed_history_and_a_heading_error(tmp_path: Path) -> None:
     assert apart == pytest.approx(np.radians(0.5), abs=4 * np.hypot(*fit.found.beta_bias_sd))
 
 
+@pytest.mark.slow
 def test_camera_modes_are_carried(tmp_path: Path, clean) -> None:
     """A heading error of the camera, common to both runs, as a mode: found in Y* and N* or in the mode, never in the ratios."""
     data = []
@@ -269,6 +274,7 @@ def test_camera_modes_are_carried(tmp_path: Path, clean) -> None:
     np.testing.assert_allclose(fit.values, plain.values, rtol=0.1)
 
 
+@pytest.mark.slow
 def test_a_campaign_fits_free_runs_too(tmp_path: Path, clean) -> None:
     for name, (motion, history) in clean.items():
         write(tmp_path / name, motion, history, model="trim_rad = 0.0075")
@@ -282,6 +288,7 @@ def test_a_campaign_fits_free_runs_too(tmp_path: Path, clean) -> None:
 # trim ---------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_trim_goes_with_the_run_and_unlike_trims_are_not_pooled(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -68,6 +68,7 @@ def test_every_example_runs(name: str, in_a_copy: Path, request: pytest.FixtureR
     assert not done.failed
 
 
+@pytest.mark.slow
 def test_what_is_called_gives_what_the_command_writes(in_a_copy: Path) -> None:
     from towline.cli import main
 

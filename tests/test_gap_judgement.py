@@ -283,6 +283,7 @@ def test_two_effects_are_named_though_one_has_another_form(pushed: float, named:
     assert found.ranking[0].probability + found.ranking[0].probability_inexact > 0.5
 
 
+@pytest.mark.slow
 def test_beside_a_gross_effect_a_second_one_is_told_where_it_leaves_nothing() -> None:
     """The bend is a thousand times the noise; three hundredths of what it explains, which its form may leave over, are far more
     than what the push explains. Beside both there is noise alone. A ripple of all runs, which the push follows in one, is no push.
@@ -301,6 +302,7 @@ def test_beside_a_gross_effect_a_second_one_is_told_where_it_leaves_nothing() ->
     assert found.ranking[0].effects == ["bend"]
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(("second", "named"), [(None, {"bend"}), (1e-5, {"bend", "push"})])
 def test_how_much_a_second_effect_may_take_of_a_gross_one_without_being_there(
     second: float | None, named: set[str]
@@ -331,6 +333,7 @@ def test_what_shows_where_a_gross_effect_is_not_at_work_is_none_of_its_form(
     assert set(found.ranking[0].effects) == named
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(("kicked", "named"), [((1,), {"bend"}), ((0, 1, 2), {"bend", "kick"})])
 def test_a_second_effect_that_the_other_runs_do_not_bear_out_is_not_there(
     kicked: tuple[int, ...], named: set[str]

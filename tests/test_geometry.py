@@ -114,6 +114,7 @@ def test_place_derivatives_against_differences() -> None:
         np.testing.assert_allclose(found.modes_m[k], (up - down) / 2e-3, rtol=1e-4, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["pose", "two_planes"])
 def test_the_common_uncertainty_is_true_over_many_picks(way: str) -> None:
     """Standardised errors of places over 300 draws of the picks: std 1 within 4 standard errors (1/sqrt(2 n) each)."""

@@ -41,6 +41,7 @@ def _stated_and_true(wide: np.ndarray, model: Model) -> tuple[np.ndarray, np.nda
     return np.sqrt(stated), error.std(axis=0), np.median(fit.sigma_px, axis=0)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("model", [SHARED, ELLIPSE, SLOPED], ids=lambda model: model.name)
 @pytest.mark.parametrize("grain_px", [1.0, 2.5])
 def test_what_the_ground_does_to_a_centre_is_read_beside_the_mark(model: Model, grain_px: float) -> None:

@@ -97,6 +97,7 @@ def check_none_wrong(hall: Hall, found: Tracking, limit_px: float = 0.5) -> None
         assert np.nanmax(np.abs(gap)) < limit_px, name
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("dark", [False, True])
 def test_nothing_special(tmp_path: Path, dark: bool) -> None:
     hall = Hall(dark=dark)
@@ -105,6 +106,7 @@ def test_nothing_special(tmp_path: Path, dark: bool) -> None:
     check_none_wrong(hall, found, 0.1)
 
 
+@pytest.mark.slow
 def test_a_lamp_is_never_taken_for_a_mark(tmp_path: Path) -> None:
     """A brighter light of the same size stands where the stern passes; the two are one blob for a moment."""
 
@@ -121,6 +123,7 @@ def test_a_lamp_is_never_taken_for_a_mark(tmp_path: Path) -> None:
     assert len(near) > 4
 
 
+@pytest.mark.slow
 def test_motion_blur_moves_no_mark(tmp_path: Path) -> None:
     hall = Hall(blur_s=1 / 30, swing_px=90, width_px=1.3)
     found = hall.track(tmp_path)
@@ -141,6 +144,7 @@ def test_flicker_and_a_step_of_the_exposure(tmp_path: Path) -> None:
     check_none_wrong(hall, found, 0.25)
 
 
+@pytest.mark.slow
 def test_a_lens_that_breathes_loses_no_mark(tmp_path: Path) -> None:
     """All marks become a fifth wider and as much lower at once: as much light as before, and no step of the exposure."""
 
@@ -163,6 +167,7 @@ def test_a_knocked_camera_costs_a_few_frames_at_most(tmp_path: Path) -> None:
     assert all(i >= 60 for name in BODY_M for i in lost(found, name))
 
 
+@pytest.mark.slow
 def test_a_mark_leaves_the_picture_and_returns(tmp_path: Path) -> None:
     hall = Hall(swing_px=165, frames=240)
     found = hall.track(tmp_path)
@@ -176,6 +181,7 @@ def test_a_mark_leaves_the_picture_and_returns(tmp_path: Path) -> None:
         assert len(gone & set(np.flatnonzero(inside))) <= 12  # a tenth of a second to be found again, twice
 
 
+@pytest.mark.slow
 def test_a_rail_hides_the_marks_one_after_the_other(tmp_path: Path) -> None:
     def rail(index: int, picture: np.ndarray, places: dict) -> None:
         picture[172:180] = 60.0
@@ -213,6 +219,7 @@ def test_a_glint_beside_a_mark_for_a_few_frames(tmp_path: Path) -> None:
     assert lost(found, "stern") == []
 
 
+@pytest.mark.slow
 def test_five_marks(tmp_path: Path) -> None:
     body = {
         "bow": (0.09, 0.0),
@@ -268,6 +275,7 @@ def test_a_dark_and_a_bright_mark_and_the_colour_that_tells_two_apart(tmp_path: 
     np.testing.assert_allclose(both.centre_px[list(chosen.chosen)], [(290, 150), (110, 150)], atol=1.0)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("seen", "accepted"),
     [
@@ -305,6 +313,7 @@ def test_a_light_that_looks_white_may_be_a_coloured_one_and_another_colour_may_n
     assert (min(chosen.chosen) >= 0 and chosen.accepted) == accepted
 
 
+@pytest.mark.slow
 def test_datum_points_are_found_again_after_a_knock(tmp_path: Path) -> None:
     """Four crosses on the tank's rim, a knock of 14 and -9 px: they stand where the picture shows them, to a tenth of a pixel."""
     knock = (14.3, -9.6)

@@ -142,6 +142,7 @@ def test_a_summary_becomes_one_object(samples: Path, tmp_path: Path, capsys: pyt
     assert f"wrote {target}: 1200 samples" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_derivatives_are_those_of_the_file_and_a_bad_run_is_named(
     moved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -70,6 +70,7 @@ def _imports(root: Path, path: Path) -> Iterator[tuple[str, int]]:
     yield from ((name.split(".")[1], line) for name, line in _names(root, path) if "." in name)
 
 
+@pytest.mark.slow
 def test_rooms_import_what_the_table_allows_and_nothing_else(root: Path, house: dict[str, set[str]]) -> None:
     """The table of docs/developer/architecture.md, without any exception; nothing in it goes round in a circle."""
     below: set[str] = set()

@@ -197,6 +197,7 @@ def campaign(rng: np.random.Generator, colour: float = 0.0) -> list[RunData]:
     return runs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("colour", [0.0, 0.9])
 def test_intervals_are_true_over_many_seeds(colour: float) -> None:
     """Two tow points, 100 campaigns, white noise and noise of 1 s memory.
@@ -292,6 +293,7 @@ def test_errors_common_to_all_runs_are_carried() -> None:
     assert np.abs((fit.six - SIX) / np.sqrt(np.diag(fit.covariance))).max() < 4
 
 
+@pytest.mark.slow
 def test_histories_of_tension_and_speed_are_followed() -> None:
     from towline.simulate import Histories
 
@@ -449,6 +451,7 @@ def test_steady_intervals_are_true_over_many_seeds() -> None:
     assert abs((np.abs(z) < 1.96).mean() - 0.95) < 4 * np.sqrt(0.05 * 0.95 / 500)
 
 
+@pytest.mark.slow
 def test_the_steady_part_of_a_decaying_tow_is_found_and_its_mean_is_true(tmp_path: Path) -> None:
     """50 decaying oscillations with white noise: z-scores of both means with std 1 within 2.5 standard errors and 15 %.
 

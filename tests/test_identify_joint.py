@@ -191,6 +191,7 @@ def test_large_swings_give_the_derivatives_without_a_guess(campaigns: ModuleType
     assert np.abs(fit_runs(still, "linear").six / campaigns.SIX - 1).max() > 0.1
 
 
+@pytest.mark.slow
 def test_large_swings_are_unbiased(campaigns: ModuleType, large) -> None:
     """5 seeds: the mean error of each derivative lies within 4 of its standard errors (the benchmark: 50 seeds, 2)."""
     errors, sds = [], []
@@ -202,6 +203,7 @@ def test_large_swings_are_unbiased(campaigns: ModuleType, large) -> None:
     assert np.abs(z).max() < 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nuisance", [False, True])
 def test_the_fit_scatters_by_the_bound(campaigns: ModuleType, nuisance: bool) -> None:
     """A slice of the benchmark: 60 campaigns at 16 Hz. The mean square of the standardised errors over six (correlated)
@@ -261,6 +263,7 @@ def test_the_criteria_of_appendix_four(campaigns: ModuleType) -> None:
         fit_criterion(runs, "mean")
 
 
+@pytest.mark.slow
 def test_scattered_starts_reach_the_same_optimum_or_a_worse_one(campaigns: ModuleType) -> None:
     t = campaigns.times(16.0)
     runs = campaigns.campaign([campaigns.still_run(x, t) for x in campaigns.POINTS_M], np.random.default_rng(7))

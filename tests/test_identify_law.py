@@ -67,6 +67,7 @@ def test_a_known_law_moves_the_rates_as_differences_say(line: Line) -> None:
         np.testing.assert_allclose(slopes[:, 4 + index], change, rtol=2e-6, atol=2e-7)
 
 
+@pytest.mark.slow
 def test_a_fit_beside_the_law_finds_the_derivatives_and_one_without_does_not(campaigns: ModuleType) -> None:
     """Two tows without noise that ``simulate_full`` makes with the law: to a thousandth; without it worse by tens of times."""
     force = missing_force(LAW, LENGTH_M, WATER_KG_M3)

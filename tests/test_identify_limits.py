@@ -42,6 +42,7 @@ def oscillation(campaigns: ModuleType, point: float, seed: int):
     )
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("point", [1.446, 1.649, 1.751])
 def test_a_pure_oscillation_is_refused_and_its_combinations_are_true(campaigns: ModuleType, point: float) -> None:
     """16 seeds: m', I', Y_R and N_v refused in every one; two combinations given, and what is given by itself or combined
@@ -151,6 +152,7 @@ def test_combinations_of_a_known_covariance() -> None:
     )
 
 
+@pytest.mark.slow
 def test_profiles_agree_with_the_fishers_interval_and_stay_open_where_the_record_does(campaigns: ModuleType) -> None:
     """Four runs: ends within 5 % of 1.96 sd. One oscillation: m' has no lower end, and N_r has both."""
     t = campaigns.times(RATE_HZ)

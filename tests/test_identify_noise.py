@@ -107,6 +107,7 @@ def test_runs_filtered_side_by_side_are_each_as_alone(campaigns: ModuleType) -> 
             assert getattr(beside, name) == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
 
 
+@pytest.mark.slow
 def test_a_search_far_from_what_was_asked_for_ends_early(campaigns: ModuleType) -> None:
     """White noise and no force: the whole search gains less than ``SLIGHT`` where the early one gave up, and takes longer."""
     rng, t = np.random.default_rng(11), campaigns.times(16.0, 40.0)
@@ -128,6 +129,7 @@ def test_a_search_far_from_what_was_asked_for_ends_early(campaigns: ModuleType) 
     assert near.steps == whole.steps
 
 
+@pytest.mark.slow
 def test_the_kalman_filters_fit_is_efficient_and_its_intervals_true(campaigns: ModuleType) -> None:
     """8 campaigns of two runs at 16 Hz: a slice of the benchmark. Mean square of z over six derivatives is 1 within 4 standard
     errors of 8 draws, sqrt(2 / 8) as if the six were one; the output error's naive intervals miss by far."""
@@ -150,6 +152,7 @@ def test_the_kalman_filters_fit_is_efficient_and_its_intervals_true(campaigns: M
     assert (np.abs(found.noise - truth) < 4 * d.log_sd).all()
 
 
+@pytest.mark.slow
 def test_the_noise_is_chosen_by_what_the_residuals_show(campaigns: ModuleType) -> None:
     t = campaigns.times(16.0)
     rng = np.random.default_rng(3)
@@ -219,6 +222,7 @@ def test_a_spread_that_is_negative_in_both_channels_has_no_likelihood(
         maximise(runs, "linear", fit.speed_m_s, fit.theta)
 
 
+@pytest.mark.slow
 def test_common_camera_errors_stay_in_the_innovations_form(campaigns: ModuleType) -> None:
     """A 2 % scale of y with its mode is found under a coloured force as well."""
     t = campaigns.times(16.0)
@@ -234,6 +238,7 @@ def test_common_camera_errors_stay_in_the_innovations_form(campaigns: ModuleType
     assert (np.abs(fit.six - campaigns.SIX) < 4 * np.sqrt(np.diag(fit.covariance))).all()
 
 
+@pytest.mark.slow
 def test_the_bootstrap_gives_the_fishers_scatter(campaigns: ModuleType) -> None:
     """20 draws know a standard deviation to 16 %, 10 to 24 %: within 4 of that of the Fisher information's, for both models."""
     t = campaigns.times(8.0, 40.0)

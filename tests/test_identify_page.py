@@ -79,6 +79,7 @@ def page(found: Identified) -> str:
     return identify_page(fit_page(found, compare_to_reference(found.result, reference_set("ittc"))))
 
 
+@pytest.mark.slow
 def test_page_is_self_contained_and_escaped(page: str, self_contained: Callable[[str], list[bytes]]) -> None:
     pictures = self_contained(page)
     assert "&lt;script&gt;alert(&#x27;x&#x27;)&lt;/script&gt; &amp; co" in page
@@ -88,6 +89,7 @@ def test_page_is_self_contained_and_escaped(page: str, self_contained: Callable[
     assert all(b"alert" not in svg for svg in pictures)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="chromium is not installed")
 def test_no_column_is_cut_in_a_window_of_1280_px(page: str, tmp_path: Path) -> None:
     """Chromium's own widths: no table is wider than its place, nor the page than the window."""
@@ -109,6 +111,7 @@ def test_no_column_is_cut_in_a_window_of_1280_px(page: str, tmp_path: Path) -> N
     assert int(found[3]) <= 1280
 
 
+@pytest.mark.slow
 def test_page_says_the_numbers(page: str, found: Identified) -> None:
     from towline.report.format import plus_minus
 
@@ -121,6 +124,7 @@ def test_page_says_the_numbers(page: str, found: Identified) -> None:
     assert "nan" not in re.sub(r'base64,[^"]*', "", page).lower()
 
 
+@pytest.mark.slow
 def test_the_agreement_of_runs_is_chi_square(campaigns: ModuleType) -> None:
     """12 campaigns of three runs: mean 12 within 4 standard errors; a run towed at 2 % more tension than said stands out."""
     t = campaigns.times(8.0)
@@ -188,6 +192,7 @@ def test_a_reference_beside_a_refused_derivative(found: Identified) -> None:
     assert compared.p_value == pytest.approx(chi2.sf(compared.chi_square, len(keys) - 2))
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_page(samples: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     import shutil
 
@@ -210,6 +215,7 @@ def test_the_command_writes_the_page(samples: Path, tmp_path: Path, capsys: pyte
     assert "One run only" in page
 
 
+@pytest.mark.slow
 def test_the_agreement_of_runs_under_a_force_is_by_the_innovations(campaigns: ModuleType) -> None:
     """Each run alone is fitted with its own force; the drop of the deviance is a chi-square of 6, and of 3 more numbers of noise
     that a run alone has for itself; one towed at a tenth more tension than said stands out."""
@@ -261,6 +267,7 @@ def test_a_step_from_the_joint_fit_is_near_what_a_refit_finds(
     assert stepped.chi_square == pytest.approx(refitted.chi_square, rel=0.1)
 
 
+@pytest.mark.slow
 def test_of_many_runs_only_the_strangest_are_drawn(
     campaigns: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, self_contained: Callable[[str], list[bytes]]
 ) -> None:

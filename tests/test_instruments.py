@@ -245,6 +245,7 @@ def one_match(seed: int):
     return clock, np.array([offset + drift * (clock.middle_s - 30.0), drift])
 
 
+@pytest.mark.slow
 def test_a_match_gives_offset_and_drift_within_their_sd() -> None:
     pulls, sds = [], []
     for seed in range(SEEDS):

@@ -70,6 +70,7 @@ def exact(
     return Surged(found.y[0], found.y[1], np.zeros(len(t_s)), np.array(pull) / TOW.pull_m_s2)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("push", PUSHES[:4], ids=lambda p: p.words)
 def test_surge_on_a_stiff_line_is_what_an_exact_integrator_makes_of_it(push: Push) -> None:
     _, found = course_of(Event(push, numbers(0.0, 2.5, 2.0), TOW, 0.0))
@@ -163,6 +164,7 @@ def seen(
     return np.interp(at, fine, ahead, left=0.0, right=0.0).mean(axis=1) + rng.normal(0, sd_m, len(t_s))
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(("waves", "length", "hard"), [(0, 2.0, 1.7), (1, 2.0, 1.6), (3, 6.0, 2.0)])
 def test_an_event_is_found_in_the_radius_with_its_time_length_and_strength(
     waves: int, length: float, hard: float
@@ -184,6 +186,7 @@ def test_an_event_is_found_in_the_radius_with_its_time_length_and_strength(
     assert np.corrcoef(course, wanted)[0, 1] > 0.9
 
 
+@pytest.mark.slow
 def test_a_short_stop_is_told_from_waves_by_parts_of_a_block_and_not_by_whole_ones() -> None:
     """A stop that shows for half a second holds two means of a block: a train of waves fits them as well."""
     course = np.arange(0.0, 6.0, STEP_S)
@@ -211,6 +214,7 @@ def test_a_short_stop_is_told_from_waves_by_parts_of_a_block_and_not_by_whole_on
     assert parts_off.mean() < block_off.mean()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", [(12.0, 0.15), (29.0, 0.1)], ids=["slow", "quick"])
 def test_a_bounce_of_any_pace_hides_no_stop(line: tuple[float, float]) -> None:
     """A model that bounces ten times on a stiff line is out of step with all but one pace, and no step leads back: the stop is
@@ -265,6 +269,7 @@ def lasting(rng: np.random.Generator, count: int, sd_m: float) -> np.ndarray:
     return sd_m * np.sqrt(0.5) * (slow + rng.normal(size=count))
 
 
+@pytest.mark.slow
 def test_what_lasts_in_the_noise_is_no_reason_to_search_and_hides_no_event() -> None:
     t_s = BLOCK_S * (np.arange(125) + 0.5)
     still = [lasting(np.random.default_rng(k), 125, SD_M) for k in range(40)]
@@ -283,6 +288,7 @@ def test_what_lasts_in_the_noise_is_no_reason_to_search_and_hides_no_event() -> 
     assert abs(found.begin_s + found.length_s / 2 - 15.0) < 1.0
 
 
+@pytest.mark.slow
 def test_a_radius_that_drifts_holds_no_event() -> None:
     """A heavy line's sag goes with the pull of a slow tow, for as long as it swings: nothing carries a model for 20 s."""
     t_s = BLOCK_S * (np.arange(125) + 0.5)
@@ -309,6 +315,7 @@ def test_taut_runs_suggest_nothing(tow_runs: Callable[[int, int], list]) -> None
     assert jerk_effects(runs, left) == []
 
 
+@pytest.mark.slow
 def test_a_slack_line_is_named_in_a_reality_of_its_own(tmp_path: Path) -> None:
     """blind/truth shares no code with the diagnosis: three degrees of freedom, a spring of its own stiffness, a train of waves."""
     case = case_of("case-x", "effect", ["slack_line"], [12, 1], False)
@@ -321,6 +328,7 @@ def test_a_slack_line_is_named_in_a_reality_of_its_own(tmp_path: Path) -> None:
     assert max(found.where.runs, key=lambda name: found.where.runs[name]).endswith("-2")
 
 
+@pytest.mark.slow
 def test_the_same_push_is_found_in_a_run_whose_line_it_leaves_taut(tmp_path: Path) -> None:
     """One of two tows swings so far that the shove never slackens its line: no radius shows it, and it moves the model far."""
     case = case_of("case-x", "effect", ["slack_line"], [777, 2], forms={"slack_line": "shove"})
@@ -335,6 +343,7 @@ def test_the_same_push_is_found_in_a_run_whose_line_it_leaves_taut(tmp_path: Pat
     assert "run 2" in found.ranking[0].form
 
 
+@pytest.mark.slow
 def test_a_carriage_that_stops_at_once_is_told_from_waves(tmp_path: Path) -> None:
     """It slows in a fifth of the time in which it comes back (blind/truth: two halves of cosines, which no push here has)."""
     case = case_of("case-x", "effect", ["slack_line"], [777, 1], forms={"slack_line": "sudden stop"})
@@ -359,6 +368,7 @@ def middle_of(variant: str) -> float:
     return (begin + end) / 2
 
 
+@pytest.mark.slow
 def test_what_hardly_shows_in_one_run_is_tried_as_what_shows_in_another(tow_runs: Callable[[int, int], list]) -> None:
     """A carriage stops at the same place of its rails; a radius of a millimetre says little of when and how long."""
     runs, rng = tow_runs(4, 2), np.random.default_rng(11)
@@ -376,6 +386,7 @@ def test_what_hardly_shows_in_one_run_is_tried_as_what_shows_in_another(tow_runs
     assert any(len(each) == 2 and each[0] == each[1] for each in both)
 
 
+@pytest.mark.slow
 def test_an_event_is_sought_beside_what_the_fit_explains_only_where_that_explains_something(
     tow_runs: Callable[[int, int], list],
 ) -> None:

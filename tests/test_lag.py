@@ -133,6 +133,7 @@ def test_the_motion_s_lags_are_those_of_its_marks(samples: Path) -> None:
     np.testing.assert_array_equal(made.motion[columns], motion_from_tracks(run, tracks, fit).motion[columns])
 
 
+@pytest.mark.slow
 def test_the_fit_takes_lags_out_and_says_how_well(campaigns: ModuleType) -> None:
     """Twenty campaigns whose two runs lag alike by what is drawn: chi-square of six derivatives each, 120 +- 15.5."""
     t_s = campaigns.times(16.0, 40.0)

@@ -338,6 +338,7 @@ def bump(made_once: Callable[[str, Callable[[Path], None]], Path]) -> tuple[Path
     return folder, folder / "out"
 
 
+@pytest.mark.slow
 def test_a_force_at_one_place_is_written_down_as_one(bump: tuple[Path, Path]) -> None:
     """A bump of 0.04 half widths at 0.05: place and width within four of their standard deviations, and these below a fifth."""
     file = read_result(bump[1] / "law.json", LawFile)
@@ -353,6 +354,7 @@ def test_a_force_at_one_place_is_written_down_as_one(bump: tuple[Path, Path]) ->
     assert file.laws[0].shrink > 0.8
 
 
+@pytest.mark.slow
 def test_what_it_goes_with_is_told_without_an_equation_too(bump: tuple[Path, Path]) -> None:
     """The place has most of the evidence, as a function of its own, and the page draws that."""
     file = read_result(bump[1] / "law.json", LawFile)
@@ -365,6 +367,7 @@ def test_what_it_goes_with_is_told_without_an_equation_too(bump: tuple[Path, Pat
     assert "the missing force without an equation" in page
 
 
+@pytest.mark.slow
 def test_a_resistance_at_one_place_is_told_with_an_equation_and_without(tmp_path: Path) -> None:
     """The line's pull shows it. That it is ahead, and goes with y, is told by terms, and by a force without a form beside them."""
     case = planted({"law.kind0": 10.0, "law.along0": -0.02, "law.a0": 0.04, "law.phase0": 0.05}, 12, 1500.0)
@@ -381,6 +384,7 @@ def test_a_resistance_at_one_place_is_told_with_an_equation_and_without(tmp_path
     assert "Its mean is not drawn." in (tmp_path / "out/gap.html").read_text()
 
 
+@pytest.mark.slow
 def test_what_heels_the_model_is_told_and_handed_on(tmp_path: Path) -> None:
     """A model that lies over by v|v|, with its own roll of 1.3 s: the law, the roll's period within four standard deviations;
     law.py reads back; a scenario says that it moves no model."""
@@ -416,6 +420,7 @@ def test_what_heels_the_model_is_told_and_handed_on(tmp_path: Path) -> None:
         effects_of(LawScenario(effect=(EffectTable(name=effect.name, form="K"),)), out / "law.toml", [effect])
 
 
+@pytest.mark.slow
 def test_a_law_is_handed_on_to_the_simulator_with_its_range(
     bump: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -463,6 +468,7 @@ y_cg_m = 0.15
     assert "where nothing is known of it" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_derivatives_are_fitted_beside_a_law_and_say_so(bump: tuple[Path, Path], tmp_path: Path) -> None:
     """The law that was found is a note and an input of derivatives.json; runs that it was found in stay within its range."""
     folder, out = bump
@@ -476,6 +482,7 @@ def test_derivatives_are_fitted_beside_a_law_and_say_so(bump: tuple[Path, Path],
     assert sum("nothing is known of it" in note for note in file.notes) <= 2
 
 
+@pytest.mark.slow
 def test_no_law_is_looked_for_in_noise(tmp_path: Path) -> None:
     case = gentle(case_of("none", "null", [], [5], coloured=True))
     write_cases(tmp_path, [replace(case, runs=case.runs[:2], duration_s=26.0)])

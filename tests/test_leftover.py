@@ -68,6 +68,7 @@ def test_intervals_hold_where_slow_noise_is_left() -> None:
     assert np.mean(np.square(plain)) > 1 + WITHIN
 
 
+@pytest.mark.slow
 def test_white_noise_is_left_alone() -> None:
     """Its intervals stay true, and grow by less than 2 % on the mean."""
     z, wider, none = [], [], []

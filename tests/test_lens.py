@@ -133,6 +133,7 @@ def plain() -> list[Calibration]:
     return [calibrate(seen(np.random.default_rng(100 + s)), SIZE, flat=True) for s in range(SEEDS)]
 
 
+@pytest.mark.slow
 def test_the_covariance_is_true(plain: list[Calibration]) -> None:
     by_corners = np.array([whitened(a, a.covariance_corners, TRUE.vector) for a in plain])
     # 9 x SEEDS independent normal numbers: their deviation is known to 1/sqrt(2 n); three of it
@@ -148,6 +149,7 @@ def test_the_covariance_is_true(plain: list[Calibration]) -> None:
     assert np.abs(errors.mean(0)).max() < 3.5 / np.sqrt(SEEDS)
 
 
+@pytest.mark.slow
 def test_the_stated_covariance_is_not_much_wider(plain: list[Calibration]) -> None:
     stated = np.array([(a.lens.vector - TRUE.vector) / a.sd for a in plain])
     # the larger of 1 and a factor of variance that scatters by 0.2 about 1 is 1.08 in the mean, 4 % in the deviation; the
@@ -181,6 +183,7 @@ def test_one_step_without_a_view_is_the_fit_without_it(plain: list[Calibration])
         assert np.abs((fit.without(i)[0] - rest.fit.theta) / plain[0].sd).max() < 0.02
 
 
+@pytest.mark.slow
 def test_views_with_errors_of_their_own_widen_the_covariance() -> None:
     answers = [
         calibrate(seen(np.random.default_rng(300 + s), noise_px=0.05, warp_m=1e-4), SIZE, flat=True) for s in range(30)
@@ -192,6 +195,7 @@ def test_views_with_errors_of_their_own_widen_the_covariance() -> None:
     assert 0.75 < np.sqrt((stated**2).mean()) < 1.25
 
 
+@pytest.mark.slow
 def test_a_bent_board_is_found_and_its_covariance_true() -> None:
     seeds, bent_m = 60, 2e-4
     errors, naive, shapes = [], [], []
@@ -505,6 +509,7 @@ def test_the_command_checks_a_run_s_working_area(
     assert "this lens does not hold for it" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_command_names_what_is_wrong(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     import cv2
 
@@ -668,6 +673,7 @@ def test_the_documented_calibration_is_reproduced(real: Path) -> None:
     assert np.array([v.rms_px for v in answer.views]) == pytest.approx(per_view, abs=0.1)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_all_boards_are_found_and_the_bad_view_is_named(real: Path, side: str) -> None:
     wide = real_views(real, side, 11)

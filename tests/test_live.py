@@ -86,6 +86,7 @@ def test_values_of_each_frame_are_the_truth_within_what_they_state(clean: Any, s
         assert np.sqrt(np.mean((off[60:] / sd[60:]) ** 2)) < 1 + 3 * 0.26, name
 
 
+@pytest.mark.slow
 def test_before_a_path_has_told_of_the_codec_values_state_enough_too(samples: Path) -> None:
     """z of the first 24 frames of four films, the errors of a film's frames as good as one: 1 with a standard deviation of
     sqrt(1 / (2 * 4)) = 0.35."""
@@ -115,6 +116,7 @@ def test_when_it_settles_changes_no_value(tow: tuple[Run, DatumFit, list[Frame]]
     assert [s.y_cg_m for s in lazy if s] == [s.y_cg_m for s in clean[0][:45]]
 
 
+@pytest.mark.slow
 def test_ready_says_what_is_in_order_and_what_is_not(tow: tuple[Run, DatumFit, list[Frame]]) -> None:
     run, fit, frames = tow
 
@@ -162,11 +164,13 @@ def within_time(events: list[Event], kind: str, begins_s: float = BEGINS_S) -> E
     return event
 
 
+@pytest.mark.slow
 def test_a_covered_mark_is_named(tow: tuple[Run, DatumFit, list[Frame]]) -> None:
     _, events = fed(*tow, from_then_on(lambda frame: covered(frame.luma, "stern", frame)))
     assert within_time(events, "mark").words.startswith("stern is lost")
 
 
+@pytest.mark.slow
 def test_a_nudged_camera_is_named_by_its_angle_and_not_as_a_slack_line(tow: tuple[Run, DatumFit, list[Frame]]) -> None:
     """3.2 px at 920 px of focal length are 0.2 degrees in the picture's middle; the line seems shorter by as much as that moves."""
     import cv2
@@ -365,6 +369,7 @@ def test_a_clock_that_begins_anew_goes_on_and_gaps_stay_as_long_as_they_were() -
     assert at(2, 153 / 30 + 4) > 152 / 30 + 4  # it fell without a word
 
 
+@pytest.mark.slow
 def test_mjpeg_over_http_is_heard_cut_and_back(live_senders: ModuleType, tmp_path: Path) -> None:
     """Numbered pictures, 30 a second; the line is cut from 0.5 s on and back at 1.2 s: what was sent is there, the gap as well."""
     import cv2
@@ -404,6 +409,7 @@ def day(samples: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return scratch / "day"
 
 
+@pytest.mark.slow
 def test_a_live_tow_is_an_ordinary_run(day: Path, tmp_path: Path) -> None:
     run = read_run(day / "tow-01")
     assert run.file.source.video == "film.ts"
@@ -429,6 +435,7 @@ def test_a_live_tow_is_an_ordinary_run(day: Path, tmp_path: Path) -> None:
     assert np.sqrt(np.mean(off**2)) < 1.0  # of the same pixels: no further off than what it states
 
 
+@pytest.mark.slow
 def test_tracks_made_while_the_film_grows_are_those_of_track(day: Path, tmp_path: Path) -> None:
     """The recording appears piece by piece while it is tracked; the table is the same to the byte."""
     import shutil

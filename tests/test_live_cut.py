@@ -58,6 +58,7 @@ time.sleep(60)
 """Records one film several times over, each a little later than the one before: one kill meets each at another moment."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("codec", "suffix", "name"), [("libx264", "mp4", "film.ts"), ("mjpeg", "mkv", "film.mkv")])
 def test_kill_9_at_several_moments_costs_the_last_second_at_most(
     tmp_path: Path, codec: str, suffix: str, name: str
@@ -106,6 +107,7 @@ def encoded(path: Path, codec: str, count: int) -> Path:
     return path
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(("codec", "name"), [("libx264", "film.ts"), ("mjpeg", "film.mkv")])
 @pytest.mark.parametrize("rate", [12, 30, 60])
 def test_a_power_cut_costs_the_last_second_at_most(
@@ -170,6 +172,7 @@ def killed(words: list[str], when: Callable[[], bool]) -> None:
         process.wait()
 
 
+@pytest.mark.slow
 def test_a_killed_tow_is_an_ordinary_run_and_the_day_goes_on(samples: Path, tmp_path: Path) -> None:
     """The command itself, killed after two seconds of film: tracked afterwards to the last whole picture; the next is tow-02."""
     day, setup = tmp_path / "day", samples / "mariner" / "x1446"

@@ -23,6 +23,7 @@ SAMPLE = Path(__file__).resolve().parent.parent / "sample_videos" / "mariner" / 
 # after the tow --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_days_tows_against_the_wish(samples: Path, tmp_path: Path) -> None:
     """Of one tow the wish of 1 % is not met and a tow is named that may be done; of a wish of 50 % it is enough."""
     folder = tmp_path / "tow-01"

@@ -48,6 +48,7 @@ def told(case: Any, live_joint: ModuleType) -> Any:
     return live_joint.filmed(case, np.random.default_rng(1), every_s=0.25)
 
 
+@pytest.mark.slow
 def test_joint_values_are_as_unsure_as_they_say(case: Any, told: Any) -> None:
     """Of every frame, before the clock is told and after it, by one camera and by both."""
     rows = told.rows
@@ -62,6 +63,7 @@ def test_joint_values_are_as_unsure_as_they_say(case: Any, told: Any) -> None:
     assert np.median(both) < np.median(alone)
 
 
+@pytest.mark.slow
 def test_every_frame_is_told_once_and_soon(case: Any, told: Any) -> None:
     """Each frame of the first camera in which one of the two saw the model, in order, within a second of its last byte; after the
     first one's end each of the other's."""
@@ -168,6 +170,7 @@ def test_a_camera_that_is_gone_is_not_waited_for(case: Any, live_joint: ModuleTy
     assert rows["camera"].iloc[-1] == "starboard"
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("flash", [False, True])
 def test_a_model_at_rest_tells_no_clock_but_a_flash_does(
     pairs: ModuleType, live_joint: ModuleType, flash: bool
@@ -193,6 +196,7 @@ def test_a_model_at_rest_tells_no_clock_but_a_flash_does(
         assert "port+starboard" not in set(rows["camera"])
 
 
+@pytest.mark.slow
 def test_sources_that_stamp_nothing_are_put_on_their_cameras_beats(case: Any, live_joint: ModuleType) -> None:
     """Each picture late by 6 ms on average: the clock is told as well as of cameras that stamp their own, and joint values hold."""
     rng = np.random.default_rng(4)

@@ -134,6 +134,7 @@ def test_a_tow_without_a_side_force_gives_no_x_v(towed: Any) -> None:
     assert neutral_point(Settling("too short"), []).words == "no X_v yet: too short"
 
 
+@pytest.mark.slow
 def test_live_lines_say_where_the_film_will_rest(towed: Any) -> None:
     """The sample film's true marks as ``live.jsonl`` has them, one lost for a second: alpha at rest by the truth's last second."""
     run, truth = read_run(HOLE5), pd.read_csv(HOLE5 / "truth" / "motion.csv")

@@ -115,6 +115,7 @@ def test_what_is_said_beside_the_model_is_what_the_simulator_pulls_with(tmp_path
             assert np.abs(slope[:, :PULL, column]).max() == 0.0  # a camera has a clock of its own
 
 
+@pytest.mark.slow
 def test_random_forces_are_felt_by_the_cell_too(tmp_path: Path) -> None:
     """Against ``simulate_full`` with a push that lasts one block, from a release at 0.22 rad: what it does to the pull, at once and
     as the model moves, to 1 % of its root mean square (a block has three nodes, and the push begins and ends between samples).
@@ -146,6 +147,7 @@ def test_random_forces_are_felt_by_the_cell_too(tmp_path: Path) -> None:
             assert np.sqrt(np.mean(off**2)) < 0.01 * np.sqrt(np.mean(truth[good] ** 2)), (pushed, k)
 
 
+@pytest.mark.slow
 def test_a_point_beside_the_centre_line_is_felt_by_the_cell_too(tmp_path: Path) -> None:
     """One that could slip, and does not, against one that is fixed, whose equations are exact.
 
@@ -203,6 +205,7 @@ def test_delays_are_found_where_record_and_motion_disagree(since: float | None) 
         assert (before, after) == (0.0, 1.0)
 
 
+@pytest.mark.slow
 def test_a_clock_that_jumps_is_named_in_a_reality_of_its_own(tmp_path: Path) -> None:
     case = case_of("case-x", "effect", ["sync_delay"], [4, 1], False)
     numbers = {"sync_delay.delay_s": 0.05, "sync_delay.jump_s": 0.3, "sync_delay.change_s": 15.0}
@@ -213,6 +216,7 @@ def test_a_clock_that_jumps_is_named_in_a_reality_of_its_own(tmp_path: Path) -> 
     assert found.ranking[0].shrink > 0.8 * (1 - 1 / found.ranking[0].gap_before)
 
 
+@pytest.mark.slow
 def test_a_record_beside_which_nothing_can_be_followed_is_left_out_and_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -211,6 +211,7 @@ def test_a_datum_point_may_have_one_too(registries: None) -> None:
         DatumPoint(name="x", pixel_px=(0.0, 0.0), tank_m=(0.0, 0.0, 0.0), look="rink")
 
 
+@pytest.mark.slow
 def test_an_installed_package_brings_it_to_the_command(run: Path, tmp_path: Path) -> None:
     """By an entry point, in a process that nobody told of it."""
     brought = tmp_path / "packages"

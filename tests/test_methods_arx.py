@@ -97,6 +97,7 @@ def test_the_discrete_tow_is_the_simulator_under_a_held_force() -> None:
     np.testing.assert_allclose(steady, [0.91 / 3.96, 0.0], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_poles_of_noisy_tows_by_iv() -> None:
     """60 tows with a tenth of the usual noise (0.1 mm, 0.01 degree): the pair's z has std 1 within 4 standard errors and 15 %.
 

@@ -75,6 +75,7 @@ def test_sds_of_roots() -> None:
     assert ordered.imag.std() == pytest.approx(sd[at, 1], rel=0.05)
 
 
+@pytest.mark.slow
 def test_appendix_one_is_exact_without_noise_and_says_what_noise_does() -> None:
     pairs = [r[np.argmax(r.imag)] for r in (roots(x) for x in (X1, X2, X3))]
     z, w = [-p.real for p in pairs], [p.imag for p in pairs]

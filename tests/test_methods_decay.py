@@ -69,6 +69,7 @@ def test_gaps_do_no_harm() -> None:
     )
 
 
+@pytest.mark.slow
 def test_intervals_of_damping_and_frequency_are_true_over_many_seeds() -> None:
     """30 records of 60 s: z of l3, w and the biases with std 1 within 4 standard errors and the noise model's 10 %."""
     rng = np.random.default_rng(2)

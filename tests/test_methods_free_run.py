@@ -85,6 +85,7 @@ def test_asymmetry_and_another_speed() -> None:
     assert (found.y_bias_n.value, found.n_bias_n_m.value) == pytest.approx((0.3, -0.4), rel=2e-2)
 
 
+@pytest.mark.slow
 def test_intervals_are_true_when_the_tows_errors_come_along() -> None:
     """10 zigzags, 1 mm and 0.1 degree; the six known to 1 % with a random error of that size each time.
 

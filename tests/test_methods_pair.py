@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from towline.identify.methods import derivatives_from_coefficients, fit_decay, modal_derivatives
 from towline.simulate import Hull, Start, Tow, simulate_full, simulate_linear
@@ -15,6 +16,7 @@ LARGEST_SCATTER = np.array([0.011, 0.009, 0.010, 0.0025, 0.008, 0.005])
 """About 1.7 times the scatter over 30 other draws, 0.62 0.53 0.49 0.11 0.38 0.21 %; joint fit: 0.50 0.40 0.48 0.07 0.32 0.19."""
 
 
+@pytest.mark.slow
 def test_two_decaying_tows_give_all_six_with_true_errors() -> None:
     """60 s at 10 Hz, 1 mm and 0.1 degree. rms z over derivatives and draws is 1 within 4 standard errors and 15 %.
 

@@ -177,6 +177,7 @@ def test_frequency_dependent_derivatives_are_followed() -> None:
         np.testing.assert_allclose(estimate.six, six, rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_forced_tows_with_noise_have_true_errors() -> None:
     """300 campaigns of three tow points at 0.1 Hz, 1 mm and 0.1 degree: z-scores of std 1 within 4 standard errors and 5 %.
 

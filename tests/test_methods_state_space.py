@@ -81,6 +81,7 @@ def test_gain_errors_of_the_force_are_the_derivatives_errors() -> None:
     np.testing.assert_allclose(found.six / SIX, 1.05, rtol=2e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("force_noise_n", [0.0, 0.05])
 def test_noisy_tows_have_true_errors(force_noise_n: float) -> None:
     """24 campaigns of two tow points, 1 mm and 0.1 degree: rms z of 1 within 4 standard errors and 10 % (noise model).

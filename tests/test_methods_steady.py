@@ -97,6 +97,7 @@ def test_intervals_are_true_over_many_seeds() -> None:
     assert abs(inside / 400 - 0.95) < 4 * np.sqrt(0.05 * 0.95 / 400)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("points_m", [POINTS_M[::4], POINTS_M[::2], POINTS_M])
 def test_intervals_with_a_known_rudder_point_are_true_over_many_seeds(points_m: tuple[float, ...]) -> None:
     """400 campaigns of two, three, five tows: errors of each tow's own and, of heading, T and U, common to all; bars as above."""

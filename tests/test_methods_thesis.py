@@ -213,6 +213,7 @@ def test_the_phase_analysis_on_the_hull_it_was_checked_on(page: str) -> None:
         quoted(page, f"| {x_t:.3f} | {found.damping_share:.4f} | {gap} |")
 
 
+@pytest.mark.slow
 def test_what_surge_does_to_the_frequency(page: str) -> None:
     """A decaying sinusoid through the tow's y_CG from 8 s on, with surge in full and with T constant."""
     t = np.arange(0, 60, 0.1)

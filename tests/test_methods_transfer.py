@@ -126,6 +126,7 @@ def test_exact_responses_give_the_derivatives_back() -> None:
     np.testing.assert_allclose(boast.covariance, fair.covariance * chi2 / degrees, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_a_measured_response_has_true_errors() -> None:
     """100 records of a post that moves at three frequencies at once, 1 mm and 0.1 degree: z within 4 standard errors and 5 %."""
     rng = np.random.default_rng(4)

@@ -52,6 +52,7 @@ def frame() -> np.ndarray:
     return np.array([(x, y, z) for z in (0.0, WATER_M) for x, y in ring])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["two_planes", "pose"])
 def test_places_are_true_to_a_fifth_of_a_millimetre(way: str) -> None:
     """60 random cameras, 16 datum points (8 on each of two planes), 0.02 px on every pick and on every mark, 30 marks each."""

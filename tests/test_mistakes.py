@@ -27,6 +27,7 @@ NAMES = (
 )  # fmt: skip
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("name", NAMES)
 def test_a_planted_mistake_is_named(set_ups: ModuleType, mistakes: ModuleType, name: str) -> None:
     """Rates over 400 set-ups are in the benchmark; here two draws each, of which both are named (that one of 20 is missed is
@@ -108,6 +109,7 @@ def test_check_names_the_mistake_and_withholds_statistics(
     assert file["mistakes"][0]["keys"] == ['marker[1 "stern"].body_m', 'marker[2 "bow"].body_m']
 
 
+@pytest.mark.slow
 def test_a_mirrored_datum_comes_before_every_number(
     tracked: Callable[..., Path], capsys: pytest.CaptureFixture
 ) -> None:

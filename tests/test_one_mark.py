@@ -73,6 +73,7 @@ def off_by(table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
     return gap, gap / seen[["sigma_u_px", "sigma_v_px"]].to_numpy()
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(("lamps", "seen"), [(False, False), (False, True), (True, True), (True, False)])
 def test_one_mark_is_tracked_among_others_too_where_it_is_told_or_moves(
     tmp_path: Path, lamps: bool, seen: bool
@@ -85,6 +86,7 @@ def test_one_mark_is_tracked_among_others_too_where_it_is_told_or_moves(
     assert 0.8 < ratio.std() < 1.2
 
 
+@pytest.mark.slow
 def test_one_of_several_that_nothing_tells_apart_is_not_guessed(tmp_path: Path) -> None:
     with pytest.raises(TrackingError, match=r"mark0.*several of which could be it; say where.*seen_at_px"):
         tracked(tmp_path, run_toml(), pictures(60, lamps=True, moves=False))

@@ -104,6 +104,7 @@ def test_what_no_step_can_know_is_said() -> None:
         one.step(0.2)
 
 
+@pytest.mark.slow
 def test_the_command_writes_an_fmu_that_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Written by the command, read by fmpy as any other FMU, to 1e-6 of corrected.py with inputs that stay."""
     pytest.importorskip("fmpy", reason="fmpy, which reads FMUs, is not installed (the extra fmu)")

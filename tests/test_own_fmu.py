@@ -80,6 +80,7 @@ def record() -> Record:
     return Record("sweep", 0.05, torque[:, None], values[:, None], (SampleNoise(0.003),), (False,))
 
 
+@pytest.mark.slow
 def test_the_same_equations_have_the_same_verdict_and_numbers(fmus: dict[tuple[int, str], Path]) -> None:
     records = together([record()])
     found = [

@@ -37,6 +37,7 @@ def rubbed(model: Model, missing: Missing = LUGRE, numbers: tuple[float, ...] = 
     return made
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("speed", [-2.0, 0.03, 0.1, 0.6])
 def test_steady_sliding_follows_stribecks_curve(speed: float) -> None:
     """A cart whose motor holds the speed, 50 (u - v): what it lacks of it is the friction over 50."""

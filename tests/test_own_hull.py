@@ -153,6 +153,7 @@ def folder_of(folder: Path, tow: dict[str, Any], motion: pd.DataFrame) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_simulator_that_has_the_drag_misses_nothing(tmp_path: Path) -> None:
     """Drag by the square in the tank: towline's own equations miss it; a hull that has it, in C, follows the runs."""
 

@@ -55,6 +55,7 @@ def asked(folder: Path, pull: str) -> dict:
     return json.loads((folder / "out" / "gap.json").read_text())
 
 
+@pytest.mark.slow
 def test_equations_of_small_swings_lack_a_sine(tmp_path: Path) -> None:
     """Its size is -w^2, that of the term beside it; the corrected model swings as the truth does."""
     file = asked(tmp_path, "x.angle")

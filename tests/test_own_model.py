@@ -184,6 +184,7 @@ def test_what_is_put_in_is_part_of_the_model() -> None:
 # where it begins -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_large_swings_begin_within_a_factor_of_three() -> None:
     """Swings of 86 degrees, seven seconds, w2 and c up to three times off: one optimum, that of the start at the truth."""
     records = together(swings())
@@ -230,6 +231,7 @@ def test_a_one_sided_number_leaves_zero_and_comes_back_to_it() -> None:
 # the diagnosis -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_complete_model_begun_three_times_off_misses_nothing() -> None:
     found = found_of(pendulum(2.9 * W2, 0.4 * C), swings()).file
     assert found.verdict == "no_gap"
@@ -248,6 +250,7 @@ def leaky(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int, str]:
     return folder, code, ""
 
 
+@pytest.mark.slow
 def test_the_command_says_what_is_missing_and_writes_it(leaky: tuple[Path, int, str]) -> None:
     folder, code, _ = leaky
     assert code == 0
@@ -262,6 +265,7 @@ def test_the_command_says_what_is_missing_and_writes_it(leaky: tuple[Path, int, 
     assert {str(p.name) for p in (folder / "out").iterdir()} == {"gap.json", "corrected.json", "corrected.py"}
 
 
+@pytest.mark.slow
 def test_the_corrected_model_comes_back_as_python_and_json(leaky: tuple[Path, int, str]) -> None:
     """Both give the course of what was fitted, to 1e-6 of its size."""
     folder, _, _ = leaky
@@ -294,6 +298,7 @@ def test_the_front_door_gives_the_same_and_corrects(tmp_path: Path) -> None:
     assert abs(a.value - 0.5) < 4 * a.std
 
 
+@pytest.mark.slow
 def test_an_effect_of_ones_own_is_named_and_one_that_is_left_out_is_unknown() -> None:
     """A pump that beats at 1.3 Hz: named where the model's author offers it, and unknown where not."""
     t = 0.08 * np.arange(70)
@@ -331,6 +336,7 @@ def glides(power: float) -> list[Record]:
     return found
 
 
+@pytest.mark.slow
 def test_a_near_relative_of_what_is_left_out_is_not_taken_for_it() -> None:
     """Drag by the cube takes nearly all that drag by the square does; what it leaves goes with the speed, and tells."""
     cart = Model(
@@ -350,6 +356,7 @@ def test_a_near_relative_of_what_is_left_out_is_not_taken_for_it() -> None:
     assert left_out.diagnosis.ranking.beside is not None
 
 
+@pytest.mark.slow
 def test_a_zero_that_wanders_is_no_wrong_zero() -> None:
     """An encoder that drifts by ten times its noise: an offset takes three quarters of it, and is not what is missing."""
     plain = swings(starts=(0.6, 1.3))

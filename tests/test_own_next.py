@@ -123,6 +123,7 @@ def asked(slow: tuple[Path, OwnGap]) -> NextExperiment:
     return found
 
 
+@pytest.mark.slow
 def test_a_drag_that_is_not_told_is_looked_for_at_speed(slow: tuple[Path, OwnGap]) -> None:
     """Fast beats slow, in the box and among the tables; the weak ones tell next to nothing."""
     tried = asked(slow).tried
@@ -136,6 +137,7 @@ def test_a_drag_that_is_not_told_is_looked_for_at_speed(slow: tuple[Path, OwnGap
     assert slow[1].file.sentences[-2].startswith(f"To record next: {tried[0].name}")
 
 
+@pytest.mark.slow
 def test_the_truth_settles_it_with_the_record_that_is_proposed(slow: tuple[Path, OwnGap], tmp_path: Path) -> None:
     folder, found = slow
     assert len(found.file.set95) > 1

@@ -89,6 +89,7 @@ def test_the_motion_s_modes_are_what_such_a_shift_does_to_it(samples: Path) -> N
     assert_told(run, tracks, made, phase_modes(made.motion["t_s"].to_numpy(), pixel), made.lag[share > 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("carried", [True, False])
 def test_the_fit_takes_it_out_and_says_how_well(campaigns: ModuleType, carried: bool) -> None:
     """Twenty campaigns of two tows, a mark each way off by what is drawn, or not at all: chi-square of six each, 120 +- 15.5."""

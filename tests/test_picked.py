@@ -29,6 +29,7 @@ def clicks(seed: int, sigma: float | None = SIGMA_PX) -> pd.DataFrame:
     return table
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma", [SIGMA_PX, None])
 def test_what_is_filled_in_is_as_uncertain_as_it_says(sigma: float | None) -> None:
     """40 recordings; errors within one hang together, so a standard deviation is known to some 3 %."""

@@ -47,6 +47,7 @@ def film_of(run: Path, target: Path) -> Path:
     return target
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("named", ["frames", "frames/img_%04d.png", "frames/*.png", "frames/img_00??.png"])
 def test_pictures_are_tracked_as_a_video_of_them(shots: Path, tmp_path: Path, named: str) -> None:
     """To the last bit, however the series is named."""

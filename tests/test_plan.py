@@ -173,6 +173,7 @@ def test_the_record_without_its_first_seconds() -> None:
     )
 
 
+@pytest.mark.slow
 def test_predicted_intervals_against_the_real_estimator() -> None:
     """40 campaigns of 3 runs with biases, T_i and X_T,i drawn from their priors, fitted by ``fit_runs``.
 
@@ -427,6 +428,7 @@ def _page(root: Path) -> tuple[str, str]:
     return request[1], said[1]
 
 
+@pytest.mark.slow
 def test_the_page_shows_what_the_command_says(root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """docs/plan.md's request and answer; numbers to 2 % and the last digit (other linear algebra rounds otherwise)."""
     request, wanted = _page(root)
@@ -487,6 +489,7 @@ def test_one_campaign_judged_is_the_campaign_of_the_list() -> None:
     np.testing.assert_allclose(list(campaign.sd_percent.values()), 100 * np.sqrt(np.diag(covariance)), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_nothing_possible_is_said_with_numbers(root: Path, tmp_path: Path) -> None:
     request, _ = _page(root)
     path = tmp_path / "plan.toml"
@@ -495,6 +498,7 @@ def test_nothing_possible_is_said_with_numbers(root: Path, tmp_path: Path) -> No
         make_plan(read_toml(path, PlanRequest), path, "test", {})
 
 
+@pytest.mark.slow
 def test_a_short_tank_still_gets_a_plan_and_is_told(root: Path, tmp_path: Path) -> None:
     request, _ = _page(root)
     path = tmp_path / "plan.toml"
@@ -584,6 +588,7 @@ tension_sd_rel = 0.01
 """
 
 
+@pytest.mark.slow
 def test_what_is_not_reached_and_what_stays_is_noted(root: Path, tmp_path: Path) -> None:
     request, _ = _page(root)
     path = tmp_path / "plan.toml"
@@ -745,6 +750,7 @@ def test_plans_with_surge_against_the_cramer_rao_bound(gauge: bool) -> None:
     np.testing.assert_allclose(campaign_sd(where, plans, [40.0, 51.2, 40.0]), wanted, rtol=SLOPE_REL)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("gauge", [True, False])
 def test_plans_with_surge_against_what_a_fit_reports(gauge: bool) -> None:
     """Median of the reported sd of ``FITS`` simulated campaigns over the planned ones, and of the scale's without a gauge."""
@@ -821,6 +827,7 @@ def test_one_run_that_goes_broadside_spoils_no_other() -> None:
     assert row.limits
 
 
+@pytest.mark.slow
 def test_no_gauge_and_no_tension_still_get_a_plan(
     root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

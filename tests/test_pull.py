@@ -75,6 +75,7 @@ def with_pulls(run: RunData) -> RunData:
     return replace(run, lag=lag[np.abs(lag).max(axis=(1, 2)) > 0], lag_key="camera")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pulled", [True, False])
 def test_the_fit_takes_pulls_out_and_says_how_well(campaigns: ModuleType, pulled: bool) -> None:
     """Twenty campaigns of two tows whose marks are pulled by what is drawn, or not at all: chi-square of six each, 120 +- 15.5."""

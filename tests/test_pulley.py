@@ -31,6 +31,7 @@ def campaign(folder: Path, seed: int) -> tuple[Case, TowSimulator]:
     return case, TowSimulator(tows_of(runs, [compute_run_motion(run) for run in runs]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_measured_motion_says_which_turn_a_pulley_has(tmp_path: Path, seed: int) -> None:
     """Ten turns, a sixth apart: the one that is tried first is next to the true one."""
@@ -43,6 +44,7 @@ def test_the_measured_motion_says_which_turn_a_pulley_has(tmp_path: Path, seed: 
     assert 1 / STEP < best / case.numbers["constant_tension.round_m"] < STEP
 
 
+@pytest.mark.slow
 def test_a_base_begins_where_its_line_does_not_reach(tmp_path: Path) -> None:
     """The line of 0.91 m is up to 1.8 m long here: along the angles of one that keeps its length nothing could be begun."""
     _, simulator = campaign(tmp_path / "case", 3)

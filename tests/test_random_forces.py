@@ -34,6 +34,7 @@ def records(rng: np.random.Generator, sizes: tuple[float, ...], means: int = 34)
     return found
 
 
+@pytest.mark.slow
 def test_records_of_one_camera_tell_its_noise_together() -> None:
     """Of 60 campaigns with five records of 12 s: the true noise, whitened by what was found, has variance 1 within 4 standard
     errors and 4 % (the inverse of a variance from 160 means is 2/160 too large, of five such numbers); that of a mean over 4 s,
@@ -54,6 +55,7 @@ def test_records_of_one_camera_tell_its_noise_together() -> None:
         assert abs(values.mean() - 1) < share + 4 * values.std() / np.sqrt(len(values))
 
 
+@pytest.mark.slow
 def test_a_record_that_is_really_noisier_keeps_its_size() -> None:
     """Four records alike and one of nine times the variance, 30 times: the median of each within 20 % (a coloured record of 34
     means tells its variance to a third; the median of 30 to 7 %). Records that only scatter are drawn together.
@@ -73,6 +75,7 @@ def test_a_record_that_is_really_noisier_keeps_its_size() -> None:
     assert np.std(np.log(together)) < 0.7 * np.std(np.log(alone))
 
 
+@pytest.mark.slow
 def test_white_records_are_not_called_coloured_and_short_ones_have_no_colour() -> None:
     rng = np.random.default_rng(7)
     noises = [still_noise([rng.normal(size=(34, 1)) for _ in range(5)], STEP_S)[0] for _ in range(40)]
@@ -95,6 +98,7 @@ def test_lost_means_and_absent_records_change_nothing_of_the_others() -> None:
     assert abs((noises[0].white + noises[0].slow)[0, 0] / 1.8 - 1) < 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", ["surge", "constant"])
 def test_forces_move_a_tow_as_the_simulator_says_along_its_own_path(cases: ModuleType, line: str) -> None:
     """Against motions by DOP853 with a push (side force or moment) that lasts one block, from a release at 0.12 rad: to 1 % of the

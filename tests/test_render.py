@@ -108,6 +108,7 @@ def test_marks_follow_roll_pitch_and_heave():
         np.testing.assert_allclose(mine[["u_px", "v_px"]], camera.project(place), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_deck_turns_with_its_marks():
     """What is painted on the deck is seen where scipy's rotation puts it: of a model that heels by 5 degrees, sampled there, it is
     that of the level one; sampled where it had been at rest it is not."""
@@ -315,6 +316,7 @@ def test_run_folder_is_whole_and_readable(tmp_path: Path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["run"]
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("codec", "name", "tolerance_s"),
     [

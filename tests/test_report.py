@@ -204,6 +204,7 @@ def test_pictures_are_the_same_for_the_same_data(inputs):
     assert motion_figure(motion, None, None) == motion_figure(motion, None, None)
 
 
+@pytest.mark.slow
 def test_poor_runs_still_give_a_page(inputs, tmp_path):
     run = inputs[0][1]
     bare = run.motion[["t_s", "y_cg_m", "beta_rad"]]

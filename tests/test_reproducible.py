@@ -11,6 +11,7 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+import pytest
 
 FRAMES_S, RUN_S = 2.0, 25.0
 """Of a film, of a tow: the same bytes or not, however long."""
@@ -40,6 +41,7 @@ def assert_same(one: dict[str, bytes], other: dict[str, bytes], least: int) -> N
     assert [name for name in one if one[name] != other[name]] == []
 
 
+@pytest.mark.slow
 def test_a_film_and_what_is_seen_in_it(samples: Path, files_of: FilesOf, tmp_path: Path) -> None:
     places = [tmp_path / "here", tmp_path / "and there"]
     for which, place in enumerate(places):
@@ -52,6 +54,7 @@ def test_a_film_and_what_is_seen_in_it(samples: Path, files_of: FilesOf, tmp_pat
     assert_same(*map(files_of, places), least=8)
 
 
+@pytest.mark.slow
 def test_derivatives_and_diagnosis(
     cases: ModuleType, write_runs: Callable[[list, Path], list[Path]], files_of: FilesOf, tmp_path: Path
 ) -> None:

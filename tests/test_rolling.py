@@ -82,6 +82,7 @@ def read_lens() -> Any:
     return film.camera
 
 
+@pytest.mark.slow
 def test_marks_of_a_rolling_model_are_followed(films: ModuleType, samples: Path, tmp_path: Path) -> None:
     """Rolling by 2 degrees with marks at unlike heights: none is lost, and errors are those that are stated (z about 1)."""
     file = read_scenario(samples / "mariner" / "x1446" / "scenario.toml")

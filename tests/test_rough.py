@@ -225,6 +225,7 @@ def test_a_table_of_repeated_values_is_as_long_as_its_rows(tmp_path: Path) -> No
         read_motion(path)
 
 
+@pytest.mark.slow
 @LINUX
 def test_results_of_before_that_are_no_files_are_made_anew(
     cases: ModuleType, write_runs: Callable[[list, Path], list[Path]], tmp_path: Path
@@ -243,6 +244,7 @@ def test_results_of_before_that_are_no_files_are_made_anew(
         sha256_of_file(folder / "x.csv")
 
 
+@pytest.mark.slow
 @LINUX
 def test_a_campaigns_lock_is_no_way_out(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A link in its place would have its target emptied, a named pipe would be waited for; links below out/ are not swept."""
@@ -310,6 +312,7 @@ def odd(motion_run: Callable[..., Path], tmp_path: Path) -> Path:
     return tmp_path / ODD
 
 
+@pytest.mark.slow
 def test_a_campaign_whose_names_are_no_utf8(odd: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(quick("campaign", odd)) == 3
     said = capsys.readouterr()
@@ -329,6 +332,7 @@ def test_a_campaign_whose_names_are_no_utf8(odd: Path, capsys: pytest.CaptureFix
     json.dumps(told, ensure_ascii=False).encode("utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [[], ["--json"]])
 def test_a_run_whose_name_is_no_utf8(odd: Path, capsys: pytest.CaptureFixture[str], more: list[str]) -> None:
     assert main([*quick("identify", *sorted(p for p in odd.iterdir() if p.is_dir())), *more]) == 3
@@ -350,6 +354,7 @@ def test_only_what_cannot_be_said_is_written_out() -> None:
 FORMULAS = ("=HYPERLINK(1)", "+1", "-2+3", "@SUM(A1)", "'=1", "''=1", "x;=1+1", "\t=1")
 
 
+@pytest.mark.slow
 def test_no_cell_of_a_campaign_is_a_formula(motion_run: Callable[..., Path], tmp_path: Path) -> None:
     for k, name in enumerate(FORMULAS[:4]):
         motion_run(tmp_path / f"={k}", 1.4 + 0.05 * k, name)
@@ -389,6 +394,7 @@ SLOW = (
 )
 
 
+@pytest.mark.once
 @LINUX
 @pytest.mark.parametrize("after_s", [0.35, 0.5, 0.7, 3.0])
 def test_workers_say_nothing_of_an_interrupt(after_s: float) -> None:
@@ -402,6 +408,7 @@ def test_workers_say_nothing_of_an_interrupt(after_s: float) -> None:
     assert said == ""
 
 
+@pytest.mark.slow
 @LINUX
 def test_an_interrupted_campaign_is_whole_and_goes_on(
     cases: ModuleType,
@@ -464,6 +471,7 @@ def test_memory_that_runs_out_is_one_line(
     assert "out of memory" in json.loads(capsys.readouterr().out)["error"]
 
 
+@pytest.mark.once
 @LINUX
 @pytest.mark.parametrize("limit_mib", [80, 400, 660, 760])
 def test_short_memory_is_one_line_or_enough(run: Path, limit_mib: int) -> None:
@@ -501,6 +509,7 @@ def test_an_array_on_a_full_disk(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @LINUX
 @pytest.mark.parametrize("words", [["doctor"], ["doctor", "--json"], ["completion", "bash"]])
 def test_standard_output_that_is_full(words: list[str]) -> None:
@@ -525,6 +534,7 @@ def test_standard_output_that_nobody_reads() -> None:
 # the diagnosis -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planted", ["none", "crossflow_drag"])
 def test_one_run_is_diagnosed_with_what_it_cannot_tell(
     cases: ModuleType,

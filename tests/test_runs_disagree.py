@@ -97,6 +97,7 @@ def test_an_effects_number_is_one_of_them_however_large_it_is(usual_m: float, wi
     assert alike.log_evidence < 0
 
 
+@pytest.mark.slow
 def test_of_noise_odds_are_no_larger_than_chance_allows() -> None:
     """Odds of noise have a mean of 1, and by Markov's inequality exceed e^2 at most in a share e^-2 of all."""
     logs = np.array([told(campaign(white(seed, 4)), BEND).log_evidence for seed in range(100)])
@@ -110,6 +111,7 @@ def test_one_run_agrees_with_itself() -> None:
     assert told(campaign(white(3, 1))).log_evidence == 0.0
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("seed", range(4, 7))
 @pytest.mark.parametrize(
     ("sizes", "verdict"), [((3.0, 1.0, 3.0, 1.0), "form_not_exact"), ((3.0, -2.5, 2.5, -2.0), "unknown")]

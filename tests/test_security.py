@@ -226,6 +226,7 @@ def hostile(motion_run: Callable[..., Path], tmp_path_factory: pytest.TempPathFa
     return folder
 
 
+@pytest.mark.slow
 def test_run_and_identify_pages_escape_every_name(hostile: Path, tmp_path: Path) -> None:
     runs = [str(hostile / name) for name in ("<i>one", "two", "three")]
     assert main(["run", *runs, "--form", "linear", "--noise", "output", "-o", str(tmp_path / "run")]) == 3
@@ -236,6 +237,7 @@ def test_run_and_identify_pages_escape_every_name(hostile: Path, tmp_path: Path)
         assert "&lt;img src=x" in text
 
 
+@pytest.mark.slow
 def test_the_campaign_page_escapes_every_name(hostile: Path) -> None:
     assert main(["campaign", str(hostile), "--form", "linear", "--noise", "output"]) == 3
     text = harmless(hostile / "out" / "campaign.html")

@@ -100,6 +100,7 @@ def test_a_swing_of_known_rate_and_period_is_found(rate: float) -> None:
     np.testing.assert_allclose(np.hypot(*parts.T), 0.03 * np.exp(-30 * rate) * np.array([1, 0.25]), rtol=0.05)
 
 
+@pytest.mark.slow
 def test_swinging_tows_are_refused_and_resting_ones_are_not() -> None:
     """30 MARINER tows each at 5 degrees of rudder, 40 s, noise of 0.05 degrees with 0.5 s: swings of 0.2 to 10 degrees, and none.
 
@@ -245,6 +246,7 @@ def test_a_bracket_takes_proofs_only() -> None:
     assert "one of the two is wrong" in bracket_words(apart)
 
 
+@pytest.mark.slow
 def test_a_batch_keeps_its_steady_tows_and_says_why_the_others_are_out() -> None:
     """Frigate at 0.44 and 0.56 m settles, at 0.50 m still swings (made so), at 0.14 m shears off."""
     t, rng = np.arange(0, 60, 0.04), np.random.default_rng(7)
@@ -279,6 +281,7 @@ def test_a_batch_keeps_its_steady_tows_and_says_why_the_others_are_out() -> None
         fit_steady_batch(Batch([runs[0], runs[3]], {}))
 
 
+@pytest.mark.slow
 def test_run_goes_by_the_motion_and_not_by_the_stated_rudder() -> None:
     t, rng = np.arange(0, 40, 0.04), np.random.default_rng(9)
     error = rng.normal(0, 3e-4, (len(t), 2))
@@ -304,6 +307,7 @@ def test_a_small_force_is_no_x_v() -> None:
     assert not stands_off(steady_state(run_of(TOW), motion_of(t, flat + np.array([0.04, 0.005])), None))
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("other_code", [False, True])
 def test_tows_of_both_simulators_rest_where_their_lines_let_them(steady_tows: ModuleType, other_code: bool) -> None:
     """Let go at rest each stays there, but for what a taut line's stretch moves; one that swings by what matters is refused."""

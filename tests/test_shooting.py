@@ -58,6 +58,7 @@ def hypothesis(cases: ModuleType, runs: list) -> Hypothesis:
     return Hypothesis(np.array(cases.SIX), np.array(own))
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("pushed", "size"),
     [(group, 0.3 if k < GROUPS else 0.1) for k, group in enumerate(PUSHED)],

@@ -92,6 +92,7 @@ def shares(before: TowSimulator, after: TowSimulator) -> np.ndarray:
     return after.runs[0].slow.sd / before.runs[0].slow.sd
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_what_the_runs_do_not_show_is_not_granted(cases: ModuleType, seed: int) -> None:
     """At most twice what the marks' own noise leaves of a mean over SLOW_S: what is smaller shows in no run."""
@@ -105,12 +106,14 @@ def test_what_the_runs_do_not_show_is_not_granted(cases: ModuleType, seed: int) 
     assert line <= 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_what_the_runs_show_stays_granted(cases: ModuleType, seed: int) -> None:
     simulator, inference, base = fitted(cases, seed, SLOW_PX)
     assert (shares(simulator, simulator.as_quiet_as(inference, base))[[0, 1, 3]] == 1.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("film", "still"), [(True, True), (False, False)])
 def test_a_film_and_marks_without_a_static_record_are_not_granted_less_by_their_motion(
     cases: ModuleType, film: bool, still: bool
@@ -120,6 +123,7 @@ def test_a_film_and_marks_without_a_static_record_are_not_granted_less_by_their_
     assert simulator.as_quiet_as(inference, base) is simulator
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("still", [True, False])
 @pytest.mark.parametrize("slow_px", [0.0, 0.03, 0.06, 0.12])
 def test_a_film_is_granted_what_its_marks_distance_shows(cases: ModuleType, slow_px: float, still: bool) -> None:
@@ -131,6 +135,7 @@ def test_a_film_is_granted_what_its_marks_distance_shows(cases: ModuleType, slow
         assert wanted / 2 <= found <= 2 * wanted
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("effect", ["lens_distortion", "deck_height", "rolling_shutter", "marker_roll", "datum_scale"])
 def test_a_fault_of_the_camera_is_no_error_of_the_marks(cases: ModuleType, effect: str) -> None:
     """It goes smoothly with the place and the rates: what is granted stays as small as it is."""
@@ -138,6 +143,7 @@ def test_a_fault_of_the_camera_is_no_error_of_the_marks(cases: ModuleType, effec
     assert {run.slow.size_px for run in runs} == {SLOW_PX}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_codec_that_holds_all_marks_back_is_no_gap(cases: ModuleType, seed: int) -> None:
     """The marks' distance shows little of it; what the tracks tell of it does. Told, no more is left than without any lag."""
@@ -150,6 +156,7 @@ def test_a_codec_that_holds_all_marks_back_is_no_gap(cases: ModuleType, seed: in
     assert size["untold"] > noise * size[""]
 
 
+@pytest.mark.slow
 def test_granting_what_is_granted_changes_nothing(cases: ModuleType) -> None:
     simulator, _, _ = fitted(cases, SEEDS[0], 0.0)
     run = simulator.runs[0]

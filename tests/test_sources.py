@@ -93,6 +93,7 @@ def pair(request: pytest.FixtureRequest, samples: Path, tmp_path_factory: pytest
     return film, folder
 
 
+@pytest.mark.slow
 def test_a_folder_is_tracked_as_a_video_of_its_pictures(registered: None, pair: tuple[Path, Path]) -> None:
     """To the last bit: pictures, numbers, times, tracks; and the motion."""
     film, folder = pair
@@ -111,6 +112,7 @@ def test_a_folder_is_tracked_as_a_video_of_its_pictures(registered: None, pair: 
     pd.testing.assert_frame_equal(towline.compute_motion(folder), towline.compute_motion(film))
 
 
+@pytest.mark.slow
 def test_the_commands_take_it(registered: None, pair: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
     _, folder = pair
     assert main(["track", str(folder), "--fresh"]) == 0
@@ -120,6 +122,7 @@ def test_the_commands_take_it(registered: None, pair: tuple[Path, Path], capsys:
     assert (folder / "out" / "top.png").is_file()
 
 
+@pytest.mark.once
 def test_a_changed_picture_is_tracked_anew(registered: None, pair: tuple[Path, Path], tmp_path: Path) -> None:
     folder = Path(shutil.copytree(pair[1], tmp_path / "run"))
     towline.track(folder)

@@ -64,6 +64,7 @@ def test_results_change_with_the_version_only(short: Path) -> None:
             )
 
 
+@pytest.mark.slow
 def test_a_raised_version_makes_its_stage_and_what_rests_on_it_anew(
     short: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -69,6 +69,7 @@ def filmed(
     return found
 
 
+@pytest.mark.slow
 def test_intervals_hold_with_the_static_record_and_not_as_white(campaigns: ModuleType) -> None:
     """100 campaigns, noise that lasts 0.5 s: 95 % intervals of each derivative hold within the binomial's 99.9 % limits."""
     t = campaigns.times(8.0, 40.0)
@@ -86,6 +87,7 @@ def test_intervals_hold_with_the_static_record_and_not_as_white(campaigns: Modul
     assert (white < low).all(), white
 
 
+@pytest.mark.slow
 def test_slow_noise_of_the_camera_is_not_taken_for_a_force(campaigns: ModuleType) -> None:
     """Noise that lasts as long as a third of a swing looks like a force, unless the model held still shows the same."""
     t = campaigns.times(8.0)
@@ -97,6 +99,7 @@ def test_slow_noise_of_the_camera_is_not_taken_for_a_force(campaigns: ModuleType
     assert fit_with_noise([replace(r, still=None) for r in runs], "linear").method == "innovations"
 
 
+@pytest.mark.slow
 def test_a_force_beside_a_coloured_measurement_is_found(campaigns: ModuleType) -> None:
     t = campaigns.times(8.0)
     rng = np.random.default_rng(23)
@@ -182,6 +185,7 @@ def test_what_a_record_says_of_its_colour() -> None:
     assert "samples a second" in Still(2 * t, values, np.tile(np.eye(2), (4000, 1, 1))).useless(1 / rate)
 
 
+@pytest.mark.slow
 def test_the_command_reads_the_static_record(cases: ModuleType, tmp_path: Path) -> None:
     """Two filmed tows, white pixels: the record is read (its hash too), used, and a short one is said to be too short."""
     campaign = cases.campaign("none", np.random.default_rng([24, 1]))
@@ -221,6 +225,7 @@ def test_what_the_means_of_short_records_took_is_put_back(memory: float, count: 
     assert abs(np.mean(found) - memory) < 2 * (1 + 3 * memory) / count / 3
 
 
+@pytest.mark.slow
 def test_records_drawn_from_a_fit_scatter_as_the_static_record_and_the_force_do(campaigns: ModuleType) -> None:
     """A bootstrap's draws about the fitted motion: the variance of the force's motion and of the record held still."""
     t, rng = campaigns.times(8.0), np.random.default_rng(32)

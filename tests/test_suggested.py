@@ -59,6 +59,7 @@ def ring(run, phase: float) -> np.ndarray:
     return (SIZE_M * np.exp(-DECAY_S * fine) * np.cos(2 * np.pi * RATE_HZ * fine + phase)).mean(axis=1)
 
 
+@pytest.mark.slow
 def test_noise_suggests_no_bounce_and_a_bounce_is_found_with_each_runs_own_phase(runs: list) -> None:
     rng = np.random.default_rng(5)
     assert springing_effects(runs, left(runs, rng)) == []
@@ -77,6 +78,7 @@ def test_noise_suggests_no_bounce_and_a_bounce_is_found_with_each_runs_own_phase
         assert np.abs(bounce[:, k] - true).max() < 4 * noise * np.sqrt(4 * runs[k].step_s * 2 * DECAY_S)
 
 
+@pytest.mark.slow
 def test_what_a_ring_costs_is_what_searching_noise_for_one_finds(runs: list, monkeypatch: pytest.MonkeyPatch) -> None:
     """Odds of e^1.5 for a ring, as its evidence has them, are reached by noise in e^-1.5 of the campaigns at most (Markov)."""
     monkeypatch.setattr(springs, "CLEAR", -np.inf)

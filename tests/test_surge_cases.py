@@ -45,6 +45,7 @@ def _numbers(module: ModuleType, *lanes: dict[str, float]) -> dict[str, np.ndarr
     return {name: np.array([lane[name] for lane in full]) for name in full[0]}
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("name", GOLDEN)
 def test_tows_are_those_of_another_program(surge_cases: ModuleType, shared: Path, name: str) -> None:
     golden = pd.read_csv(shared / "golden" / f"{name}.csv")
@@ -69,6 +70,7 @@ def test_a_straight_tow_pulls_with_resistance_and_inertia(surge_cases: ModuleTyp
     assert np.abs(found.beta_rad).max() == 0.0
 
 
+@pytest.mark.slow
 def test_a_rudder_held_long_ends_in_the_steady_tow(surge_cases: ModuleType) -> None:
     """Thesis (4.9): both balances, with u, v, S and T read from the motion."""
     numbers = _numbers(
@@ -106,6 +108,7 @@ def test_the_carriage_pays_for_every_joule(surge_cases: ModuleType) -> None:
     assert np.ptp(energy) > 2.0
 
 
+@pytest.mark.slow
 def test_campaigns_hold_what_their_options_say(surge_cases: ModuleType, tmp_path: Path) -> None:
     options = surge_cases.SurgeOptions(rudder="mixed", speed="history", gauge=False, span_s=8.0)
     kept = tmp_path / "kept.npz"

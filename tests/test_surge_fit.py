@@ -128,6 +128,7 @@ def test_tows_that_nobody_here_drew(shared: Path) -> None:
     assert np.abs(constant.six / six - 1).max() > 0.05  # what surge is for
 
 
+@pytest.mark.slow
 def test_a_line_stretches_by_what_nobody_states(shared: Path) -> None:
     """With a film's noise (0.1 mm, 0.01 degrees) the intervals hold the 0.46 mm by which their lines are longer than stated; lines
     taken as exact do not: chi-square of two draws, six each.
@@ -154,6 +155,7 @@ def test_a_line_stretches_by_what_nobody_states(shared: Path) -> None:
     assert by_prior["exact"] > 1.5 * chi2.ppf(0.99, 12)
 
 
+@pytest.mark.slow
 def test_campaigns_of_other_code(root: Path, surge_cases: ModuleType) -> None:
     """12 of the benchmark's campaigns: z over six derivatives and T has mean square 1 within 4 standard errors of 12 draws."""
     import sys
@@ -172,6 +174,7 @@ def test_campaigns_of_other_code(root: Path, surge_cases: ModuleType) -> None:
     assert np.median(sd / bound) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("release_deg", "sd"), [(3.1, 0.40), (6.3, 0.06), (9.5, 0.033), (19.0, 0.028)])
 def test_the_mass_alone_tells_the_tension_as_section_10_says(release_deg: float, sd: float) -> None:
     """Fisher information of section 10, one or two digits; X_rr and n may move as well here: within a quarter of it."""
@@ -188,6 +191,7 @@ def test_the_mass_alone_tells_the_tension_as_section_10_says(release_deg: float,
     assert weighed.weighed == (release_deg > 6)
 
 
+@pytest.mark.slow
 def test_a_tension_is_asked_for_where_the_swings_do_not_weigh_the_model() -> None:
     runs = tows(3.0, stated=False, priors=Priors())
     fit = fit_runs(runs)
@@ -195,6 +199,7 @@ def test_a_tension_is_asked_for_where_the_swings_do_not_weigh_the_model() -> Non
         refuse_impossible(fit, runs, tension_from_motion(fit, runs))
 
 
+@pytest.mark.slow
 def test_what_is_stated_is_held_against_the_mass() -> None:
     """A tension stated 20 % too high, and sure: found too high by the motion's mass, 6 standard deviations and more."""
     runs = [replace(d, tow=replace(d.tow, tension_n=1.2 * 3.96)) for d in tows(12.0)]
@@ -212,6 +217,7 @@ def test_what_is_stated_is_held_against_the_mass() -> None:
     assert found.resistance_n["run-1"] == pytest.approx(3.96, rel=4 * found.log_sd)
 
 
+@pytest.mark.slow
 def test_a_rudder_that_is_stated_is_in_the_fit() -> None:
     """Constant and by a history, Y_delta and N_delta estimated; without them in the fit I' is tens of standard deviations off."""
     step = np.radians(10) * np.sign(np.sin(2 * np.pi * T / 17))
@@ -255,6 +261,7 @@ def test_a_load_cell_says_the_tension_once_more() -> None:
     assert fit.resistance[:, 0] == pytest.approx(np.full(4, 3.96), rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scale", "zero", "late_s"), [(1.0, 0.0, 0.0), (1.15, 0.0, 0.0), (1.0, 0.2, 0.0), (1.0, 0.0, 0.4)]
 )
@@ -272,6 +279,7 @@ def test_a_load_cells_scale_zero_and_delay_are_found(scale: float, zero: float, 
     assert len(found.gauges) == 4
 
 
+@pytest.mark.slow
 def test_a_history_that_the_motion_contradicts_is_refused() -> None:
     """Another tow's record: it swings against the motion."""
     runs = tows(14.0)[:2]
@@ -281,6 +289,7 @@ def test_a_history_that_the_motion_contradicts_is_refused() -> None:
         refuse_impossible(fit, wrong, tension_from_motion(fit, wrong))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mass_kg", "t_s"), [(780.0, SHORT_T), (7.8, T)])
 def test_a_mass_ten_times_off_is_refused(mass_kg: float, t_s: np.ndarray) -> None:
     runs = [replace(d, mass_kg=mass_kg) for d in tows(3.0, t_s=t_s)]
@@ -298,6 +307,7 @@ def test_surge_without_a_mass_and_lines_of_two_kinds_are_said() -> None:
         fit_runs(mixed)
 
 
+@pytest.mark.slow
 def test_how_far_surge_would_move_a_constant_t_fit() -> None:
     """Computed: what the same runs give with it."""
     runs = tows(12.0, line="constant")
@@ -314,6 +324,7 @@ def test_how_far_surge_would_move_a_constant_t_fit() -> None:
     assert surge_moves(other, tows(12.0)) is None
 
 
+@pytest.mark.slow
 def test_a_motion_that_needs_a_line_that_pushes_is_named() -> None:
     """A carriage that brakes by 0.06 m/s2 for two seconds: more than R/(m - X_udot) = 0.048."""
     speed = lambda t: 1.28 - 0.06 * np.clip(t - 20.0, 0.0, 2.0)  # noqa: E731
@@ -328,6 +339,7 @@ def test_a_motion_that_needs_a_line_that_pushes_is_named() -> None:
     assert 21 < last < 23
 
 
+@pytest.mark.slow
 def test_a_record_of_many_swings_finds_its_own_valley() -> None:
     """A tow of 20 minutes, some 60 swings: the optimum leaves the noise that is in it, 2 n of chi-square to 5 sd."""
     t_s = np.arange(0, 1200, 0.2)
@@ -364,6 +376,7 @@ def test_lost_frames_are_no_step() -> None:
             assert step_of(seen) is None
 
 
+@pytest.mark.slow
 def test_records_joined_to_one_are_named() -> None:
     """Three releases in one record: where it steps, how often, and what to do."""
     one = tows(9.5, seed=6, t_s=np.arange(0, 39.99, 0.08))[0]
@@ -391,6 +404,7 @@ def test_records_joined_to_one_are_named() -> None:
         fit_runs([beaten])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_tow_that_hardly_comes_back_to_the_middle_is_no_side_valley(seed: int) -> None:
     """The foremost post of this hull is so near X_v that a mode hardly dies away: over a minute it is as good as a bias. Seed 1

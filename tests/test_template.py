@@ -162,6 +162,7 @@ def rms(values: NDArray) -> float:
     return float(np.sqrt(np.nanmean(values**2)))
 
 
+@pytest.mark.slow
 def test_the_error_is_the_noise_bound_and_the_stated_sigma() -> None:
     """Smooth textures, sub-pixel motion, some turning by 30 degrees and growing by 15 %: at most 1.15 of the bound."""
     scores, shares, offsets = [], [], []
@@ -185,11 +186,13 @@ def test_the_error_is_the_noise_bound_and_the_stated_sigma() -> None:
     assert rms(np.array(offsets)) < 1.7  # the picked frame is one frame: 1 expected, of 16 numbers
 
 
+@pytest.mark.slow
 def test_noise_that_is_related_over_pixels_widens_sigma() -> None:
     scores = np.concatenate([follow(Clip(20 + seed, blur_px=0.8), radius_px=12).score for seed in range(3)])
     assert 0.85 < scores.std() < 1.3
 
 
+@pytest.mark.slow
 def test_weak_texture_and_changing_light() -> None:
     weak = [follow(Clip(30 + seed, texture_sd_dn=6.0), radius_px=15) for seed in range(2)]
     lit = [
@@ -222,6 +225,7 @@ def test_a_covered_patch_is_lost_and_found_again() -> None:
     assert np.abs(found.error_px[found.measured]).max() < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [55, 56])
 def test_a_patch_turns_with_its_model_by_most_of_a_circle(seed: int) -> None:
     """To 150 degrees either way, at up to 15 degrees a frame: as well known as one that does not turn."""
@@ -234,6 +238,7 @@ def test_a_patch_turns_with_its_model_by_most_of_a_circle(seed: int) -> None:
     assert np.abs(found.error_px[turned_far].mean(axis=0)).max() < 4 * rms(found.error_px) / np.sqrt(turned_far.sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [57, 59])
 def test_a_patch_that_has_turned_while_it_was_covered_is_found_again(seed: int) -> None:
     clip = Clip(seed, count=150, swing_px=6, turn_rad=np.radians(100), cover=painted(40, 75, 22))
@@ -260,6 +265,7 @@ def test_a_patch_covered_in_part_keeps_its_place_or_is_lost() -> None:
     assert np.abs(found.score[found.measured]).max() < 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [60, 61, 62])
 def test_a_look_alike_is_never_taken_for_the_mark(seed: int) -> None:
     """An exact twin stands 30-45 px off while the mark is covered: nothing is measured at the twin."""
@@ -270,6 +276,7 @@ def test_a_look_alike_is_never_taken_for_the_mark(seed: int) -> None:
     assert found.measured[:40].all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "inside",
     [lambda xi: np.minimum(xi[0] + 3, xi[1] + 3), lambda xi: xi[0] + 0.3 * xi[1] + 1],

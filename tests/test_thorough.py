@@ -30,6 +30,7 @@ def runs(
     return [str(path) for path in write_runs(cases.campaign("none", np.random.default_rng(8)).runs[:2], folder)]
 
 
+@pytest.mark.slow
 def test_three_ways_agree_where_nothing_is_wrong(runs: list[str], tmp_path: Path) -> None:
     assert main(["identify", *runs, *QUICK, "--thorough", "3", "-o", str(tmp_path / "a")]) == 0
     found = read_result(tmp_path / "a" / "thorough.json", ThoroughFile)
@@ -45,6 +46,7 @@ def test_three_ways_agree_where_nothing_is_wrong(runs: list[str], tmp_path: Path
     assert not any("larger" in sentence for sentence in found.sentences)
 
 
+@pytest.mark.slow
 def test_json_holds_it(runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["identify", runs[0], *QUICK, "--form", "linear", "--thorough", "--json", "-o", str(tmp_path)]) == 0
     said = json.loads(capsys.readouterr().out)

@@ -87,6 +87,7 @@ def middle_of(profile: np.ndarray) -> float:
     return float((light * np.arange(len(light))).sum() / light.sum())
 
 
+@pytest.mark.slow
 def test_strings_come_out_straight_and_where_they_are(drawn: tuple[Camera, np.ndarray]) -> None:
     """Two strings at x = -0.6 and -4.2 m: within 1 px of the top view (5 mm) all along, away from beads (0.3 m) and marks.
 
@@ -237,6 +238,7 @@ def run(samples: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_sample_video_from_above(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The bow's light in the still, at 2 mm a pixel, against the truth; the film has the analysed frames at their times."""
     import av
@@ -265,6 +267,7 @@ def test_a_sample_video_from_above(run: Path, capsys: pytest.CaptureFixture[str]
     np.testing.assert_allclose(times, np.arange(30) / 30, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_shown_is_said(run: Path, samples: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words, message in (
         (["--area", "50", "60", "-1", "1"], "outside the picture"),

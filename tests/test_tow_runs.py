@@ -55,6 +55,7 @@ SPLINED = 2e-5
 and the square root of two marks."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aside_m", [0.0, 0.5])
 @pytest.mark.parametrize("way", [0, 1], ids=["rows", "columns"])
 def test_a_rolling_shutter_sees_a_lower_mark_later(filmed: tuple[Any, Any, Any], aside_m: float, way: int) -> None:

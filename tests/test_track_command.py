@@ -177,6 +177,7 @@ def test_a_run_toml_edited_while_it_is_tracked_does_not_vouch_for_the_tracks(
     assert stages.track_run(read_run(copy)).anew
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("codec", "lossy", "linked"),
     [

@@ -118,6 +118,7 @@ def test_what_a_cubic_misses_of_a_fast_motion_is_known() -> None:
 # the clock ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_clock_is_as_uncertain_as_it_says() -> None:
     """Offset and rate over their standard deviations, of views that know nothing but noise: 1, within three of its own chance."""
     draws, z = 80, []
@@ -516,6 +517,7 @@ def test_two_films_end_to_end(filmed: Any, capsys: Any) -> None:
     assert set(seen["camera"]) == {"port", "starboard", "port+starboard"} - ({"port"} if offset["value"] < 0 else set())
 
 
+@pytest.mark.slow
 def test_two_sources_are_filmed_into_one_run(filmed: Any, tmp_path: Path, capsys: Any) -> None:
     """The two films, played at their own rate: the run folder that is made is one of two cameras, with every picture of both, each
     camera's values while it was filmed, the clock's offset, and the day's fit."""
@@ -554,6 +556,7 @@ def test_two_sources_are_filmed_into_one_run(filmed: Any, tmp_path: Path, capsys
     assert "one source to film from, but the set-up has two [[camera]] (port, starboard)" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_page_films_with_two_cameras(filmed: Any, tmp_path: Path, browsers: Any) -> None:
     """By clicks: the pair's set-up is opened, other steps say that it is none of theirs; both pictures, one course, what is said of
     the clock, the fit."""
@@ -596,6 +599,7 @@ def test_the_page_films_with_two_cameras(filmed: Any, tmp_path: Path, browsers: 
     assert "Traceback" not in (tmp_path / "errors.txt").read_text()
 
 
+@pytest.mark.slow
 def test_the_source_that_answers_first_waits_and_loses_nothing(filmed: Any, tmp_path: Path) -> None:
     """Its packets come before the other has answered: written first when it has, in their order, each with its time."""
     answers: list[Any] = []

@@ -70,6 +70,7 @@ def judged(made: list[UsersRun]) -> Diagnosis:
     return diagnosed(simulator, EFFECTS, "test", {}, rng=np.random.default_rng(0))
 
 
+@pytest.mark.slow
 def test_nothing_is_named_where_nothing_is_missing() -> None:
     found = judged(runs(np.random.default_rng(1)))
     assert found.file.verdict == "no_gap"
@@ -79,6 +80,7 @@ def test_nothing_is_named_where_nothing_is_missing() -> None:
     assert found.file.next_run is None
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(("name", "size"), [("quadratic", 0.1), ("dry", 0.01), ("offset", 0.004)])
 def test_a_users_effect_is_named_with_its_size(name: str, size: float) -> None:
     found = judged(runs(np.random.default_rng(2), **{name: (size,)}))
@@ -94,6 +96,7 @@ def test_a_users_effect_is_named_with_its_size(name: str, size: float) -> None:
         assert abs(fitted.value - value) < 4 * fitted.std
 
 
+@pytest.mark.slow
 def test_what_is_in_no_list_is_unknown() -> None:
     """A moment that depends on the place: none of the three effects has it, and the random forces it asks for are too large."""
     made = runs(np.random.default_rng(3))
@@ -121,6 +124,7 @@ def bent(rng: np.random.Generator, wave: float = 0.0, count: int = 2) -> list[Us
 WAVE = Effect("wave", "sensor", (Parameter("a", "", 0.1),), "It waves.", "Add a sin 9x.")
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("start", [(0.0, 0.0), (1.0, 0.0), (-5.0, 0.0), (2.0, 0.035), (-10.0, 30.0)])
 def test_a_number_may_begin_anywhere_at_zero_and_on_the_wrong_side_too(start: tuple[float, float]) -> None:
     """The optimum of a problem that is linear in its numbers, by least squares in closed form, from any start."""
@@ -138,6 +142,7 @@ def test_a_number_may_begin_anywhere_at_zero_and_on_the_wrong_side_too(start: tu
         assert abs(fitted.value - value) < 0.3 * fitted.std
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shares", [(0.34, 2.9), (2.9, 0.34), (2.0, 2.0), (0.5, 0.5)])
 def test_a_swing_begins_within_a_factor_of_three_of_its_numbers(shares: tuple[float, float]) -> None:
     """Seven swings, w2 or c three times off: out of phase from the first swing on, and the same optimum all the same."""
@@ -154,6 +159,7 @@ def test_a_swing_begins_within_a_factor_of_three_of_its_numbers(shares: tuple[fl
         assert abs(here.value - there.value) < 0.1 * there.std
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("wave", "library", "verdict"), [(0.0, (), "no_gap"), (0.2, (), "unknown"), (0.2, (WAVE,), "effect")]
 )
@@ -178,6 +184,7 @@ def test_one_run_no_free_number_and_an_empty_library_are_answered(
         assert found.ranking[0].effects == ["wave"]
 
 
+@pytest.mark.slow
 def test_a_fit_that_does_not_come_to_its_end_is_no_answer() -> None:
     """A number in the wrong units: begun, and of a size, twelve orders below what it is, too far for the steps that are taken."""
     made = bent(np.random.default_rng(1))

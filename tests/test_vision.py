@@ -67,6 +67,7 @@ for _name, _x, _u, _v in (("pivot", 0.0, 199, 110), ("rim", 0.073, 269, 130)):
     PIVOT += f"seen_at_px = [{_u}.0, {_v}.0]\n"
 
 
+@pytest.mark.slow
 def test_dark_dots_of_a_real_recording_are_followed(shared: Path, tmp_path: Path) -> None:
     """A disc turning about a fixed pivot; from frame 95 on the hand is gone. One pixel is called a millimetre."""
     shutil.copyfile(shared / "real" / "pivot_video" / "RotationOnAFixedPivot_R1.MP4", tmp_path / "v.mp4")
@@ -113,6 +114,7 @@ def test_unreadable_recordings_are_named_in_one_line(samples: Path, tmp_path: Pa
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_recording_with_its_index_in_front_but_cut_short_is_truncated(samples: Path, tmp_path: Path) -> None:
     import av
 
@@ -148,6 +150,7 @@ def test_a_video_of_no_frames(tmp_path: Path) -> None:
         clip_info(tmp_path / "absent.mp4")
 
 
+@pytest.mark.slow
 def test_marks_that_are_not_there_are_reported(samples: Path, tmp_path: Path) -> None:
     source = samples / "mariner" / "x1446"
     text = (source / "run.toml").read_text().replace("body_m = [1.2, 0.0]", "body_m = [0.31, 0.0]")
@@ -159,6 +162,7 @@ def test_marks_that_are_not_there_are_reported(samples: Path, tmp_path: Path) ->
         track(run, read_frames(run.source_path, (0.0, 2.0)), run_datum(run, None).mapping)
 
 
+@pytest.mark.slow
 def test_a_hidden_mark_is_lost_and_found_again(samples: Path, tmp_path: Path) -> None:
     """A mark painted over for 0.7 s is `lost` there and nowhere else, and never replaced by something near it."""
     run = read_run(samples / "mariner" / "x1751")
@@ -183,6 +187,7 @@ def test_a_hidden_mark_is_lost_and_found_again(samples: Path, tmp_path: Path) ->
     assert (bow["status"] == "measured").all()
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("sample", ["leander_steady/hole6", "mariner/x1446"])
 def test_someone_who_walks_through_is_no_mark(samples: Path, sample: str) -> None:
     """Someone dark hides both marks for a second: nothing beside is taken for them, and they are there as soon as he has passed."""

@@ -509,6 +509,7 @@ def test_a_temperature_gives_the_density_its_line(answer: Identified, out: Path,
         assert q.combined_std == pytest.approx(before.quantities[name].combined_std)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -529,6 +530,7 @@ def test_inputs_that_cannot_be_are_one_line(answer: Identified, tmp_path: Path, 
     assert said in str(error.value)
 
 
+@pytest.mark.slow
 def test_the_diagnosis_is_a_line_where_it_is_of_these_runs(answer: Identified, out: Path, tmp_path: Path) -> None:
     """An effect of probability p that moves the derivatives by d adds p d d'; a diagnosis of other runs adds nothing."""
     file = read_result(out / "budget.json", BudgetFile)
@@ -567,6 +569,7 @@ def test_motion_from_elsewhere_says_nothing_of_its_camera(motion_run: Callable[.
     assert not any(line.share for line in file.lines if line.source == "camera")
 
 
+@pytest.mark.slow
 def test_what_has_no_value_has_no_budget(answer: Identified) -> None:
     rest = {name: d for name, d in answer.result.derivatives.items() if name != "n_v"}
     with pytest.raises(EstimationError, match="n_v: not determined by these runs"):

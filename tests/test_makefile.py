@@ -94,3 +94,13 @@ def test_types_are_checked_beside_the_tests(root: Path, tmp_path: Path) -> None:
     commands = asked(root, tmp_path, "test")
     assert "basedpyright --project" in commands
     assert "-m pytest tests -n auto" in commands
+
+
+def test_slow_tests_are_left_out_by_test_and_by_nothing_else(root: Path, tmp_path: Path) -> None:
+    (quick,), (whole,), (own,) = (
+        [line for line in asked(root, tmp_path, *goal).splitlines() if "-m pytest tests" in line]
+        for goal in (("test", "TESTS=-k lens"), ("test-all",), ("pytest",))
+    )
+    assert quick.endswith('-m "not slow" -k lens')
+    assert "not slow" not in whole
+    assert "not slow" not in own

@@ -39,6 +39,8 @@ PUSHED = (
     (CROSSFLOW_ENDS, *CUBIC_FORMS, BANK[1], BANK[7], DRIFT_RAMPS[1], *FRICTION_FORMS, ROLLING_FREELY[3]),
 )
 """Together: the plain forms, in groups; of those beside them, one of each kind."""
+QUICK = 1
+"""The group that takes the least time."""
 
 
 NOTHING = Reduced(
@@ -58,10 +60,12 @@ def hypothesis(cases: ModuleType, runs: list) -> Hypothesis:
     return Hypothesis(np.array(cases.SIX), np.array(own))
 
 
-@pytest.mark.once
 @pytest.mark.parametrize(
     ("pushed", "size"),
-    [(group, 0.3 if k < GROUPS else 0.1) for k, group in enumerate(PUSHED)],
+    [
+        pytest.param(group, 0.3 if k < GROUPS else 0.1, marks=[pytest.mark.slow] * (k != QUICK))
+        for k, group in enumerate(PUSHED)
+    ],
     ids=[*(f"plain {k + 1}" for k in range(GROUPS)), "beside"],
 )
 def test_slopes_are_differences_of_motions(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import brentq
 
 from ..pipeline.executor.processes import in_parallel
 from ..record.errors import EstimationError
@@ -21,6 +22,11 @@ FAINT = 0.3
 """Share of the cases with one effect whose size is not that of a tank but near the limit of what can be told."""
 FAINT_D, FAINT_OUTSIDE_D = (2.0, 300.0), (30.0, 3000.0)
 """Ranges of D (logarithmically even) to which a faint effect, of the library or outside it, is made smaller."""
+SOFTER, HANGING_M_N = 3.0, 0.01
+"""A soft line gives so many times as much as a taut one at the least: one that stiffens by the cube is then no stiffer, and rings
+no faster than ``signature``'s step can follow; one that hangs may be made as much smaller as one of the second."""
+SIZE_TO, TINY_D = 0.02, 1e-6
+"""Relative, to which its size is searched for; no D is less than the second."""
 PULLED = {"tension_variation", "constant_tension"}
 """Something else than the line's length holds T: no two of these, and no stretch or slack beside one, make a pair."""
 SLACK = "slack_line"
@@ -155,24 +161,37 @@ def _drawn(each: Dealt) -> Case:
 def fainter(case: Case, rng: np.random.Generator) -> Case:
     """The case with its effect made so small that D, to its nearest rival, is drawn logarithmically even from ``FAINT_D``.
 
-    Effects that are no matter of size (a slack line), and those that are smaller already, stay.
+    Effects that are no matter of size (a slack line), and those that are smaller already, stay. D goes with the square of a size;
+    a soft line's, which is no straight line from none, is searched for, and it stays softer than a taut one.
 
     Parameters
     ----------
     case : as drawn
     rng : that draws
     """
-    from .signature import STRENGTH, distances_of, linear
+    from .signature import STRENGTH, WHOLE, distances_of, linear
 
     (effect,) = case.effects
     low, high = FAINT_D if case.kind == "effect" else FAINT_OUTSIDE_D
     target = float(np.exp(rng.uniform(np.log(low), np.log(high))))
     keys = {f"{effect}.{name}" for name in STRENGTH[effect]}
-    here = distances_of(case, linear(case)).nearest
-    if not keys or here <= target:
+
+    def sized(log_by: float) -> Case:
+        return replace(case, numbers=_scaled(case.numbers, keys, float(np.exp(log_by))))
+
+    def beyond(log_by: float) -> float:
+        made = sized(log_by)
+        return float(np.log(max(distances_of(made, linear(made)).nearest, TINY_D) / target))
+
+    over = beyond(0.0)
+    if not keys or over <= 0:
         return case
-    by = float(np.sqrt(target / here))
-    return replace(case, numbers=_scaled(case.numbers, keys, by))
+    if effect not in WHOLE:
+        return sized(-over / 2)
+    least = np.log(SOFTER / case.hull["stiffness_n_m"] / case.numbers.get(f"{effect}.compliance_m_n", HANGING_M_N))
+    if least >= 0 or beyond(least) >= 0:
+        return sized(min(least, 0.0))
+    return sized(brentq(beyond, least, 0.0, xtol=SIZE_TO))
 
 
 def gentle(case: Case) -> Case:

@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from towline.blind.draw import Wanted, dealt, fainter, gentle, slackened
+from towline.blind.draw import FAINT_D, Wanted, dealt, fainter, gentle, slackened
 from towline.blind.one_case import case_of
 from towline.blind.seal import TRUTH, kept_digest, opened, sealed, sha256_of_text
 from towline.blind.signature import STRENGTH, distances_of, linear
@@ -645,3 +645,19 @@ def test_d_and_faint_sizes_of_another_form() -> None:
     # with the square of the size, but for dry friction's own bend at a twentieth of it
     assert there.nearest == pytest.approx(less**2 * whole.nearest, rel=0.1)
     assert 1.8 < there.nearest < 330
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("form", ["stiffening", "hanging"])
+def test_a_faint_soft_line_has_the_d_that_was_drawn_and_is_softer_than_a_taut_one(form: str) -> None:
+    case = case_of("case-x", "effect", ["elastic_line"], [3, 1], False, forms={"elastic_line": form})
+    case = gentle(replace(case, runs=case.runs[:2], duration_s=20.0))
+    faint = fainter(case, np.random.default_rng(4))
+    d = distances_of(faint, linear(faint)).nearest
+    target = float(np.exp(np.random.default_rng(4).uniform(*np.log(FAINT_D))))
+    # D goes with at most the sixth power of a soft line's size (measured: 5.6), whose search ends within a fiftieth
+    assert d == pytest.approx(target, rel=0.15)
+    assert d < distances_of(case, linear(case)).nearest
+    if form == "stiffening":
+        slope = (1 + faint.numbers["elastic_line.stiffens"]) / faint.numbers["elastic_line.compliance_m_n"]
+        assert slope <= faint.hull["stiffness_n_m"]

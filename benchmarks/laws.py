@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from laws_cases import fault_case, law_case, null_case, with_more
 from laws_oracle import gaps_beyond, oracle, reader, removed_share
-from laws_truth import apart, right_form, seen_by, told, true_force, true_variables, variables_of
+from laws_truth import apart, right_form, seen_by, told, true_force, true_terms, true_variables, variables_of
 
 from towline.blind.seal import CASES, write_cases
 from towline.blind.truth.cases import Case
@@ -74,8 +74,9 @@ def answered(out: Path, case: Case, count: int) -> dict[str, Any]:
     inference, ranking = found.diagnosis.inference, found.diagnosis.ranking
     with one_thread():
         fits, numbers = oracle(case, inference, ranking.base)
-        terms_told = reader(case, inference, ranking.base, fits["form"], SINGLE, PAIR)
+        terms_told, answer["reader_weight"] = reader(case, inference, ranking.base, fits["form"], SINGLE, PAIR)
     answer["reader"] = None if terms_told is None else variables_of(case, seen, terms_told)
+    answer["reader_whole"] = terms_told is not None and set(true_terms(case, seen)) <= set(terms_told)
     answer["oracle"] = {name: apart(true_force(seen, n), true, seen) for name, n in numbers.items()}
     answer["oracle_log"] = {name: fit.log_evidence - ranking.base.log_evidence for name, fit in fits.items()}
     best = None
@@ -87,6 +88,9 @@ def answered(out: Path, case: Case, count: int) -> dict[str, Any]:
     answer["form"] = bool(terms) and right_form(terms, seen, true)
     if file.verdict == "law" and law.searched is not None:
         best = law.searched.laws[0]
+        # without the price of writing it, which a reader of the true forms does not pay
+        evidence = best.fitted.log_evidence + sum(effect.cost for effect in best.effects) - ranking.base.log_evidence
+        answer["weight"] = evidence + (SINGLE if len(best.effects) == 1 else PAIR)
         answer["told"] = sorted({v for one in terms for v in one.variables})
         answer["force_error"] = apart(sum((one.force(seen) for one in terms), np.zeros_like(true)), true, seen)
     if len(folders) > count:
@@ -147,6 +151,14 @@ def summary(answers: list[dict[str, Any]]) -> list[str]:
     if able := [a for a in laws if "reader" in a]:
         right = sum(a["reader"] == a["true"] for a in able)
         lines.append(f"one who knows the true forms tells the right variables of {right} of {len(able)}")
+    if wrong := [a for a in said if not a["form"] and "weight" in a]:
+        part = [a for a in wrong if not a["reader_whole"]]
+        less = [a for a in wrong if a["reader_whole"] and a["weight"] >= a["reader_weight"]]
+        lines.append(
+            f"of {len(wrong)} forms told wrongly, one who knows the true forms would tell a part of the force in {len(part)}; in "
+            f"{len(less)} more what was told has at least the evidence and prior of the truth; the search missed it in "
+            f"{len(wrong) - len(part) - len(less)}"
+        )
     if where:
         right = sum(a.get("acts_with") == a["true"] for a in where)
         lines.append(
@@ -200,6 +212,9 @@ def main() -> None:
     parser.add_argument("--nulls", type=int, default=10)
     parser.add_argument("--faults", type=int, default=12)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--part", type=int, nargs=2, default=(0, 1), metavar=("K", "N"), help="answer each Nth alone, from the Kth on"
+    )
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     path = given.out / "answers.jsonl"
@@ -209,7 +224,8 @@ def main() -> None:
     wanted = [(law_case, f"law-{k:03d}", k) for k in range(given.cases)]
     wanted += [(null_case, f"null-{k:03d}", NULLS_FROM + k) for k in range(given.nulls)]
     wanted += [(fault_case, f"fault-{k:03d}", FAULTS_FROM + k) for k in range(given.faults)]
-    for draw, name, k in wanted:
+    first, every = given.part
+    for draw, name, k in wanted[first::every]:
         if name in done:
             continue
         case = draw(name, [given.seed, k])
@@ -225,7 +241,9 @@ def main() -> None:
         with path.open("a") as file:
             file.write(json.dumps(done[name]) + "\n")
         print(line_of(done[name]), flush=True)
-    print("\n".join(["", *summary([done[name] for _, name, _ in wanted])]))
+    whole = path.read_text().splitlines() if path.is_file() else []  # beside others that answer the other parts
+    done = {json.loads(line)["name"]: json.loads(line) for line in whole}
+    print("\n".join(["", *summary([done[name] for _, name, _ in wanted if name in done])]))
 
 
 if __name__ == "__main__":

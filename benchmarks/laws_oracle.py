@@ -141,8 +141,8 @@ def oracle(case: Case, inference: Inference, base: Fitted) -> tuple[dict[str, Fi
 
 def reader(
     case: Case, inference: Inference, base: Fitted, whole: Fitted, single: float, pair: float
-) -> list[int] | None:
-    """Which of the truth's terms one who knows their forms would tell from these runs: none, one, or both.
+) -> tuple[list[int] | None, float]:
+    """Which of the truth's terms one who knows their forms would tell from these runs: none, one, or both; and how surely.
 
     The forms are the truth's with all their numbers refitted, sizes about the true ones; the log priors are the search's. What such
     a reader does not tell no search can.
@@ -157,6 +157,7 @@ def reader(
     Returns
     -------
     terms : positions; None: nothing
+    weight : log evidence and prior of what is told, over that of no effect
     """
     there = [k for k in range(TERMS) if f"law.kind{k}" in case.numbers]
     fits = [(there, whole)]
@@ -168,7 +169,8 @@ def reader(
         fits.append(([k], inference.fit([h], [base.forces.scaled(FEW_FORCES)], STEPS, TURNS)[0]))
     weights = [f.log_evidence - base.log_evidence + (single if len(way) == 1 else pair) for way, f in fits]
     best = int(np.argmax(weights))
-    return fits[best][0] if weights[best] > np.log(P_NO_GAP) else None
+    least = float(np.log(P_NO_GAP))
+    return (fits[best][0], weights[best]) if weights[best] > least else (None, least)
 
 
 def gaps_beyond(simulator: TowSimulator, count: int, fits: Sequence[Fitted], forces: Forces) -> np.ndarray:

@@ -156,6 +156,10 @@ def _beyond(x: Array) -> Array:
     return np.sign(x) * np.maximum(np.abs(x) - 1, 0)
 
 
+def _begins(x: Array, gently: float) -> Array:
+    return np.sign(x) * gently * np.logaddexp(0.0, (np.abs(x) - 1) / gently)
+
+
 def _bump(x: Array, at: float, wide: float) -> Array:
     return np.exp(-0.5 * ((x - at) / max(abs(wide), 1e-9)) ** 2)
 
@@ -178,6 +182,10 @@ _INNER: tuple[tuple[str, Callable[..., Basis]], ...] = (
     (rf"\|{_NAME}\|\^{_NUMBER}", lambda x: lambda s, p: [np.abs(s[x]) ** p[0]]),
     (rf"tanh\({_NAME}/{_NUMBER}\)", lambda x: lambda s, p: [np.tanh(s[x] / p[0])]),
     (rf"beyond\({_NAME}/{_NUMBER}\)", lambda x: lambda s, p: [_beyond(s[x] / p[0])]),
+    (
+        rf"beyond\({_NAME}/{_NUMBER}, {_NUMBER} round\)",
+        lambda x: lambda s, p: [_begins(s[x] / p[0], min(max(abs(p[1]), 0.01), 0.5))],
+    ),
     (rf"wave\({_NUMBER} {_NAME}\)", lambda x: lambda s, p: [np.sin(p[0] * s[x]), np.cos(p[0] * s[x])]),
     (rf"bump\({_NAME} at {_NUMBER}, {_NUMBER} wide\)", lambda x: lambda s, p: [_bump(s[x], *p)]),
     (

@@ -71,6 +71,7 @@ def situation(s: State) -> Situation:
         ("|v|^2.5", lambda s: np.abs(s.v) ** 2.5),
         ("tanh(turn/0.01)", lambda s: np.tanh(s.turn / 0.01)),
         ("beyond(v/0.02)", lambda s: np.sign(s.v) * np.clip(np.abs(s.v) / 0.02 - 1, 0, None)),
+        ("beyond(v/0.02, 0.1 round)", lambda s: np.sign(s.v) * 0.1 * np.log1p(np.exp((np.abs(s.v) / 0.02 - 1) / 0.1))),
         ("bump(beta at -0.02, 0.03 wide)", lambda s: np.exp(-(((s.beta + 0.02) / 0.03) ** 2) / 2)),
         ("(v+-0.3 r)|v+-0.3 r|", lambda s: (s.v - 0.3 * s.r) * np.abs(s.v - 0.3 * s.r)),
         ("1/(1-y)-1/(1+y)", lambda s: 2 * s.y / (1 - s.y**2)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,10 @@ from towline.diagnose.inference.hypothesis import with_effects
 from towline.diagnose.inference.noise import Forces
 from towline.diagnose.inference.ranking import Candidate
 from towline.diagnose.law.answer import CLEARLY
-from towline.diagnose.law.around import MOVED, distinct, elsewhere, fits
+from towline.diagnose.law.around import MOVED, distinct, elsewhere, fits, otherwise
 from towline.diagnose.law.choose import Start
-from towline.diagnose.law.functions import Range, State, term
-from towline.diagnose.law.terms import effect_of, text_of
+from towline.diagnose.law.functions import Range, State, begins, term
+from towline.diagnose.law.terms import effect_like, effect_of, height_of, text_of
 from towline.diagnose.users import UsersNumber, UsersRun, UsersSimulator
 from towline.record.errors import EstimationError
 
@@ -116,6 +117,73 @@ def test_a_power_is_found_from_a_fixed_one_and_from_one_that_is_far_off(text: st
     solved, at = best.solved, inference.fixed(best.hypothesis) + 1
     assert best.hypothesis.numbers[0][-1] == pytest.approx(power, abs=3 * np.sqrt(solved.covariance[at, at]))
     assert best.log_evidence > ended[0].log_evidence
+
+
+SWUNG = swinging(np.linspace(0.0, 2 * np.pi, 400))
+SEEN = Range({"v": -0.1}, {"v": 0.1}, {"v": 0.0707}, SWUNG)
+"""What v = sin t / 10 has been."""
+
+
+@pytest.mark.parametrize("rate", [1.7, 1.8, 2.2, 2.3])
+@pytest.mark.parametrize("turn", [1, 2])
+def test_a_first_step_too_far_is_not_taken_for_noise(rate: float, turn: int) -> None:
+    """0.2 sin 2t is missing, and a fit begins at a tenth of its size and at another rate, less than a quarter turn off at the end:
+    the first step is too long, and if random forces were found along it they would be as large as the whole."""
+
+    def part(_: str, numbers: tuple[np.ndarray, ...], t: np.ndarray) -> np.ndarray:
+        return numbers[0] * np.sin(numbers[1] * t)
+
+    inference = inference_of(lambda t: 0.2 * np.sin(2 * t), part)
+    effect = Effect("swing", "tank", (Parameter("size", "", 0.2), Parameter("rate", "", 1.0, none=rate)), "", "")
+    start = inference.simulator.starts()[0]
+    begun = replace(with_effects(start, [effect]), numbers=(np.array([0.02, rate]),))
+    end = inference.fit([begun], [Forces()], 15, (turn,))[0]
+    sd = np.sqrt(np.diag(end.solved.covariance)[inference.fixed(start) :])
+    np.testing.assert_array_less(np.abs(end.hypothesis.numbers[0] + end.solved.shared[-2:] - [0.2, 2.0]), 4 * sd)
+
+
+@pytest.mark.parametrize("text", ["sign |v|^5", "tanh(v/0.003)", "beyond(v/0.06, 0.1 round)", "wave(12 y)"])
+def test_another_form_of_a_term_may_be_as_strong(text: str) -> None:
+    """What is usual is a force: by the fifth power a coefficient is 5,000 times that of v|v| along v = sin t / 10."""
+    states = State(SWUNG.v, SWUNG.r, 2 * SWUNG.v, *[0.0 * SWUNG.v] * 5)
+    seen = Range(SEEN.low, SEEN.high, SEEN.usual, states)
+    plain = effect_of("v|v|", "Y and N", (0.2, 0.05))
+    other = effect_like(plain, text, "Y and N", seen)
+    forces = [
+        [p.sd * height_of(text_of(e), "Y", states) for p in e.parameters if p.name[0] == channel]
+        for e in (plain, other)
+        for channel in "yn"
+    ]
+    np.testing.assert_allclose([one[0] for one in forces[2:]], [one[0] for one in forces[:2]])
+
+
+def test_a_step_in_a_power_leaves_the_force_where_it_is() -> None:
+    """The force at half the furthest drift changes as the straight step says, whatever becomes of the coefficient."""
+    effect = effect_of("sign |v|^2", "Y", (0.2,), SEEN.ends)
+    assert effect.moved is not None
+    numbers, step, half = np.array([3.0, 2.0]), np.array([0.5, 0.7]), 0.05
+    after = effect.moved(numbers, step)
+    straight = half**2 * (numbers[0] + step[0] + numbers[0] * np.log(half) * step[1])
+    assert after[1] == pytest.approx(2.7)
+    assert after[0] * half ** after[1] == pytest.approx(straight)
+    small = effect.moved(numbers, 1e-5 * step)
+    np.testing.assert_allclose(small, numbers + 1e-5 * step, rtol=1e-8)
+
+
+def test_a_threshold_is_found_where_a_fit_has_two_powers() -> None:
+    """What begins gently at v = 0.06 is missing, along v = sin t / 10; v|v| and v^5 together are like it."""
+    inference = inference_of(lambda t: 0.4 * begins(np.sin(t) / 0.6, 0.1), of_a_term)
+    effects = tuple(effect_of(text, "Y", (0.2 / 0.1**power,), SEEN.ends) for text, power in (("v|v|", 2), ("v^5", 5)))
+    pair = [Start(effects, with_effects(inference.simulator.starts()[0], effects), Forces(), -11.7, 0.0)]
+    pair, ended = fits(inference, pair)
+    looked = otherwise(inference, pair, ended, SEEN, -5.9)
+    alone = [one for one in looked if len(one.effects) == 1]
+    assert all(one.log_prior == -5.9 for one in alone)
+    starts, ends = fits(inference, alone)
+    best = max(range(len(ends)), key=lambda k: ends[k].log_evidence)
+    assert text_of(starts[best].effects[0]).startswith("beyond(v/")
+    assert ends[best].hypothesis.numbers[0][1] == pytest.approx(0.06, rel=0.15)
+    assert ends[best].log_evidence - 5.9 > ended[0].log_evidence - 11.7
 
 
 def tried(text: str, evidence: float, acts: str = "Y") -> Candidate:

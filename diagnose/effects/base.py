@@ -297,6 +297,7 @@ class Effect:
     members : names of the numbers that each member of it has, all as likely (``effects.members``); empty: all its numbers
     needs : (run) -> why it cannot be judged with this run, or ""
     reach : (variable of the dimensionless state, smallest, largest value) that it was found in; empty: it is physics, not a find
+    moved : (numbers, step) -> numbers after a step of a fit, their sum to the first order; None: that sum
     """
 
     name: str
@@ -335,6 +336,7 @@ class Effect:
     needs: Callable[[Any], str] = field(default=lambda _: "")
     title: str = ""
     reach: tuple[tuple[str, float, float], ...] = ()
+    moved: Callable[[Array, Array], Array] | None = None
 
     @property
     def late(self) -> Late | None:

@@ -14,11 +14,12 @@ from ..inference.evidence import Fitted, Inference
 from ..inference.ranking import Candidate
 from .choose import Start, begun
 from .field import is_field
-from .functions import AT, NUMBER, POWER, WIDE, Range, State, family, freed_text, term, written
-from .grammar import waves_and_bumps
+from .functions import AT, NUMBER, POWER, ROUND, WIDE, Range, State, family, freed_text, term, written
+from .grammar import ELSEWHERE, forms_alone, waves_and_bumps
 from .table import Choice, Table
 from .terms import (
     ACTS,
+    APART,
     HEEL,
     coefficients_of,
     effect_like,
@@ -33,8 +34,6 @@ Form = frozenset[tuple[str, str]]
 """Terms without the numbers inside, each with where it acts."""
 SIMPLER = 2
 """Of so many of the best laws everything simpler is fitted, too."""
-ELSEWHERE = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 1.7, 3.0)
-"""Where a term may saturate or begin, in usual sizes of its variable: looked at anew along a fitted law's own path."""
 POWERS, SAME_POWER = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0, 3.5, 4.0, 5.0), 0.12
 """Of a variable, looked at as well; within so much of a fitted one they are the same."""
 POWER_COSTS = 3.0
@@ -43,6 +42,9 @@ ALONG, AS_WIDE = (-1.6, -1.2, -0.8, -0.4, 0.0, 0.4, 0.8, 1.2, 1.6), (0.3, 0.5, 0
 """Where a bump may be, and how wide, in usual sizes of its variable: looked at as well."""
 OTHER_NUMBERS = (0.5, 0.6, 0.72, 0.85, 1.18, 1.4, 1.65, 2.0)
 """Of waves, by what was fitted."""
+OTHERWISE_NEAR = 25.0
+"""Other forms are fitted unless the best of them promises so much more log evidence: one step along the path of another form says
+little of what begins somewhere."""
 MOVED, RESTARTED = 1.4, 2
 """A place counts as another one from this factor on; so many of them are fitted for each term. Choices."""
 ENDED_NEAR = 9.0
@@ -113,20 +115,94 @@ def elsewhere(inference: Inference, starts: Sequence[Start], fitted: Sequence[Fi
             if not (moved := own_form + other_form):
                 continue
             others = [*parts[:k], *parts[k + 1 :]]
-            beside = [_at(e, inside_of(e, n)) for e, n in others]
-            rolls = [*[roll_of(effect, numbers)] * len(moved), *(roll_of(e, n) for e, n in others)]
-            shapes = [shapes_from(e, roll) for e, roll in zip((*moved, *beside), rolls, strict=True)]
-            along = replace(end.hypothesis, effects=(), numbers=())
-            table = Table(inference, along, [*moved, *beside], end.forces, shapes)
-            rest = [len(moved) + j for j in range(len(beside))]
-            choices = [_chosen(table, [j, *rest]) for j in range(len(moved))]
-            scores, forces = table.scores(choices)
+            roll = roll_of(effect, numbers)
+            scores, begin = _looked_at(inference, end, moved, roll, others, start.log_prior, seen)
             order, first = np.argsort(-scores), len(own_form)
-            for j in [*order[order < first][:RESTARTED].tolist(), *order[order >= first][:1].tolist()]:
-                h, solved = table.solved(choices[j], forces[j])
-                own = [shapes[j], *shapes[len(moved) :]]
-                found.append(begun(h, [moved[j], *beside], solved, own, forces[j], start.log_prior, float(scores[j])))
+            found += [begin(j) for j in [*order[order < first][:RESTARTED], *order[order >= first][:1]]]
     return found
+
+
+def otherwise(
+    inference: Inference, starts: Sequence[Start], fitted: Sequence[Fitted], seen: Range, single: float
+) -> list[Start]:
+    """The best laws with what goes with drift or yaw rate alone in its other forms, and one term instead of two of one variable.
+
+    A threshold that begins far out is like a high power, and two powers together are like what is one term of another form: where a
+    fit has one of them, all the others are looked at along its path, at many places and with many powers.
+
+    Parameters
+    ----------
+    inference, starts, fitted : of ``fits``
+    seen : of the runs
+    single : log prior of one term
+    """
+    found: list[Start] = []
+    known = {_form_of(s.effects) for s in starts}
+    for start, end in _best(starts, fitted):
+        parts = list(zip(end.hypothesis.effects, end.hypothesis.numbers, strict=True))
+        variables = [term(text_of(e)).variables for e, _ in parts]
+        ways = [(parts[k], [*parts[:k], *parts[k + 1 :]], start.log_prior) for k in range(len(parts))]
+        if len(parts) > 1 and variables[0] == variables[1] and (acts := _together([e for e, _ in parts])) is not None:
+            ways.append(((effect_like(parts[0][0], text_of(parts[0][0]), acts), parts[0][1]), [], single))
+        for (effect, numbers), others, prior in ways:
+            one = term(text_of(effect))
+            if one.variables not in (("v",), ("r",)) or one.lag_s:
+                continue
+            forms = [effect_like(effect, text, effect.variant, seen) for text in forms_alone(seen, one.variables[0])]
+            scores, begin = _looked_at(inference, end, forms, roll_of(effect, numbers), others, prior, seen)
+            for j in np.argsort(-scores):
+                form = _form_of([forms[j], *(e for e, _ in others)])
+                if scores[j] >= scores.max() - OTHERWISE_NEAR and form not in known:
+                    known.add(form)
+                    found.append(begin(j))
+    return found
+
+
+def _together(effects: Sequence[Effect]) -> str | None:
+    """Where one term would act instead of these; None: one of them acts apart from the other."""
+    acts = {effect.variant for effect in effects}
+    if len(acts) == 1:
+        return acts.pop()
+    return None if acts & set(APART) else "Y and N"
+
+
+def _looked_at(
+    inference: Inference,
+    end: Fitted,
+    moved: Sequence[Effect],
+    roll: Array,
+    others: Sequence[tuple[Effect, Array]],
+    prior: float,
+    seen: Range,
+) -> tuple[Array, Callable[[int], Start]]:
+    """Each of these terms instead of one, beside a law's others, after one step along the law's own path: log evidence of each, and
+    where a fit of it begins.
+
+    Parameters
+    ----------
+    inference : of the diagnosis
+    end : the law's fit
+    moved : terms
+    roll : of what they heel
+    others : the law's other terms with their numbers
+    prior : log prior of the new laws
+    seen : of the runs
+    """
+    beside = [_at(e, inside_of(e, n), seen) for e, n in others]
+    rolls = [*[roll] * len(moved), *(roll_of(e, n) for e, n in others)]
+    shapes = [shapes_from(e, one) for e, one in zip((*moved, *beside), rolls, strict=True)]
+    along = replace(end.hypothesis, effects=(), numbers=())
+    table = Table(inference, along, [*moved, *beside], end.forces, shapes)
+    rest = [len(moved) + j for j in range(len(beside))]
+    choices = [_chosen(table, [j, *rest]) for j in range(len(moved))]
+    scores, forces = table.scores(choices)
+
+    def begin(j: int) -> Start:
+        h, solved = table.solved(choices[j], forces[j])
+        own = [shapes[j], *shapes[len(moved) :]]
+        return begun(h, [moved[j], *beside], solved, own, forces[j], prior, float(scores[j]))
+
+    return scores, begin
 
 
 def _moved(effect: Effect, numbers: Array, seen: Range) -> list[Effect]:
@@ -138,18 +214,21 @@ def _moved(effect: Effect, numbers: Array, seen: Range) -> list[Effect]:
     here = np.array([shape.value for shape in free.shapes]) if free.text != text_of(effect) else inside
     if names == [AT]:
         places = (share * seen.usual[free.variables[0]] for share in ELSEWHERE)
-        return [_at(effect, [x]) for x in places if not 1 / MOVED < x / abs(here[0]) < MOVED]
+        return [_at(effect, [x], seen) for x in places if not 1 / MOVED < x / abs(here[0]) < MOVED]
+    if names == [AT, ROUND]:
+        places = (share * seen.usual[free.variables[0]] for share in ELSEWHERE)
+        return [_at(effect, [x, here[1]], seen) for x in places if not 1 / MOVED < x / abs(here[0]) < MOVED]
     if names == [AT, WIDE]:
         usual = seen.usual[free.variables[0]]
-        return [_at(effect, [x * usual, wide * usual]) for x in ALONG for wide in AS_WIDE]
+        return [_at(effect, [x * usual, wide * usual], seen) for x in ALONG for wide in AS_WIDE]
     if names == [NUMBER]:
-        return [_at(effect, [x * here[0]]) for x in OTHER_NUMBERS]
+        return [_at(effect, [x * here[0]], seen) for x in OTHER_NUMBERS]
     if POWER not in names:
         return []
     at = names.index(POWER)
     powers = [p for p in POWERS if free.text != text or abs(p - here[at]) > SAME_POWER]
     texts = [written(free.text, [*here[:at], p, *here[at + 1 :]]) for p in powers]
-    return [effect_like(effect, one, effect.variant) for one in texts]
+    return [effect_like(effect, one, effect.variant, seen) for one in texts]
 
 
 def _in_another_form(effect: Effect, seen: Range) -> list[Effect]:
@@ -159,7 +238,7 @@ def _in_another_form(effect: Effect, seen: Range) -> list[Effect]:
         return []
     own = family(one.text)
     texts = [text for text in waves_and_bumps(seen, one.variables[0]) if family(text) != own]
-    return [effect_like(effect, text, effect.variant) for text in texts]
+    return [effect_like(effect, text, effect.variant, seen) for text in texts]
 
 
 def _chosen(table: Table, members: Sequence[int]) -> Choice:
@@ -171,9 +250,9 @@ def _chosen(table: Table, members: Sequence[int]) -> Choice:
     return Choice(tuple(members), tuple(columns), sum(table.effects[m].cost for m in members))
 
 
-def _at(effect: Effect, shapes: Sequence[float] | Array) -> Effect:
+def _at(effect: Effect, shapes: Sequence[float] | Array, seen: Range) -> Effect:
     """A term's effect that begins with other numbers inside."""
-    return effect_like(effect, written(text_of(effect), shapes), effect.variant)
+    return effect_like(effect, written(text_of(effect), shapes), effect.variant, seen)
 
 
 def simpler(starts: Sequence[Start], fitted: Sequence[Fitted], single: float) -> list[Start]:
@@ -207,15 +286,16 @@ def simpler(starts: Sequence[Start], fitted: Sequence[Fitted], single: float) ->
     return found
 
 
-def ended(starts: Sequence[Start], fitted: Sequence[Fitted]) -> list[Start]:
+def ended(starts: Sequence[Start], fitted: Sequence[Fitted], seen: Range) -> list[Start]:
     """The best of each form near the best of all, from where its fit has ended.
 
-    What is usual for a number inside a term is told by where its fit began. A law that began at its own optimum would be held
-    against others that pay for the way to theirs.
+    What is usual for a number inside a term is told by where its fit began, and so is a usual coefficient. A law that began at its
+    own optimum would be held against others that pay for the way to theirs.
 
     Parameters
     ----------
     starts, fitted : of ``fits``
+    seen : of the runs
     """
     weights = [end.worth + start.log_prior for start, end in zip(starts, fitted, strict=True)]
     best: dict[Form, int] = {}
@@ -228,7 +308,7 @@ def ended(starts: Sequence[Start], fitted: Sequence[Fitted]) -> list[Start]:
         parts = list(zip(end.hypothesis.effects, end.hypothesis.numbers, strict=True))
         if any(is_field(e) for e, _ in parts) or not any(len(inside_of(e, n)) for e, n in parts):
             continue
-        effects = tuple(_at(e, inside_of(e, n)) for e, n in parts)
+        effects = tuple(_at(e, inside_of(e, n), seen) for e, n in parts)
         h = replace(end.hypothesis, effects=effects)
         found.append(Start(effects, h, end.forces, starts[k].log_prior, end.log_evidence))
     return found
@@ -304,4 +384,4 @@ def force_of(effects: Sequence[Effect], numbers: Sequence[Array], states: State)
     return np.sum(parts, axis=0)
 
 
-__all__ = ["distinct", "elsewhere", "ended", "fits", "force_of", "simpler"]
+__all__ = ["distinct", "elsewhere", "ended", "fits", "force_of", "otherwise", "simpler"]

@@ -25,6 +25,8 @@ POWER = "power"
 """Name of a power that is fitted."""
 AT = "at"
 """Name of the one number of what saturates or begins somewhere."""
+ROUND = "round"
+"""Name of how gently it begins."""
 WALL = 0.9
 """Of the way to the wall: what grows towards it grows no more beyond."""
 
@@ -62,11 +64,13 @@ class Range:
     ----------
     low, high : variable -> smallest and largest value
     usual : variable -> root mean square
+    states : all of them; None: not known
     """
 
     low: dict[str, float]
     high: dict[str, float]
     usual: dict[str, float]
+    states: State | None = None
 
     @property
     def ends(self) -> dict[str, tuple[float, float]]:
@@ -74,6 +78,8 @@ class Range:
         return {name: (low, self.high[name]) for name, low in self.low.items()}
 
 
+ROUNDED = (0.01, 0.5)
+"""A threshold that begins less gently is sharp, and one that begins more gently is none."""
 DRY = 0.05
 """Of a variable's usual size: dry friction has turned over."""
 
@@ -88,12 +94,14 @@ class Shape:
     value : where a fit of it begins
     sd : prior standard deviation about that
     unit : SI; empty: a plain number
+    of : the variable whose power it is; empty: it is none
     """
 
     name: str
     value: float
     sd: float
     unit: str = ""
+    of: str = ""
 
 
 @dataclass(frozen=True)
@@ -173,6 +181,17 @@ def beyond(x: Any) -> Any:
     return np.sign(x) * np.maximum(np.abs(x) - 1.0, 0.0)
 
 
+def begins(x: Any, rounded: Any) -> Any:
+    """Nothing to about +-1, then as x does: a threshold that begins gently, sharp where ``rounded`` is 0.
+
+    Parameters
+    ----------
+    x : by where it begins
+    rounded : by that, too; a tenth: over some four tenths about it
+    """
+    return np.sign(x) * rounded * np.logaddexp(0.0, (np.abs(x) - 1.0) / rounded)
+
+
 def _walls(y: Any, power: int) -> Any:
     y = np.clip(y, -WALL, WALL)
     return (1 - y) ** -power - (1 + y) ** -power
@@ -227,6 +246,7 @@ _LEAST = 1e-6
 """Of a variable whose power is taken: the slope of a power below 1 has no end at 0."""
 _POWER = re.compile(r"(sign )?\|(v|r|y|beta|alpha)\|\^([0-9.]+)")
 _SCALED = re.compile(r"(tanh|beyond)\((v|r|y|beta|turn|alpha)/([0-9.e-]+)\)")
+_ROUNDED = re.compile(r"beyond\((v|r|y|beta|turn|alpha)/([0-9.e-]+), ([0-9.e-]+) round\)")
 _WAVE = re.compile(r"wave\(([0-9.]+) (y|beta|time)\)")
 _BUMP = re.compile(r"bump\((y|beta|time) at (-?[0-9.e-]+), ([0-9.e-]+) wide\)")
 _STATION = re.compile(r"\(v\+(-?[0-9.]+) r\)\|v\+-?[0-9.]+ r\|")
@@ -240,10 +260,11 @@ def term(text: str) -> Term:
     """A term by its text.
 
     ``sign |v|^1.7`` is an odd power, ``|v|^1.7`` an even one; ``tanh(v/0.05)`` saturates, ``beyond(v/0.05)`` begins at 0.05 and
-    then grows as v does; ``wave(12 y)`` is a sine and a cosine of 12 y, ``bump(y at 0.1, 0.05 wide)`` is at one place;
-    ``(v+0.3 r)|v+0.3 r|`` is the drag of the section at 0.3 L, ``sign |v+0.3 r|^1.7`` with another power; ``v |y|^1.5`` and
-    ``sign |v|^1.5 |r|^1.2`` are products (the sign is the first one's); ``v(t-2 s)`` is the drift two seconds before, by
-    a first-order lag, less the drift now. The numbers in it are where a fit begins.
+    then grows as v does, ``beyond(v/0.05, 0.1 round)`` gently; ``wave(12 y)`` is a sine and a cosine of 12 y,
+    ``bump(y at 0.1, 0.05 wide)`` is at one place; ``(v+0.3 r)|v+0.3 r|`` is the drag of the section at 0.3 L,
+    ``sign |v+0.3 r|^1.7`` with another power; ``v |y|^1.5`` and ``sign |v|^1.5 |r|^1.2`` are products (the sign is the first
+    one's); ``v(t-2 s)`` is the drift two seconds before, by a first-order lag, less the drift now. The numbers in it are where a
+    fit begins.
 
     Parameters
     ----------
@@ -264,6 +285,7 @@ def term(text: str) -> Term:
     for pattern, made in (
         (_POWER, _power),
         (_SCALED, _scaled),
+        (_ROUNDED, _rounded),
         (_WAVE, _wave),
         (_BUMP, _bump),
         (_STATION, _station),
@@ -292,7 +314,7 @@ def _power(text: str, found: re.Match[str]) -> Term:
         return (np.sign(x) * size if odd else size,)
 
     form = f"{found[1] or ''}|{found[2]}|^{{:.4g}}"
-    return Term(text, (found[2],), 3, basis, (Shape(POWER, float(found[3]), 0.7),), form=form)
+    return Term(text, (found[2],), 3, basis, (Shape(POWER, float(found[3]), 0.7, of=found[2]),), form=form)
 
 
 def _scaled(text: str, found: re.Match[str]) -> Term:
@@ -304,6 +326,16 @@ def _scaled(text: str, found: re.Match[str]) -> Term:
 
     form = f"{found[1]}({found[2]}/{{:.4g}})"
     return Term(text, (found[2],), 3, basis, (Shape(AT, scale, 0.5 * scale),), form=form)
+
+
+def _rounded(text: str, found: re.Match[str]) -> Term:
+    of, scale, soft = attrgetter(found[1]), float(found[2]), float(found[3])
+
+    def basis(s: State, at: Any, rounded: Any) -> tuple[Any]:
+        return (begins(of(s) / np.maximum(at, 0.05 * scale), np.clip(np.abs(rounded), *ROUNDED)),)
+
+    shapes = (Shape(AT, scale, 0.5 * scale), Shape(ROUND, soft, 0.7 * soft))
+    return Term(text, (found[1],), 4, basis, shapes, form=f"beyond({found[1]}/{{:.4g}}, {{:.4g}} round)")
 
 
 def _wave(text: str, found: re.Match[str]) -> Term:
@@ -347,7 +379,7 @@ def _across(text: str, found: re.Match[str]) -> Term:
         across = s.v + x * s.r
         return (np.sign(across) * _size(across, power),)
 
-    shapes = (Shape("x", float(found[1]), 0.3), Shape(POWER, float(found[2]), 0.7))
+    shapes = (Shape("x", float(found[1]), 0.3), Shape(POWER, float(found[2]), 0.7, of="v"))
     return Term(text, ("v", "r"), 5, basis, shapes, form="sign |v+{:.4g} r|^{:.4g}")
 
 
@@ -356,7 +388,12 @@ def _times(text: str, found: re.Match[str]) -> Term:
     form = f"{found[1]} |{found[2]}|^{{:.4g}}"
     variables = tuple(dict.fromkeys((found[1], found[2])))
     return Term(
-        text, variables, 4, lambda s, p: (of(s) * _size(by(s), p),), (Shape(POWER, float(found[3]), 0.7),), form=form
+        text,
+        variables,
+        4,
+        lambda s, p: (of(s) * _size(by(s), p),),
+        (Shape(POWER, float(found[3]), 0.7, of=found[2]),),
+        form=form,
     )
 
 
@@ -366,7 +403,7 @@ def _both(text: str, found: re.Match[str]) -> Term:
     def basis(s: State, power: Any, other: Any) -> tuple[Any]:
         return (np.sign(of(s)) * _size(of(s), power) * _size(by(s), other),)
 
-    shapes = (Shape(POWER, float(found[2]), 0.7), Shape("other", float(found[4]), 0.7))
+    shapes = (Shape(POWER, float(found[2]), 0.7, of=found[1]), Shape("other", float(found[4]), 0.7, of=found[3]))
     form = f"sign |{found[1]}|^{{:.4g}} |{found[3]}|^{{:.4g}}"
     return Term(text, tuple(dict.fromkeys((found[1], found[3]))), 5, basis, shapes, form=form)
 
@@ -392,7 +429,7 @@ def written(text: str, shapes: Sequence[float] | Array) -> str:
     if not len(shapes):
         return text
     found = term(text)
-    told = (abs(x) if shape.name == WIDE else x for shape, x in zip(found.shapes, shapes, strict=True))
+    told = (abs(x) if shape.name in (WIDE, ROUND) else x for shape, x in zip(found.shapes, shapes, strict=True))
     return found.form.format(*told)
 
 
@@ -446,6 +483,6 @@ def family(text: str) -> str:
 
 
 __all__ = [
-    "AT", "DRY", "NUMBER", "PLAIN", "POWER", "WIDE", "Range", "Shape", "State", "Term", "beyond", "dimensionless", "family",
-    "freed_text", "term", "written",
+    "AT", "DRY", "NUMBER", "PLAIN", "POWER", "ROUND", "WIDE", "Range", "Shape", "State", "Term", "begins", "beyond",
+    "dimensionless", "family", "freed_text", "term", "written",
 ]  # fmt: skip

@@ -11,12 +11,20 @@ ODD, EVEN = (0.5, 1.5, 2.5, 4.0), (1.5, 3.0)
 """Powers that stand beside the usual ones."""
 SATURATES, BEGINS = (DRY, 0.15, 0.5, 1.5), (0.7, 1.3, 2.0)
 """At which share of a variable's usual size."""
+GENTLY = 0.15
+"""A threshold begins so gently at first, by where it begins: a fit finds how gently."""
 WAVES = (3.5, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0)
 """Waves across half a tank, rad; a fit finds the number between them."""
 HEADINGS = (6.0, 9.0, 13.0, 19.0, 28.0)
 """Waves in a radian of heading, rad."""
 PLACES, WIDE = (-1.2, -0.5, 0.0, 0.5, 1.2), (0.3, 0.7)
 """Where a bump may be, in usual sizes of its variable, and how wide."""
+ELSEWHERE = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 1.7, 3.0)
+"""Where a term may saturate or begin, in usual sizes of its variable: looked at anew along a fitted law's own path."""
+FURTHER = (4.0, 5.0)
+"""... and there, where the runs have been further."""
+ALL_ODD, ALL_EVEN = (0.5, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0)
+"""Powers of drift or yaw rate that are looked at along a law's own path."""
 STATIONS = (-0.4, -0.2, 0.2, 0.4)
 """Sections by whose own drift a force may go, in lengths ahead of midship."""
 LAGS_S = (0.5, 1.5, 4.0)
@@ -67,6 +75,31 @@ def waves_and_bumps(seen: Range, x: str) -> list[str]:
     return waves + [f"bump({x} at {place * usual:.3g}, {wide * usual:.3g} wide)" for place in PLACES for wide in WIDE]
 
 
+def forms_alone(seen: Range, x: str) -> list[str]:
+    """Everything that goes with drift or yaw rate alone, at many places and with many powers.
+
+    Parameters
+    ----------
+    seen : of the runs
+    x : "v" or "r"
+    """
+    furthest = max(abs(seen.low[x]), abs(seen.high[x]))
+    places = [share * seen.usual[x] for share in (*ELSEWHERE, *FURTHER) if share * seen.usual[x] < furthest]
+    texts = [f"sign |{x}|^{power:g}" for power in ALL_ODD] + [f"|{x}|^{power:g}" for power in ALL_EVEN]
+    return texts + [f"tanh({x}/{place:.3g})" for place in places] + [beginning(x, place) for place in places]
+
+
+def beginning(x: str, at: float) -> str:
+    """A threshold where nothing is said of how gently it begins.
+
+    Parameters
+    ----------
+    x : a variable
+    at : where it begins
+    """
+    return f"beyond({x}/{at:.3g}, {GENTLY} round)"
+
+
 def _drifting(seen: Range) -> list[str]:
     """Powers, saturation and thresholds of drift and yaw rate, and of the drift of sections."""
     texts: list[str] = []
@@ -74,7 +107,7 @@ def _drifting(seen: Range) -> list[str]:
         usual = seen.usual[x]
         texts += [f"sign |{x}|^{power}" for power in ODD] + [f"|{x}|^{power}" for power in EVEN]
         texts += [f"tanh({x}/{share * usual:.2g})" for share in SATURATES]
-        texts += [f"beyond({x}/{share * usual:.2g})" for share in BEGINS]
+        texts += [beginning(x, share * usual) for share in BEGINS]
     for x in STATIONS:
         texts += [f"(v+{x} r)|v+{x} r|", f"sign |v+{x} r|^1.5", f"sign |v+{x} r|^3"]
     return texts
@@ -103,4 +136,4 @@ def resistances(seen: Range) -> list[Term]:
     return [term(text) for text in texts]
 
 
-__all__ = ["grammar", "heels", "resistances", "waves_and_bumps"]
+__all__ = ["ELSEWHERE", "beginning", "forms_alone", "grammar", "heels", "resistances", "waves_and_bumps"]

@@ -21,12 +21,12 @@ from ..inference.hypothesis import Hypothesis
 from ..inference.ranking import Candidate, Ranking
 from ..tow.towed import TowSimulator
 from .answer import Searched, answered
-from .around import distinct, elsewhere, ended, fits, simpler
+from .around import distinct, elsewhere, ended, fits, otherwise, simpler
 from .choose import ARM, LawTable, Start, chosen, fields_of, free_path, priors
 from .field import is_term
 from .functions import Range, State, Term, dimensionless
 from .grammar import grammar, heels, resistances
-from .terms import AHEAD, APART, HEEL, effect_like, effect_of, roll_of, values_of, written_of
+from .terms import AHEAD, APART, HEEL, effect_like, effect_of, height_of, roll_of, written_of
 
 SIDE_SHARE = 0.1
 """Usual force of a missing term: this share of the line's pull; sizes down to a thirtieth are as likely (``Effect.sizes``)."""
@@ -64,6 +64,7 @@ def seen_by(simulator: TowSimulator) -> tuple[State, Range]:
         {n: float(x.min()) for n, x in moved.items()},
         {n: float(x.max()) for n, x in moved.items()},
         {n: float(np.sqrt(np.mean(x**2))) for n, x in moved.items()},
+        State(**every),
     )
     return State(**every), seen
 
@@ -92,19 +93,12 @@ def law_effects(size: float, states: State, seen: Range, terms: Sequence[Term], 
     """
     found = []
     for one in terms:
-        numbers = [1.0] * one.functions + [shape.value for shape in one.shapes]
-        # what a resistance always has is the straight tow's
-        spread = np.std if acts == AHEAD else _root_mean_square
-        height = float(spread(values_of(one.text, "Y", numbers, states)[0]))
+        height = height_of(one.text, acts, states)
         # a lag's term is as large as a part of the velocity
         height = height if height > 0 else 0.3 * seen.usual[one.variables[0]]
         sd = size / max(height, 1e-9)
         found.append(effect_of(one.text, acts, (sd, ARM * sd, AHEAD_SHARE / SIDE_SHARE * sd, sd), seen.ends))
     return found
-
-
-def _root_mean_square(x: Array) -> float:
-    return float(np.sqrt(np.mean(x**2)))
 
 
 def searched(
@@ -154,11 +148,12 @@ def searched(
             fit.all("at another place, with another power", elsewhere(inference, fit.starts, fit.fitted, seen))
     if (best := fit.best_law) is not None and best.worth > base.log_evidence + ROOM:
         # along its own path a second term is seen that another path's errors hide
-        own = [_in_both(e, n) for e, n in zip(best.hypothesis.effects, best.hypothesis.numbers, strict=True)]
+        own = [_in_both(e, n, seen) for e, n in zip(best.hypothesis.effects, best.hypothesis.numbers, strict=True)]
         beside = LawTable(inference, best, base, [*effects, *own], [], _roll_of(best.hypothesis))
         fit.all("beside the best law", fit.new(chosen(beside, single, pair)))
+    fit.all("in other forms", otherwise(inference, fit.starts, fit.fitted, seen, single))
     fit.all("simpler", simpler(fit.starts, fit.fitted, single))
-    fit.all("from where they ended", ended(fit.starts, fit.fitted))
+    fit.all("from where they ended", ended(fit.starts, fit.fitted, seen))
     forms = distinct([
         Candidate(s.effects, f, f.worth - base.log_evidence, s.log_prior)
         for s, f in zip(fit.starts, fit.fitted, strict=True)
@@ -279,9 +274,10 @@ def _roll_of(h: Hypothesis) -> Array | None:
     return next(heels, None)
 
 
-def _in_both(effect: Effect, numbers: Array) -> Effect:
+def _in_both(effect: Effect, numbers: Array, seen: Range) -> Effect:
     """A law's effect that begins where it was fitted; what acts in a side force or a moment, in both."""
-    return effect_like(effect, written_of(effect, numbers), effect.variant if effect.variant in APART else "Y and N")
+    acts = effect.variant if effect.variant in APART else "Y and N"
+    return effect_like(effect, written_of(effect, numbers), acts, seen)
 
 
 def _has_path(fitted: Fitted) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from ...record.errors import TowlineError
 from ...simulate.model import GRAVITY_M_S2, Array
 from ..effects import Effect, Parameter, Seen, Situation, rolled
-from .functions import Shape, State, Term, dimensionless, family, term, written
+from .functions import Range, Shape, State, Term, dimensionless, family, term, written
 
 NAME = "law"
 """First word of the name of a law's effect; its term follows."""
@@ -30,6 +30,8 @@ APART = (AHEAD, HEEL)
 ROLLS = (Shape("period_s", 1.2, 0.4, "s"), Shape("damping", 0.15, 0.07), Shape("turn_rad_m", 0.0, 0.3, "rad/m"))
 """Numbers of a model that heels, behind those inside the term: its own roll's period and damping, and by how much marks of unlike
 height turn the heading for each metre that they sway."""
+FORM = 0.03
+"""Share of what a law explains that its own form may leave over, as of the library's effects: no equation is the hull's own."""
 ACTING = {"Y": "force", "N": "force", "Y and N": "force", AHEAD: "resistance", HEEL: "heel"}
 """Where a term acts -> what it is, in a word."""
 STAGE = {"N": "yaw", AHEAD: "line", HEEL: "camera"}
@@ -182,6 +184,18 @@ def effect_of(
         own, roll = numbers[: -len(ROLLS)], numbers[-len(ROLLS) :]
         return heeled(seen, _coefficients(found, channels, own, state_seen(seen))["k"], *roll)
 
+    half = {name: max(abs(low), abs(high)) / 2 for name, (low, high) in (reach or {}).items()}
+    logs = np.array([np.log(half.get(shape.of, 0.0) or 1.0) for shape in found.shapes])
+    coefficients = count * len(channels)
+
+    def moved(numbers: Array, step: Array) -> Array:
+        """The force at half the furthest goes along the step, and not the coefficient, which another power makes another by powers
+        of ten."""
+        after = numbers + step
+        by = float(logs @ step[coefficients : coefficients + len(logs)])
+        after[:coefficients] = (after[:coefficients] + by * numbers[:coefficients]) * np.exp(-by)
+        return after
+
     names = [f"{channel}{k + 1}" if count > 1 else channel for channel in channels for k in range(count)]
     shapes = (*found.shapes, *_shapes_at(acts))
     return Effect(
@@ -202,10 +216,11 @@ def effect_of(
         remembers=acts == HEEL,
         lag_s=found.lag_s,
         variant=acts,
-        form=0.0,
+        form=FORM,
         cost=float(np.log(2.0)) * found.parts,
         title=f"a {ACTING[acts]} that goes with {text}",
         reach=tuple((name, reach[name][0], reach[name][1]) for name in found.variables if reach and name in reach),
+        moved=moved if logs.any() else None,
     )
 
 
@@ -231,17 +246,37 @@ def family_of(effect: Effect) -> str:
     return f"{effect.variant} {own}" if effect.variant in APART else own
 
 
-def effect_like(effect: Effect, text: str, acts: str) -> Effect:
-    """A law's effect of another text, or that acts elsewhere, of the same usual sizes and reach.
+def effect_like(effect: Effect, text: str, acts: str, seen: Range | None = None) -> Effect:
+    """A law's effect of another text, or that acts elsewhere, of the same usual force (heel) and reach.
 
     Parameters
     ----------
     effect : of ``effect_of``
     text, acts : as ``effect_of`` takes them
+    seen : of the runs: a usual coefficient is another one by another power; None: it is taken as it is
     """
-    by = {p.name[0]: p.sd for p in coefficients_of(effect)}
+    old, height = text_of(effect), 1.0
+    if seen is not None and seen.states is not None and text != old:
+        heights = [height_of(one, where, seen.states) for one, where in ((old, effect.variant), (text, acts))]
+        height = heights[0] / heights[1] if min(heights) > 0 else 1.0
+    by = {p.name[0]: height * p.sd for p in coefficients_of(effect)}
     some = next(iter(by.values()))  # where it does not act: as where it does
     return effect_of(text, acts, [by.get(channel, some) for channel in "ynxk"], {n: (a, b) for n, a, b in effect.reach})
+
+
+def height_of(text: str, acts: str, states: State) -> float:
+    """How large a term is in states, its coefficients 1: its root mean square; of one with a lag 0.
+
+    Parameters
+    ----------
+    text, acts : as ``effect_of`` takes them
+    states : (n,) of the runs
+    """
+    one = term(text)
+    numbers = [1.0] * one.functions + [shape.value for shape in one.shapes]
+    value = values_of(text, "Y", numbers, states)[0]
+    # what a resistance always has is the straight tow's
+    return float(np.std(value) if acts == AHEAD else np.sqrt(np.mean(value**2)))
 
 
 def written_of(effect: Effect, numbers: Array) -> str:
@@ -313,6 +348,6 @@ def _coefficients(
 
 __all__ = [
     "ACTING", "ACTS", "AHEAD", "APART", "HEEL", "NAME", "ROLLS", "coefficients_of", "effect_like", "effect_of", "family_of",
-    "heeled", "inside_of", "parts_of", "roll_of", "shapes_from", "shapes_of", "state_of", "state_seen", "text_of", "values_of",
-    "whole", "written_of",
+    "heeled", "height_of", "inside_of", "parts_of", "roll_of", "shapes_from", "shapes_of", "state_of", "state_seen", "text_of",
+    "values_of", "whole", "written_of",
 ]  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from ..pipeline.executor.processes import in_parallel
 from ..record.errors import EstimationError
@@ -191,7 +191,7 @@ def fainter(case: Case, rng: np.random.Generator) -> Case:
     least = np.log(SOFTER / case.hull["stiffness_n_m"] / case.numbers.get(f"{effect}.compliance_m_n", HANGING_M_N))
     if least >= 0 or beyond(least) >= 0:
         return sized(min(least, 0.0))
-    return sized(brentq(beyond, least, 0.0, xtol=SIZE_TO))
+    return sized(root_scalar(beyond, bracket=(float(least), 0.0), xtol=SIZE_TO).root)
 
 
 def gentle(case: Case) -> Case:

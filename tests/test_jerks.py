@@ -410,3 +410,16 @@ def test_an_event_is_sought_beside_what_the_fit_explains_only_where_that_explain
     shown = shown_by(run, shown.radius_m + np.interp(frame_s, run.centre_s, bent), frame_s)
     block = shown.values[:, 2]
     assert abs(middle_of(told(bent)) - 15.2) < 0.3
+
+
+def test_an_event_that_runs_off_is_none_and_ends_no_search() -> None:
+    """A radius that goes up and down by a centimetre as slowly as a tow lasts, on a line that swings to 15 degrees and pulls a model
+    of which it takes little to go ahead: some steps of the fits to it run off beyond all numbers."""
+    t_s, swung_s = 0.0865 * np.arange(520) + 0.043, 0.173 * np.arange(269)
+    turn = 2 * np.pi * swung_s / 9.0
+    swinging = Swinging(
+        swung_s, -0.03 + 0.11 * np.sin(turn), -1.6 + 0.09 * np.sin(turn + 1), 0.98 + 0.018 * np.sin(turn + 1)
+    )
+    slow = 0.01 * np.sin(2 * np.pi * (t_s - 5) / 40) + np.random.default_rng(1).normal(0, SD_M, len(t_s))
+    (found,) = events([Radius(t_s, slow, SD_M, Straight(1.1, 0.053, 1.85, swinging))])
+    assert all(np.isfinite(event.gain) and np.isfinite(event.numbers).all() for event in found)

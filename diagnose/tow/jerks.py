@@ -47,6 +47,8 @@ SPREAD = np.array([np.inf, np.inf, np.inf, 0.5, 0.7, 0.7, 0.05])
 """... with these standard deviations."""
 TURNS, FIRST_TURNS = 15, 6
 """Steps of the fit, and of the one to means in which no bounce shows."""
+RUN_OFF_M = 100.0
+"""A model that an event carries further than this has run off: no number says by how much."""
 ENOUGH, STUCK = 1e-4, 1e4
 """A fit ends where a step gains less than this share of the squares that are left, or gains nothing however much it is damped."""
 LONGER, HELD = (1.25, 1.6, 2.0, 2.5), 0.02
@@ -225,7 +227,8 @@ def _missed(
     kinds = [p for own, x in zip(pushes, numbers, strict=True) for p in own for _ in range(x.shape[1])]
     tows = [r.tow for r, x in zip(radii, numbers, strict=True) for _ in range(x.shape[0] * x.shape[1])]
     # one integration of all: what a step costs hardly grows with how many go side by side
-    far = ahead_of(kinds, np.concatenate([x.reshape(-1, len(NUMBERS)) for x in numbers]), tows)
+    with np.errstate(over="ignore", invalid="ignore"):  # one that runs off
+        far = ahead_of(kinds, np.concatenate([x.reshape(-1, len(NUMBERS)) for x in numbers]), tows)
     whole = np.zeros((len(far), far.shape[1] + 1))
     np.cumsum(far, axis=1, out=whole[:, 1:])
     fine = STEP_S * np.arange(whole.shape[1])
@@ -239,7 +242,8 @@ def _missed(
             (np.interp(late - b, fine, w) - np.interp(early - b, fine, w)) * (STEP_S / step)
             for b, w in zip(flat[:, 0], sums, strict=True)
         ]
-        apart = np.nan_to_num(radius.ahead_m - np.array(rows))
+        there = np.clip(np.nan_to_num(np.array(rows), nan=RUN_OFF_M), -RUN_OFF_M, RUN_OFF_M)
+        apart = np.nan_to_num(radius.ahead_m - there)
         gaps = np.column_stack([apart / radius.sd_m, (np.repeat(usual, own.shape[1], axis=0) - flat) / known[1]])
         found.append(gaps.reshape(*own.shape[:2], -1))
     return found

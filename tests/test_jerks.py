@@ -413,8 +413,8 @@ def test_an_event_is_sought_beside_what_the_fit_explains_only_where_that_explain
 
 
 def test_an_event_that_runs_off_is_none_and_ends_no_search() -> None:
-    """A radius that goes up and down by a centimetre as slowly as a tow lasts, on a line that swings to 15 degrees and pulls a model
-    of which it takes little to go ahead: some steps of the fits to it run off beyond all numbers."""
+    """A radius that goes up and down by a centimetre as slowly as a tow lasts, on a line that swings to 15 degrees and pulls a
+    model of which it takes little to go ahead: some steps of the fits to it run off beyond all numbers."""
     t_s, swung_s = 0.0865 * np.arange(520) + 0.043, 0.173 * np.arange(269)
     turn = 2 * np.pi * swung_s / 9.0
     swinging = Swinging(

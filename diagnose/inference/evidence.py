@@ -161,11 +161,6 @@ def _settled(fitted: Fitted) -> bool:
     return abs(fitted.promised) < SETTLED
 
 
-def _worse(fitted: Fitted | None, old: Fitted | None) -> bool:
-    """Whether a step has led to less than there was, at the same random forces."""
-    return old is not None and (fitted is None or fitted.solved.here < old.solved.here)
-
-
 class Inference:
     """Fits hypotheses to one campaign.
 
@@ -402,19 +397,18 @@ class Inference:
                 problems = [(linear, None) for linear in self.linear([current[k] for k in going], closings)]
             for index, (linear, grams) in zip(tuple(going), problems, strict=True):
                 estimate = turn in noise_turns and turn < steps and not estimated[index]
-                fitted, old = self._one_fitted(linear, sizes[index], False, all_times, grams), answers[index]
-                if turn >= open_turns and not estimated[index]:
-                    estimate |= fitted is not None and _settled(fitted)
-                worse = estimate and turn > open_turns and _worse(fitted, old)
-                if estimate:
-                    # about a path that a bad step has made, random forces would be as large as its error, and hold the fit there
-                    about = old if worse else fitted
-                    if about is not None:
-                        fitted = self._one_fitted(about.linear, sizes[index], True, all_times, about.grams)
-                    estimated[index] = True
+                fitted, old = self._one_fitted(linear, sizes[index], estimate, all_times, grams), answers[index]
+                if (
+                    fitted is not None
+                    and turn >= open_turns
+                    and not (estimated[index] or estimate)
+                    and _settled(fitted)
+                ):
+                    estimate, fitted = True, self._one_fitted(linear, sizes[index], True, all_times, fitted.grams)
+                estimated[index] |= estimate
                 free = turn <= open_turns or estimate
-                if fitted is not None and (free or not _worse(fitted, old)):
-                    answers[index], shares[index] = fitted, SHORTER * shares[index] if worse else 1.0
+                if fitted is not None and (old is None or free or fitted.solved.here >= old.solved.here):
+                    answers[index], shares[index] = fitted, 1.0
                     sizes[index] = fitted.forces
                 else:
                     shares[index] *= SHORTER

@@ -50,7 +50,7 @@ MOVED, RESTARTED = 1.4, 2
 ENDED_NEAR = 9.0
 """Forms that are further below the best one are not fitted from where they ended: the way is seldom worth more."""
 STEPS, TURN = 5, 2
-"""Of a law's fit: steps, after which the random forces are estimated anew."""
+"""Of a law's fit: steps, and after how many of them the random forces are estimated anew."""
 AGAIN, REST = 3, 1.0
 """A fit is taken up again at most so often, while its next step promises more log evidence than this."""
 OTHER = {"Y": "N", "N": "Y"}
@@ -80,9 +80,14 @@ def fits(inference: Inference, starts: Sequence[Start]) -> tuple[list[Start], li
 
 
 def _begun(inference: Inference, starts: Sequence[Start]) -> list[tuple[Start, Fitted]]:
-    """First fits, all together; where one runs off, of each alone."""
+    """First fits, all together; where one runs off, of each alone.
+
+    Random forces are estimated along the best path of the first steps: about one that a bad step has made they would be as large
+    as its error, and hold the fit there.
+    """
     try:
-        ends = inference.fit([s.hypothesis for s in starts], [s.forces for s in starts], STEPS, (TURN,))
+        first = inference.fit([s.hypothesis for s in starts], [s.forces for s in starts], TURN, None)
+        ends = inference.fit([f.hypothesis for f in first], [f.forces for f in first], STEPS - TURN, (0,), begun=first)
     except EstimationError:
         return [] if len(starts) == 1 else [kept for start in starts for kept in _begun(inference, [start])]
     return list(zip(starts, ends, strict=True))

@@ -229,6 +229,7 @@ def _missed(
     # one integration of all: what a step costs hardly grows with how many go side by side
     with np.errstate(over="ignore", invalid="ignore"):  # one that runs off
         far = ahead_of(kinds, np.concatenate([x.reshape(-1, len(NUMBERS)) for x in numbers]), tows)
+    far = np.clip(np.nan_to_num(far, nan=RUN_OFF_M), -RUN_OFF_M, RUN_OFF_M)
     whole = np.zeros((len(far), far.shape[1] + 1))
     np.cumsum(far, axis=1, out=whole[:, 1:])
     fine = STEP_S * np.arange(whole.shape[1])
@@ -242,8 +243,7 @@ def _missed(
             (np.interp(late - b, fine, w) - np.interp(early - b, fine, w)) * (STEP_S / step)
             for b, w in zip(flat[:, 0], sums, strict=True)
         ]
-        there = np.clip(np.nan_to_num(np.array(rows), nan=RUN_OFF_M), -RUN_OFF_M, RUN_OFF_M)
-        apart = np.nan_to_num(radius.ahead_m - there)
+        apart = np.nan_to_num(radius.ahead_m - np.array(rows))
         gaps = np.column_stack([apart / radius.sd_m, (np.repeat(usual, own.shape[1], axis=0) - flat) / known[1]])
         found.append(gaps.reshape(*own.shape[:2], -1))
     return found

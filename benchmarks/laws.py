@@ -204,6 +204,12 @@ def _fault(answer: dict[str, Any]) -> bool:
     return bool(answer["effects"]) and answer["effects"] != ["law"]
 
 
+def _kept(path: Path) -> dict[str, dict[str, Any]]:
+    """Name -> answer, of a file that may not be there yet."""
+    answers = map(json.loads, path.read_text().splitlines()) if path.is_file() else ()
+    return {answer["name"]: answer for answer in answers}
+
+
 def main() -> None:
     """Draw, answer, print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -218,9 +224,7 @@ def main() -> None:
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     path = given.out / "answers.jsonl"
-    done = (
-        {json.loads(line)["name"]: json.loads(line) for line in path.read_text().splitlines()} if path.is_file() else {}
-    )
+    done = _kept(path)
     wanted = [(law_case, f"law-{k:03d}", k) for k in range(given.cases)]
     wanted += [(null_case, f"null-{k:03d}", NULLS_FROM + k) for k in range(given.nulls)]
     wanted += [(fault_case, f"fault-{k:03d}", FAULTS_FROM + k) for k in range(given.faults)]
@@ -241,8 +245,7 @@ def main() -> None:
         with path.open("a") as file:
             file.write(json.dumps(done[name]) + "\n")
         print(line_of(done[name]), flush=True)
-    whole = path.read_text().splitlines() if path.is_file() else []  # beside others that answer the other parts
-    done = {json.loads(line)["name"]: json.loads(line) for line in whole}
+    done = _kept(path)  # others may have answered the other parts
     print("\n".join(["", *summary([done[name] for _, name, _ in wanted if name in done])]))
 
 

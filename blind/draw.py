@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.optimize import root_scalar
@@ -175,23 +176,27 @@ def fainter(case: Case, rng: np.random.Generator) -> Case:
     low, high = FAINT_D if case.kind == "effect" else FAINT_OUTSIDE_D
     target = float(np.exp(rng.uniform(np.log(low), np.log(high))))
     keys = {f"{effect}.{name}" for name in STRENGTH[effect]}
+    if not keys:
+        return case
 
     def sized(log_by: float) -> Case:
         return replace(case, numbers=_scaled(case.numbers, keys, float(np.exp(log_by))))
 
+    @cache  # the search begins at both ends, which are known by then
     def beyond(log_by: float) -> float:
         made = sized(log_by)
         return float(np.log(max(distances_of(made, linear(made)).nearest, TINY_D) / target))
 
     over = beyond(0.0)
-    if not keys or over <= 0:
+    if over <= 0:
         return case
     if effect not in WHOLE:
         return sized(-over / 2)
-    least = np.log(SOFTER / case.hull["stiffness_n_m"] / case.numbers.get(f"{effect}.compliance_m_n", HANGING_M_N))
+    drawn_m_n = case.numbers.get(f"{effect}.compliance_m_n", HANGING_M_N)
+    least = float(np.log(SOFTER / case.hull["stiffness_n_m"] / drawn_m_n))
     if least >= 0 or beyond(least) >= 0:
         return sized(min(least, 0.0))
-    return sized(root_scalar(beyond, bracket=(float(least), 0.0), xtol=SIZE_TO).root)
+    return sized(root_scalar(beyond, bracket=(least, 0.0), xtol=SIZE_TO).root)
 
 
 def gentle(case: Case) -> Case:

@@ -217,12 +217,9 @@ def _moved(effect: Effect, numbers: Array, seen: Range) -> list[Effect]:
     free = term(freed_text(text) or text)
     names = [shape.name for shape in free.shapes]
     here = np.array([shape.value for shape in free.shapes]) if free.text != text_of(effect) else inside
-    if names == [AT]:
+    if names in ([AT], [AT, ROUND]):
         places = (share * seen.usual[free.variables[0]] for share in ELSEWHERE)
-        return [_at(effect, [x], seen) for x in places if not 1 / MOVED < x / abs(here[0]) < MOVED]
-    if names == [AT, ROUND]:
-        places = (share * seen.usual[free.variables[0]] for share in ELSEWHERE)
-        return [_at(effect, [x, here[1]], seen) for x in places if not 1 / MOVED < x / abs(here[0]) < MOVED]
+        return [_at(effect, [x, *here[1:]], seen) for x in places if not 1 / MOVED < x / abs(here[0]) < MOVED]
     if names == [AT, WIDE]:
         usual = seen.usual[free.variables[0]]
         return [_at(effect, [x * usual, wide * usual], seen) for x in ALONG for wide in AS_WIDE]

@@ -59,14 +59,15 @@ def seen_by(simulator: TowSimulator) -> tuple[State, Range]:
         )
         parts.append(replace(state, arm=state.arm + 0.0 * t_s))
     every = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(State)}
+    states = State(**every)
     moved = {name: x for name, x in every.items() if not name.endswith("_late") and name != "arm"}
     seen = Range(
         {n: float(x.min()) for n, x in moved.items()},
         {n: float(x.max()) for n, x in moved.items()},
         {n: float(np.sqrt(np.mean(x**2))) for n, x in moved.items()},
-        State(**every),
+        states,
     )
-    return State(**every), seen
+    return states, seen
 
 
 def usual_size(simulator: TowSimulator) -> float:

@@ -30,8 +30,6 @@ APART = (AHEAD, HEEL)
 ROLLS = (Shape("period_s", 1.2, 0.4, "s"), Shape("damping", 0.15, 0.07), Shape("turn_rad_m", 0.0, 0.3, "rad/m"))
 """Numbers of a model that heels, behind those inside the term: its own roll's period and damping, and by how much marks of unlike
 height turn the heading for each metre that they sway."""
-FORM = 0.03
-"""Share of what a law explains that its own form may leave over, as of the library's effects: no equation is the hull's own."""
 ACTING = {"Y": "force", "N": "force", "Y and N": "force", AHEAD: "resistance", HEEL: "heel"}
 """Where a term acts -> what it is, in a word."""
 STAGE = {"N": "yaw", AHEAD: "line", HEEL: "camera"}
@@ -216,7 +214,6 @@ def effect_of(
         remembers=acts == HEEL,
         lag_s=found.lag_s,
         variant=acts,
-        form=FORM,
         cost=float(np.log(2.0)) * found.parts,
         title=f"a {ACTING[acts]} that goes with {text}",
         reach=tuple((name, reach[name][0], reach[name][1]) for name in found.variables if reach and name in reach),

@@ -285,7 +285,8 @@ class Effect:
     shift : (*numbers) -> change of measured y, beta, line radius and marker distance when the fault is taken out of a run that came
         as motion, without pixels; None: such a run cannot show it
     remembers : what ``observe`` gives at one time depends on the motion before it
-    when : (run's name, (n,) s) -> (n,) share of that fault at work; None: always and in all runs
+    when : (run's name, (n,) s, *its ``timed`` last numbers) -> (n,) share of that fault at work; None: always and in all runs
+    timed : how many of its numbers, the last ones, are of ``when`` and not of ``correct``
     lag_s : time constant of ``v_lag``, ``r_lag``; where they swing, their period
     swings : damping of that swing, of the critical one; 0: they follow without swinging
     variant : tells effects of one name apart
@@ -323,7 +324,8 @@ class Effect:
     correct: Callable[..., tuple[Any, Any]] | None = None
     shift: Callable[..., tuple[Any, Any, Any, Any]] | None = None
     remembers: bool = False
-    when: Callable[[str, Array], Array] | None = None
+    when: Callable[..., Array] | None = None
+    timed: int = 0
     lag_s: float = 0.0
     swings: float = 0.0
     variant: str = ""

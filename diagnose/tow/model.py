@@ -88,17 +88,18 @@ class TowModel:
     def _correction(self, tow: TowRun, effect: Effect, numbers: Array) -> Array:
         """Change of the values (n, c) when the fault is taken out."""
         assert effect.correct is not None
-        share = None if effect.when is None else effect.when(tow.name, tow.centre_s)
+        sizes, times = np.split(numbers, [len(numbers) - effect.timed])
+        share = None if effect.when is None else effect.when(tow.name, tow.centre_s, *times)
         if share is not None and not share.any():
             return np.zeros_like(tow.values)
-        key = (tow.name, effect.correct, numbers.tobytes())
+        key = (tow.name, effect.correct, sizes.tobytes())
         if key not in self._corrections:
             if tow.marks is None:
-                shift = (0.0, 0.0, 0.0, 0.0) if effect.shift is None else effect.shift(*numbers)
+                shift = (0.0, 0.0, 0.0, 0.0) if effect.shift is None else effect.shift(*sizes)
                 change = np.zeros((len(tow.values), 4)) + np.array(shift)
             else:
                 try:
-                    change = corrected(tow, *effect.correct(tow.marks.run, tow.marks.fit, *numbers))
+                    change = corrected(tow, *effect.correct(tow.marks.run, tow.marks.fit, *sizes))
                 except GeometryError:  # no camera sees like that
                     change = np.full((len(tow.values), 4), BLOW_UP)
             # what a load cell says no camera spoils

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from ...simulate.model import Array
-from ..effects import Effect
+from ..effects import Effect, Parameter
 from ..effects.base import share_since
 from ..effects.camera import POST, SHIFT
 from .tow_run import TowRun
@@ -24,7 +24,9 @@ choice."""
 EDGE = 4
 """Blocks before or after a step."""
 OVER_S = (3.0, 9.0, 20.0)
-"""How long a slow turn may take, about the clearest step."""
+"""How long a slow turn may take, about the clearest step: a fit goes on from there."""
+LEAST_OVER_S = 0.02
+"""What takes no longer than this is at once."""
 UNTIL = (0.2, 0.35, 0.5, 0.65, 0.8)
 """Shares of all runs after which what gave way little by little may stand. A choice; how long nobody looked between two runs
 is not known.
@@ -32,7 +34,8 @@ is not known.
 WARM = 0.3
 """Share of all runs in which what grows warm comes within 1/e of its end. A choice."""
 CREEP_FORM = 0.01
-"""Share of its log evidence that a course of nobody's drawing may leave over: minutes between two runs are not in it."""
+"""Share of its log evidence that a course of nobody's drawing may leave over: no tripod gives way as a straight line, and minutes
+between two runs are not in it."""
 WHILE_COST = 3.0
 """Log evidence that a second time found beforehand costs: a choice."""
 NEAR = 6
@@ -60,7 +63,7 @@ def shift_effects(runs: Sequence[TowRun], residuals: Sequence[Array]) -> list[Ef
     if clearest > STEP_Z:
         since.append((where, time))
         windows += [(where, *ends) for ends in _while(runs[where], residuals[where])]
-        found += [_slowly(names, where, time, over) for over in OVER_S]
+        found += [_slowly(names, where, time, over, runs[where].step_s) for over in OVER_S]
     found += [_since(SHIFT, names, k, at_s, runs[k].step_s) for k, at_s in _unlike(since, runs)]
     return found + [_between(names, k, begin, end, runs[k].step_s) for k, begin, end in _unlike(windows, runs)]
 
@@ -94,13 +97,39 @@ def _between(names: Sequence[str], where: int, begin_s: float, end_s: float, ste
     return replace(SHIFT, variant=f"in {names[where]}, {begin_s:.1f}-{end_s:.1f} s", when=when, cost=WHILE_COST)
 
 
-def _slowly(names: Sequence[str], where: int, middle_s: float, over_s: float) -> Effect:
-    def when(name: str, t_s: Array) -> Array:
-        place = names.index(name)
-        turned = share_since(t_s, middle_s, over_s)
-        return turned if place == where else np.full(len(t_s), float(place > where))
+def _slowly(names: Sequence[str], where: int, middle_s: float, over_s: float, step_s: float) -> Effect:
+    """From a found time on over some time; both are fitted."""
 
-    return replace(SHIFT, variant=f"from {names[where]}, {middle_s:.1f} s on, over {over_s:g} s", when=when)
+    def when(name: str, t_s: Array, middle_s: float, over_s: float) -> Array:
+        place = names.index(name)
+        if place != where:
+            return np.full(len(t_s), float(place > where))
+        return _mean_share(t_s, middle_s, max(over_s, LEAST_OVER_S), step_s)
+
+    return replace(
+        SHIFT,
+        parameters=(
+            *SHIFT.parameters,
+            Parameter("middle_s", "s", over_s / 3, none=middle_s),
+            Parameter("over_s", "s", over_s / 3, none=over_s),
+        ),
+        members=tuple((*turned, "middle_s", "over_s") for turned in SHIFT.members),
+        variant=f"from {names[where]}, {middle_s:.1f} s on, over {over_s:g} s",
+        when=when,
+        timed=2,
+        form=CREEP_FORM,
+    )
+
+
+def _mean_share(t_s: Array, middle_s: float, over_s: float, step_s: float) -> Array:
+    """Means of ``share_since`` over blocks about ``t_s``."""
+
+    def whole(time_s: Array) -> Array:
+        """All of it that was before a time."""
+        passed = np.clip((time_s - middle_s) / over_s + 0.5, 0.0, None)
+        return over_s * np.where(passed < 1.0, passed**2 / 2, passed - 0.5)
+
+    return (whole(t_s + step_s / 2) - whole(t_s - step_s / 2)) / step_s
 
 
 def _little_by_little(runs: Sequence[TowRun]) -> list[Effect]:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from laws_cases import fault_case, law_case, null_case, with_more
 from laws_oracle import gaps_beyond, oracle, reader, removed_share
-from laws_truth import apart, right_form, seen_by, told, true_force, true_terms, true_variables, variables_of
+from laws_truth import Seen, apart, right_form, seen_by, told, true_force, true_terms, true_variables, variables_of
 
 from towline.blind.seal import CASES, write_cases
 from towline.blind.truth.cases import Case
@@ -29,6 +29,7 @@ from towline.diagnose.tow.towed import TowSimulator
 from towline.pipeline.diagnosing import diagnose_folders, tows_of
 from towline.pipeline.laws import law_file, law_of
 from towline.pipeline.stages import compute_run_motion
+from towline.record.files import write_text
 from towline.record.run import read_run
 from towline.record.threads import one_thread
 
@@ -84,19 +85,12 @@ def answered(out: Path, case: Case, count: int) -> dict[str, Any]:
     answer["oracle"] = {name: apart(true_force(seen, n), true, seen) for name, n in numbers.items()}
     answer["oracle_log"] = {name: fit.log_evidence - ranking.base.log_evidence for name, fit in fits.items()}
     best = None
-    try:
-        terms = told(answer["terms"])
-    except ValueError:  # with memory: no true law has any
-        terms = []
-    # of the list's first, told or a candidate
-    answer["form"] = bool(terms) and right_form(terms, seen, true)
     if file.verdict == "law" and law.searched is not None:
         best = law.searched.laws[0]
         # without the price of writing it, which a reader of the true forms does not pay
         evidence = best.fitted.log_evidence + sum(effect.cost for effect in best.effects) - ranking.base.log_evidence
         answer["weight"] = evidence + (SINGLE if len(best.effects) == 1 else PAIR)
-        answer["told"] = sorted({v for one in terms for v in one.variables})
-        answer["force_error"] = apart(sum((one.force(seen) for one in terms), np.zeros_like(true)), true, seen)
+    answer |= judged(answer, seen)
     if len(folders) > count:
         chosen = [ranking.base, fits["form"], *([best.fitted] if best is not None else [])]
         with one_thread():
@@ -106,6 +100,31 @@ def answered(out: Path, case: Case, count: int) -> dict[str, Any]:
             for k, what in enumerate(("wider", "slower"))
         }
     return answer
+
+
+def judged(answer: dict[str, Any], seen: Seen) -> dict[str, Any]:
+    """How right an answer's first law is, told or a candidate: form; variables and the force's error where it is told."""
+    true = true_force(seen)
+    try:
+        terms = told(answer["terms"])
+    except ValueError:  # with memory: no true law has any
+        terms = []
+    found: dict[str, Any] = {"form": bool(terms) and right_form(terms, seen, true)}
+    if law_told(answer):
+        found["told"] = sorted({v for one in terms for v in one.variables})
+        found["force_error"] = apart(sum((one.force(seen) for one in terms), np.zeros_like(true)), true, seen)
+    return found
+
+
+def judged_again(out: Path, seed: int) -> None:
+    """Judge the laws of answers that are there anew."""
+    path = out / "answers.jsonl"
+    answers = _kept(path)
+    for name, answer in answers.items():
+        if "true" in answer:
+            case = law_case(name, [seed, int(name.removeprefix("law-"))])
+            answer |= judged(answer, seen_by(case, range(len(case.runs))))
+    write_text(path, "".join(json.dumps(answer) + "\n" for answer in answers.values()))
 
 
 def law_told(answer: dict[str, Any]) -> bool:
@@ -230,9 +249,12 @@ def main() -> None:
     parser.add_argument(
         "--part", type=int, nargs=2, default=(0, 1), metavar=("K", "N"), help="answer each Nth alone, from the Kth on"
     )
+    parser.add_argument("--judge", action="store_true", help="first judge anew what is answered")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     path = given.out / "answers.jsonl"
+    if given.judge:
+        judged_again(given.out, given.seed)
     done = _kept(path)
     wanted = [(law_case, f"law-{k:03d}", k) for k in range(given.cases)]
     wanted += [(null_case, f"null-{k:03d}", NULLS_FROM + k) for k in range(given.nulls)]

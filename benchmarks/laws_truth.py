@@ -44,7 +44,7 @@ class Seen:
     now : the same for the truth's own law
     lanes : of it
     size : (2, n) rho/2 U^2 L^2 and rho/2 U^2 L^3
-    sways : by how many U^2/g the marks stand aside for each radian of heel
+    sways_m : the marks' place aside for each radian of heel
     pull : (2, n) side force and moment by these, for a push ahead of 1 that a line that keeps its length answers
     """
 
@@ -52,7 +52,7 @@ class Seen:
     now: Now
     lanes: Lanes
     size: Array
-    sways: float
+    sways_m: float
     pull: Array | None = None
 
 
@@ -81,8 +81,8 @@ def seen_by(case: Case, runs: Sequence[int]) -> Seen:
     }  # fmt: skip
     whole = 0.5 * case.hull["density"] * u**2 * length**2
     aside = np.tan(alpha + b)
-    sways = sways_m(case) * G_M_S2 / case.hull["speed_ref"] ** 2
-    return Seen(of, now, q, np.array([whole, whole * length]), sways, np.array([aside, aside * q["x_t"] / length]))
+    push = np.array([aside, aside * q["x_t"] / length])
+    return Seen(of, now, q, np.array([whole, whole * length]), sways_m(case), push)
 
 
 def sways_m(case: Case) -> float:
@@ -104,7 +104,7 @@ def true_force(seen: Seen, numbers: Mapping[str, float] | None = None) -> Array:
     found = np.array(law_force(q, seen.now)) / seen.size
     if seen.pull is not None:
         found = found + law_ahead(q, seen.now) / seen.size[0] * seen.pull
-    return np.vstack([found, seen.sways * law_lean(q, seen.now)])
+    return np.vstack([found, seen.sways_m * G_M_S2 / seen.now.speed**2 * law_lean(q, seen.now)])
 
 
 def without_linear(force: Array, seen: Seen) -> Array:

@@ -230,6 +230,23 @@ def law_seen(laws_truth: ModuleType) -> Any:
     )
 
 
+def test_the_judge_knows_a_heel_at_every_speed(laws_truth: ModuleType) -> None:
+    """What heels a model grows with U^2, and so does what is told of it: of two speeds one number says both."""
+    numbers = {"law.kind0": 2.0, "law.lean0": 0.3, "law.p0": 1.0, "law.b0": 2.0}
+    case = case_of("law", "null", [], [6], coloured=False)
+    case = replace(case, effects=["law"], numbers=numbers | {"marker_roll.period_s": 1.3, "marker_roll.damping": 0.15})
+    slower = replace(case.runs[1], stated=case.runs[1].stated | {"speed_m_s": 0.7 * case.hull["speed_ref"]})
+    case = replace(case, runs=[case.runs[0], slower])
+    seen = laws_truth.seen_by(case, range(2))
+    # at the reference speed's own U^2/g, by the usual sizes of v and r of blind/truth/laws.py
+    k = 0.3 / 0.05 / 0.2**2 * laws_truth.sways_m(case) * 9.81 / case.hull["speed_ref"] ** 2
+    roll = {"period_s": 1.3, "damping": 0.15, "turn_rad_m": 0.0}
+    told = laws_truth.told([{"text": "v r^2", "acts": "K", "numbers": {"k": k} | roll}])
+    true = laws_truth.true_force(seen)
+    assert laws_truth.apart(told[0].force(seen), true, seen) < 1e-9
+    assert laws_truth.right_form(told, seen, true)
+
+
 @pytest.mark.parametrize(
     ("terms", "right"),
     [

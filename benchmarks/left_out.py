@@ -5,7 +5,9 @@
 OUT: a blind check that is scored (its seal is open). Of every effect the first cases in which it is there alone and clearly (D at
 least --clear) are diagnosed anew without it and without all whose D from it is at most the check's own 20 (``--without``): what is
 left explains nothing, and the answer shall be ``unknown``. Where such a twin exists, once more without the truth alone: the twin
-shall be named, by either form. Started again, it goes on.
+shall be named, by either form. D is by one form of each rival, and the library has several: where another effect is named as exact,
+it leaves nothing over, and these tows cannot tell the two apart. It belongs to the class, and is left out as well ("whole"), at most
+ROUNDS times. Started again, it goes on.
 """
 
 from __future__ import annotations
@@ -21,6 +23,8 @@ from towline.record.errors import TowlineError
 
 NAMED = ("effect", "form_not_exact")
 """Verdicts that name something."""
+ROUNDS = 3
+"""So many more effects (or pairs of them) are left out for leaving nothing over."""
 
 
 def chosen(out: Path, each: int, clear: float) -> list[tuple[str, str, list[str]]]:
@@ -58,28 +62,37 @@ def main() -> None:
     given = parser.parse_args()
     kept = given.out / "left_out.json"
     known: dict[str, list] = json.loads(kept.read_text()) if kept.is_file() else {}
-    rows: dict[str, list[tuple[str, list[str], float]]] = {"class": [], "twin": []}
-    print(f"{'case':10}{'effect':22}{'left out':44}{'verdict':16}{'p unknown':>10}  named")
+
+    def asked(case: str, kind: str, without: list[str]) -> tuple[str, list[str], float]:
+        key = f"{case} {kind}"
+        if key not in known:
+            known[key] = list(answer(given.out, case, without))
+            kept.write_text(json.dumps(known, indent=1) + "\n")
+        verdict, named, p = known[key]
+        words = ", ".join(without)
+        print(f"{case:10}{kind:14}{words:70}{verdict:16}{p:10.3f}  {' + '.join(named)}", flush=True)
+        return verdict, named, p
+
+    first, whole, twin_named, twin_asked = Counter[str](), Counter[str](), 0, 0
+    print(f"{'case':10}{'':14}{'left out':70}{'verdict':16}{'p unknown':>10}  named")
     for case, effect, twins in chosen(given.out, given.each, given.clear):
-        for kind, without in (("class", [effect, *twins]), ("twin", [effect])):
-            if kind == "twin" and not twins:
-                continue
-            key = f"{case} {kind}"
-            if key not in known:
-                known[key] = list(answer(given.out, case, without))
-                kept.write_text(json.dumps(known, indent=1) + "\n")
-            verdict, named, p = known[key]
-            rows[kind].append((verdict, named, p))
-            words = ", ".join(without)
-            print(f"{case:10}{effect:22}{words:44}{verdict:16}{p:10.3f}  {' + '.join(named)}", flush=True)
-            if kind == "twin":
-                rows[kind][-1] = ("twin" if set(named) & set(twins) else verdict, named, p)
-    verdicts = Counter(verdict for verdict, _, _ in rows["class"])
-    print(
-        f"\nthe class left out, {len(rows['class'])} cases: " + ", ".join(f"{n} {v}" for v, n in verdicts.most_common())
-    )
-    told = sum(verdict == "twin" for verdict, _, _ in rows["twin"])
-    print(f"the truth alone left out: a twin named in {told} of {len(rows['twin'])}")
+        without = [effect, *twins]
+        verdict, named, _ = asked(case, "class", without)
+        first[verdict] += 1
+        for more in range(1, ROUNDS + 1):
+            if verdict != "effect":
+                break
+            without = [*without, *named]
+            verdict, named, _ = asked(case, f"whole {more}", without)
+        whole[verdict] += 1
+        if twins:
+            _, named, _ = asked(case, "twin", [effect])
+            twin_named, twin_asked = twin_named + bool(set(named) & set(twins)), twin_asked + 1
+    for what, verdicts in (("the class", first), ("the class and what leaves nothing over", whole)):
+        print(
+            f"\n{what} left out, {verdicts.total()} cases: " + ", ".join(f"{n} {v}" for v, n in verdicts.most_common())
+        )
+    print(f"the truth alone left out: a twin named in {twin_named} of {twin_asked}")
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ OUT: a blind check that is scored (its seal is open). Of every effect the first 
 least --clear) are diagnosed anew without it and without all whose D from it is at most the check's own 20 (``--without``): what is
 left explains nothing, and the answer shall be ``unknown``. Where such a twin exists, once more without the truth alone: the twin
 shall be named, by either form. D is by one form of each rival, and the library has several: where another effect is named as exact,
-it leaves nothing over, and these tows cannot tell the two apart. It belongs to the class, and is left out as well ("whole"), at most
+it leaves nothing over, and these tows cannot tell the two apart. It belongs to the class, and is left out as well ("whole"), up to
 ROUNDS times. Started again, it goes on.
 """
 

@@ -269,7 +269,7 @@ def test_a_slow_turn_has_its_mean_share_of_each_block(runs: list, cases: ModuleT
     """Of blocks that hold an end of it, too; and what was seen is put right by that share of the whole turn."""
     step = [np.where(r is runs[1], 0.002, 0.0) * (r.centre_s > 21.0) for r in runs]
     offered = shift_effects(runs, left(runs, np.random.default_rng(6), step, [-s for s in step]))
-    effect = next(e for e in offered if e.variant.startswith(f"from {runs[1].name}") and e.variant.endswith("over 3 s"))
+    effect = next(e for e in offered if e.variant.startswith("slowly") and e.variant.endswith("over about 3 s"))
     run, middle_s, over_s = runs[1], 20.13, 2.34
     assert effect.when is not None
     got = effect.when(run.name, run.centre_s, middle_s, over_s)

@@ -114,7 +114,7 @@ def _slowly(names: Sequence[str], where: int, middle_s: float, over_s: float, st
             Parameter("over_s", "s", over_s / 3, none=over_s),
         ),
         members=tuple((*turned, "middle_s", "over_s") for turned in SHIFT.members),
-        variant=f"from {names[where]}, {middle_s:.1f} s on, over {over_s:g} s",
+        variant=f"slowly from {names[where]} on, about {middle_s:.0f} s, over about {over_s:g} s",
         when=when,
         timed=2,
         form=CREEP_FORM,

@@ -286,7 +286,7 @@ def test_a_slow_turn_has_its_mean_share_of_each_block(runs: list, cases: ModuleT
 
 @pytest.mark.slow
 def test_a_camera_that_turned_slowly_is_named_with_its_begin_and_end(tmp_path: Path) -> None:
-    """Drawn by the blind check: a turn that took 3 or 9 s instead of its own 4.9 s leaves 6 % of what it explains, too much to be it."""
+    """Drawn by the blind check: one that took 3 or 9 s instead of its own 4.9 s leaves 6 % over, too much to be it."""
     case = case_of("slowly", "effect", ["camera_shift"], [777, 5], forms={"camera_shift": "slowly"})
     best = diagnose_folders(write_case(tmp_path, case)).diagnosis.file.ranking[0]
     assert best.effects == ["camera_shift"]

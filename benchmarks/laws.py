@@ -39,7 +39,7 @@ SINGLE, PAIR = -5.9, -11.7
 """Log priors that the search gives a law of one term, and of two (what it competes with changes them by a tenth)."""
 LONG_S = 60
 """A search takes no longer than this on two idle cores, or too long."""
-SMALL = 1.3
+FOLLOWED = 1.3
 """A gap on a tow that was not fitted is at most this, where the simulator holds there."""
 OFF = 0.1
 """A gap that the oracle shrinks by less says nothing of shrinking."""
@@ -90,7 +90,7 @@ def answered(out: Path, case: Case, count: int) -> dict[str, Any]:
         # without the price of writing it, which a reader of the true forms does not pay
         evidence = best.fitted.log_evidence + sum(effect.cost for effect in best.effects) - ranking.base.log_evidence
         answer["weight"] = evidence + (SINGLE if len(best.effects) == 1 else PAIR)
-    answer |= judged(answer, seen)
+    answer |= judged(answer, seen, true)
     if len(folders) > count:
         chosen = [ranking.base, fits["form"], *([best.fitted] if best is not None else [])]
         with one_thread():
@@ -102,9 +102,8 @@ def answered(out: Path, case: Case, count: int) -> dict[str, Any]:
     return answer
 
 
-def judged(answer: dict[str, Any], seen: Seen) -> dict[str, Any]:
+def judged(answer: dict[str, Any], seen: Seen, true: np.ndarray) -> dict[str, Any]:
     """How right an answer's first law is, told or a candidate: form; variables and the force's error where it is told."""
-    true = true_force(seen)
     try:
         terms = told(answer["terms"])
     except ValueError:  # with memory: no true law has any
@@ -123,7 +122,8 @@ def judged_again(out: Path, seed: int) -> None:
     for name, answer in answers.items():
         if "true" in answer:
             case = law_case(name, [seed, int(name.removeprefix("law-"))])
-            answer |= judged(answer, seen_by(case, range(len(case.runs))))
+            seen = seen_by(case, range(len(case.runs)))
+            answer |= judged(answer, seen, true_force(seen))
     write_text(path, "".join(json.dumps(answer) + "\n" for answer in answers.values()))
 
 
@@ -202,10 +202,10 @@ def summary(answers: list[dict[str, Any]]) -> list[str]:
             gaps = [a["beyond"][what] for a in laws if what in a.get("beyond", {})]
             there = [g for g in gaps if "answer" in g]
             unchanged = [g["before"] for g in gaps if "answer" not in g]
+            held = [sum(g[which] <= FOLLOWED for g in there) for which in ("answer", "oracle")]
             lines.append(
-                f"beyond, {what}: gap at most {SMALL} in {sum(g['answer'] <= SMALL for g in there)} of {len(there)} told (oracle "
-                f"{sum(g['oracle'] <= SMALL for g in there)}); where none was told, it is as before: "
-                f"{sum(gap <= SMALL for gap in unchanged)} of {len(unchanged)}"
+                f"beyond, {what}: gap at most {FOLLOWED} in {held[0]} of {len(there)} told (oracle {held[1]}); "
+                f"where none was told, it is as before: {sum(gap <= FOLLOWED for gap in unchanged)} of {len(unchanged)}"
             )
             off = [
                 abs(removed_share(g["before"], g["answer"]) - removed_share(g["before"], g["oracle"]))

@@ -298,9 +298,18 @@ def _numbers(inference: Inference, candidate: Candidate) -> dict[str, Measured]:
             std = float(np.sqrt(max(solved.covariance[at, at], 0.0)))
             found[f"{effect.name}.{parameter.name}"] = Measured(value=float(number), std=std)
             at += 1
-        if effect.lag_s:
-            found[f"{effect.name}.time_s"] = Measured(value=effect.lag_s, std=0.4 * effect.lag_s)
+        if effect.late is not None:
+            found[f"{effect.name}.time_s"] = _lag_time(effect, found)
     return found
+
+
+def _lag_time(effect: Effect, found: dict[str, Measured]) -> Measured:
+    """Of how it follows; known to the grid's spacing where none is fitted."""
+    faster = found.get(f"{effect.name}.faster")
+    if faster is None:
+        return Measured(value=effect.lag_s, std=0.4 * effect.lag_s)
+    value = effect.lag_s / (1 + faster.value)
+    return Measured(value=value, std=value * faster.std / (1 + faster.value))
 
 
 def _derivatives(fitted: Fitted, names: Sequence[str]) -> dict[str, Measured]:

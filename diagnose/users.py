@@ -229,6 +229,10 @@ class UsersSimulator:
         """None: a user's effects begin absent."""
         return []
 
+    def forms(self, effect: Effect) -> list[Effect]:
+        """None: all are in the library."""
+        return []
+
     def suggested(self, base: Fitted) -> list[Effect]:
         """None."""
         return []

@@ -89,14 +89,34 @@ def test_what_swings_comes_back_after_a_period_and_no_fit_goes_far_from_it() -> 
 def test_a_current_that_changes_is_a_current_at_every_time() -> None:
     plain = form("cross_current", "")
     grows = form("cross_current", "that changes along the tank")
-    eddy = form("cross_current", "to and fro, about 15 s")
+    eddy = form("cross_current", "to and fro, about 19 m")
     for t_s in (0.0, 11.0, 40.0):
         s = situation(t_s=t_s)
         assert pushes(grows, s, 0.01, 0.004, 0.0, 0.0) == pytest.approx(
             pushes(plain, s, 0.01 + 0.004 * (t_s / 20 - 1), 0.0)
         )
-        flow = 0.01 + 0.002 * np.sin(2 * np.pi * t_s / 15)
+        flow = 0.01 + 0.002 * np.sin(2 * np.pi * 1.28 * t_s / 19)
         assert pushes(eddy, s, 0.01, 0.002, 0.0, 0.0) == pytest.approx(pushes(plain, s, flow, 0.0))
+
+
+def test_eddies_are_met_the_sooner_the_faster_the_tow() -> None:
+    eddy = form("cross_current", "to and fro, about 27 m")
+    slow, fast = (situation(t_s=t_s, speed_m_s=u) for t_s, u in ((20.0, 0.8), (12.5, 1.28)))
+    assert pushes(eddy, slow, 0.0, 0.002, -0.001, 0.1) == pytest.approx(pushes(eddy, fast, 0.0, 0.002, -0.001, 0.1))
+
+
+def test_a_fin_that_stalls_loses_its_lift_where_the_water_comes_from_aside() -> None:
+    """Straight ahead it pushes as any crooked hull does, beyond its angle by no more than a hundredth."""
+    plain, fin = form("hull_asymmetry", ""), form("hull_asymmetry", "a fin aft, stalling")
+    straight = situation(v_m_s=0.0, r_rad_s=0.0)
+    assert pushes(fin, straight, 0.05, 0.03, 0.0, 0.0) == pytest.approx(pushes(plain, straight, 0.05, 0.03))
+    # the hull turns about its fin: no water comes at that from aside
+    about = situation(v_m_s=0.4 * 2.66 * 0.1, r_rad_s=0.1)
+    assert pushes(fin, about, 0.05, 0.03, 0.0, 0.0) == pytest.approx(pushes(plain, about, 0.05, 0.03))
+    aside = situation(v_m_s=1.28 * np.tan(0.3), r_rad_s=0.0)
+    flow = 1.28**2 / np.cos(0.3) ** 2
+    assert pushes(fin, aside, 0.05, 0.03, 0.0, 0.0) == pytest.approx((0.05 * flow / np.e, 0.03 * flow / np.e))
+    assert abs(pushes(fin, aside, 0.05, 0.03, 0.0, -1.0)[0]) < 0.01 * 0.05 * flow
 
 
 @pytest.mark.parametrize("rate", [0.13, -0.13])

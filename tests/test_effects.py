@@ -200,6 +200,14 @@ def test_forces_on_the_hull_by_hand() -> None:
     assert pushed("swivel_friction", 0.05, alpha_rate=-0.2)[1] == pytest.approx(0.05, rel=1e-12)
 
 
+@pytest.mark.parametrize(("late", "wanted"), [(Late(2.0), Late(1.6)), (Late(3.6, 0.3), Late(2.88, 0.45))])
+def test_a_memory_follows_faster_as_one_of_a_shorter_time_does(late: Late, wanted: Late) -> None:
+    held = np.random.default_rng(3).normal(0, 0.1, late.size)
+    assert np.array(late.rates(held, 0.12, -0.05, 0.25, 0.15)) == pytest.approx(
+        np.array(wanted.rates(held, 0.12, -0.05))
+    )
+
+
 @pytest.mark.parametrize("share", [0.4, 1.0, 1.7])
 def test_a_memory_that_swings_answers_as_a_swing_does(share: float) -> None:
     """A sway to and fro at a share of the memory's own frequency: amplitude and phase of an oscillator of second order."""

@@ -51,6 +51,7 @@ from .hull import (
     CURRENT,
     CURRENT_ALONG,
     CURRENT_SWINGS,
+    FINS,
     MEMORY,
 )
 from .line import (
@@ -79,6 +80,7 @@ LIBRARY: tuple[Effect, ...] = (
     *CUBIC_FORMS,
     ASYMMETRY,
     CABLE,
+    *FINS,
     COUPLING,
     *MEMORY,
     *BANK,

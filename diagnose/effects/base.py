@@ -30,6 +30,8 @@ SWINGS_S = (11.0, 15.0, 21.0, 30.0)
 """Periods from which what goes to and fro along the tank is sought; slower ones are drifts."""
 MOST_FASTER = 0.5
 """No fit goes further from one of these, as a share of its frequency."""
+LEAST_DAMPED = 0.02
+"""No memory that swings is damped less, of the critical damping: it would swing for as long as the tow."""
 
 
 SMALLEST_COSINE = 0.05
@@ -233,23 +235,33 @@ class Late:
     ----------
     time_s : time constant; of a swing its period without damping
     damping : of the swing, of the critical one; 0: a lag of first order
+    fitted : both are where a fit begins (``Effect.lagging``)
     """
 
     time_s: float
     damping: float = 0.0
+    fitted: bool = False
 
     @property
     def size(self) -> int:
         """States: what is held back, and of a swing its rates."""
         return 4 if self.damping else 2
 
-    def rates(self, held: Array, v: Array, r: Array) -> list[Array]:
-        """Of the states (size, ...)."""
+    def rates(self, held: Array, v: Array, r: Array, faster: Any = 0.0, damped: Any = 0.0) -> list[Array]:
+        """Of the states (size, ...).
+
+        Parameters
+        ----------
+        held, v, r : states, sway velocity and yaw rate
+        faster, damped : of the columns, by how much it is faster, as a share, and more damped
+        """
+        pace = 1 + np.clip(faster, -MOST_FASTER, MOST_FASTER)
         if not self.damping:
-            return [(v - held[0]) / self.time_s, (r - held[1]) / self.time_s]
-        w = 2 * np.pi / self.time_s
+            return [(v - held[0]) * pace / self.time_s, (r - held[1]) * pace / self.time_s]
+        w = 2 * np.pi / self.time_s * pace
+        damping = np.maximum(self.damping + damped, LEAST_DAMPED)
         swung = [
-            w * (now - x) - 2 * self.damping * w * rate for now, x, rate in zip((v, r), held[:2], held[2:], strict=True)
+            w * (now - x) - 2 * damping * w * rate for now, x, rate in zip((v, r), held[:2], held[2:], strict=True)
         ]
         return [w * held[2], w * held[3], *swung]
 
@@ -289,6 +301,7 @@ class Effect:
     timed : how many of its numbers, the last ones, are of ``when`` and not of ``correct``
     lag_s : time constant of ``v_lag``, ``r_lag``; where they swing, their period
     swings : damping of that swing, of the critical one; 0: they follow without swinging
+    lagging : how many of its numbers, the last ones, are of how they follow: by how much faster, as a share, and more damped
     variant : tells effects of one name apart
     bound : it belongs to the runs made (windows, bounces), and says nothing of another
     form : share of what it explains that its own form may leave over; small for geometry, whose form is exact
@@ -328,6 +341,7 @@ class Effect:
     timed: int = 0
     lag_s: float = 0.0
     swings: float = 0.0
+    lagging: int = 0
     variant: str = ""
     bound: bool = False
     form: float = 0.03
@@ -343,7 +357,7 @@ class Effect:
     @property
     def late(self) -> Late | None:
         """How its velocities are held back; None: they are not."""
-        return Late(self.lag_s, self.swings) if self.lag_s else None
+        return Late(self.lag_s, self.swings, self.lagging > 0) if self.lag_s else None
 
     def __post_init__(self) -> None:
         names = {p.name for p in self.parameters}

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .base import SWINGS_S, Effect, Parameter, Situation, along_the_run, swinging
+from .base import Effect, Parameter, Situation, along_the_run, swinging
 from .members import any_of, with_some
 
 STRIPS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -17,6 +17,8 @@ STRIPS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 SWINGS = 0.3
 """Damping of a memory that swings: a kernel that is lost after two swings or so. A choice."""
+STALLS_RAD, MOST_LATER = 0.3, 1.5
+"""Angle to the water at which a fin has lost most of its lift, where a fit begins, and how far it goes from there (a logarithm)."""
 NEAREST_WALL = 0.9
 """Of the way to the wall: no hull's middle comes nearer, and no force grows beyond that of this place."""
 
@@ -57,6 +59,18 @@ def _cubic_by_angle(s: Situation, y_vvv, n_vvv, n_rrr):
 
 def _asymmetry(s: Situation, side, moment):
     return side * s.speed_m_s**2, moment * s.speed_m_s**2
+
+
+def _fin(place: float) -> Callable[..., tuple[Any, Any]]:
+    """A crooked fin, ``place`` + ``ahead`` in lengths ahead of midship: its lift falls as the water there comes from aside."""
+
+    def force(s: Situation, side, moment, ahead, later):
+        across = s.v_m_s + (place + ahead) * s.length_pp_m * s.r_rad_s
+        aside = np.arctan2(across, s.speed_m_s) / (STALLS_RAD * np.exp(np.clip(later, -MOST_LATER, MOST_LATER)))
+        flow = (s.speed_m_s**2 + across**2) * np.exp(-(aside**2))
+        return side * flow, moment * flow
+
+    return force
 
 
 def _cable(s: Situation, side, moment):
@@ -105,16 +119,16 @@ def _current_along(s: Situation, speed, along, bent, twice):
     return _carried(s, speed + along_the_run(s, along, bent, twice))
 
 
-def _current_swings(period_s: float) -> Callable[..., tuple[Any, Any]]:
-    """Eddies that an earlier tow has left: to and fro along the tank."""
+def _current_swings(length_m: float) -> Callable[..., tuple[Any, Any]]:
+    """Eddies that an earlier tow has left: to and fro along the tank, the faster for a model the faster it passes them."""
 
     def force(s: Situation, speed, sine, cosine, faster):
-        return _carried(s, speed + swinging(s, period_s, sine, cosine, faster))
+        return _carried(s, speed + swinging(s, length_m / s.speed_m_s, sine, cosine, faster))
 
     return force
 
 
-def _memory(s: Situation, sway, yaw, moment):
+def _memory(s: Situation, sway, yaw, moment, *_):
     late = s.v_lag - s.v_m_s
     return sway * s.y_v * late, yaw * s.n_r * (s.r_lag - s.r_rad_s) + moment * s.n_v * late
 
@@ -255,6 +269,18 @@ CABLE = replace(
     variant="a cable's, at any speed",
 )
 """Beside what grows with U^2; runs of one speed cannot tell the two."""
+FINS = tuple(
+    replace(
+        ASYMMETRY,
+        parameters=(*ASYMMETRY.parameters, Parameter("ahead", "", 0.1), Parameter("stalls_later", "", 0.5)),
+        physics="A crooked fin or rudder pushes aside, the less the more the water comes at it from aside.",
+        force=_fin(place),
+        members=with_some(["ahead", "stalls_later"], ["y_star_n_s2_m2", "n_star_n_m_s2_m2"], 1),
+        variant=f"a fin {where}, stalling",
+    )
+    for place, where in ((-0.4, "aft"), (0.4, "forward"))
+)
+"""And what stalls: a crooked fin's lift is not the same at all angles of the hull."""
 COUPLING = Effect(
     "added_mass_coupling",
     "yaw",
@@ -290,6 +316,8 @@ CURRENT_ALONG = replace(
     variant="that changes along the tank",
 )
 """Beside one that is stronger at one wall ..."""
+EDDIES_M = (13.0, 19.0, 27.0, 39.0)
+"""Lengths from which eddies along the tank are sought; longer ones are a current that grows."""
 CURRENT_SWINGS = tuple(
     replace(
         CURRENT,
@@ -299,11 +327,11 @@ CURRENT_SWINGS = tuple(
             Parameter("cosine_m_s", "m/s", 0.002),
             Parameter("faster", "", 0.1),
         ),
-        force=_current_swings(period),
+        force=_current_swings(length_m),
         members=with_some(["sine_m_s", "cosine_m_s", "faster"], ["current_m_s"]),
-        variant=f"to and fro, about {period:g} s",
+        variant=f"to and fro, about {length_m:g} m",
     )
-    for period in SWINGS_S
+    for length_m in EDDIES_M
 )
 """... and as eddies of an earlier tow."""
 _OF_BANK = (Parameter("suction_m2", "m2", 0.01, one_sided=True), Parameter("moment_m2", "m2", 0.005))
@@ -332,25 +360,32 @@ BANK = tuple(
     )
 )
 """Powers of the gap that panel methods and model tests have; forces on one section or on all."""
+_OF_MEMORY = (
+    Parameter("share_sway", "", 0.3, one_sided=True),
+    Parameter("share_yaw", "", 0.3, one_sided=True),
+    Parameter("share_n_v", "", 0.3),
+)
+"""How much of the damping comes late; ..."""
+_FASTER, _DAMPED = Parameter("faster", "", 0.2), Parameter("damped", "", 0.12)
+"""... and how it follows, from where a fit begins."""
 MEMORY = tuple(
     Effect(
         "fluid_memory",
         "sway",
-        (
-            Parameter("share_sway", "", 0.3, one_sided=True),
-            Parameter("share_yaw", "", 0.3, one_sided=True),
-            Parameter("share_n_v", "", 0.3),
-        ),
+        (*_OF_MEMORY, _FASTER, *([_DAMPED] if damping else [])),
         "Part of the damping comes from vortices and waves shed a little earlier: it lags behind the motion.",
         "Use damping with memory (a lag of first order, or one that swings) in the simulator.",
         "Cummins (1962)",
         force=_memory,
-        members=any_of("share_sway", "share_yaw", "share_n_v"),
+        members=tuple(
+            (*some, "faster", *(["damped"] if damping else [])) for some in any_of(*(p.name for p in _OF_MEMORY))
+        ),
         lag_s=lag_s,
         swings=damping,
-        variant=f"swinging, about {lag_s:g} s" if damping else f"{lag_s:g} s",
+        lagging=2 if damping else 1,
+        variant=f"swinging, about {lag_s:g} s" if damping else f"about {lag_s:g} s",
         title="damping with memory",
     )
     for lag_s, damping in (*((t, 0.0) for t in (0.5, 1.0, 2.0, 4.0)), *((t, SWINGS) for t in (1.7, 2.5, 3.6, 5.2)))
 )
-"""Time constants of a kernel that dies away, and periods of one that swings as waves at the free surface do."""
+"""Time constants of a kernel that dies away, and periods of one that swings as waves at the free surface do: where fits begin."""

@@ -22,6 +22,10 @@ class Diagnosable(Simulator, Protocol):
         """Starts of hypotheses that no step from the base leads to (a line that pays out), where its residual asks for them."""
         ...
 
+    def forms(self, effect: Effect) -> Sequence[Effect]:
+        """Of an effect that ``unlike`` has begun, other forms, which can begin from its numbers."""
+        ...
+
     def suggested(self, base: Fitted) -> list[Effect]:
         """Effects that what the base, or a fit with an effect, leaves suggests itself (windows of a slack line)."""
         ...

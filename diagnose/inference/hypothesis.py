@@ -96,6 +96,34 @@ def with_effects(h: Hypothesis, effects: Sequence[Effect]) -> Hypothesis:
     return replace(h, effects=(*h.effects, *effects), numbers=(*h.numbers, *numbers))
 
 
+def in_form(h: Hypothesis, form: Effect) -> Hypothesis:
+    """The hypothesis with its effect of the same name in another form: numbers that both forms have stay as they are.
+
+    Parameters
+    ----------
+    h : with one effect of the form's name
+    form : another one of it
+    """
+    at = [e.name for e in h.effects].index(form.name)
+    known = dict(zip((p.name for p in h.effects[at].parameters), h.numbers[at], strict=True))
+    numbers = np.array([known.get(p.name, p.none) for p in form.parameters])
+    effects, tables = list(h.effects), list(h.numbers)
+    effects[at], tables[at] = form, numbers
+    return replace(h, effects=tuple(effects), numbers=tuple(tables))
+
+
+def only(h: Hypothesis, effect: Effect) -> Hypothesis:
+    """The hypothesis with one of its effects alone, all numbers as they are.
+
+    Parameters
+    ----------
+    h : with several
+    effect : one of them
+    """
+    at = h.effects.index(effect)
+    return replace(h, effects=(effect,), numbers=(h.numbers[at],))
+
+
 def form_of(effect: Effect) -> tuple[object, ...]:
     """What an effect changes and where its numbers begin: effects that share it have the same slopes.
 
@@ -120,4 +148,4 @@ def form_of(effect: Effect) -> tuple[object, ...]:
     )
 
 
-__all__ = ["EFFECT_STEP", "FREE", "Hypothesis", "Path", "Slopes", "form_of", "with_effects"]
+__all__ = ["EFFECT_STEP", "FREE", "Hypothesis", "Path", "Slopes", "form_of", "in_form", "only", "with_effects"]

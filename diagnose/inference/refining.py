@@ -128,6 +128,37 @@ def fit_all(
     return list(zip(sets, found, strict=True))
 
 
+def fit_on(inference: Inference, starts: Sequence[Hypothesis], forces: Forces, count: int) -> list[Fitted]:
+    """Fits that begin at hypotheses as they are: the best of them by one step, without those that get nowhere.
+
+    Parameters
+    ----------
+    inference : the simulator with its runs and noise
+    starts : with numbers of their own
+    forces : random forces that each begins with
+    count : how many are fitted in full
+    """
+    begun = [one for h in starts for one in _fits(inference, [h], [forces], 0, None)]
+    best = sorted(begun, key=lambda f: -f.log_evidence)[:count]
+    ends = [one for f in best for one in _fits(inference, [f.hypothesis], [forces], REFIT_STEPS, (1,), f)]
+    return [end for end in ends if np.isfinite(end.worth)]
+
+
+def _fits(
+    inference: Inference,
+    hypotheses: Sequence[Hypothesis],
+    forces: Sequence[Forces],
+    steps: int,
+    turns: Sequence[int] | None,
+    begun: Fitted | None = None,
+) -> list[Fitted]:
+    """The fit, or none where it cannot even begin."""
+    try:
+        return list(inference.fit(hypotheses, forces, steps, turns, begun=() if begun is None else (begun,)))
+    except EstimationError:
+        return []
+
+
 def _each_fit(
     inference: Inference, hypotheses: Sequence[Hypothesis], forces: Forces, steps: int, turns: Sequence[int]
 ) -> list[Fitted | None]:
@@ -147,6 +178,7 @@ __all__ = [
     "WORTH_PAIRS_BELOW",
     "converged",
     "fit_all",
+    "fit_on",
     "hoped",
     "refined",
     "settled",

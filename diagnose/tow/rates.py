@@ -82,6 +82,7 @@ class TowRates:
         # a line that is stated to keep its tension does so already
         self._keeping = [a for a in numbers.active if a.effect.keeps is not None and fields.surge.any()]
         self._speeding = [a for a in numbers.active if a.effect.speed is not None]
+        self._paces = [_pace(late, numbers) for late in self._lates]
 
     def __call__(self, t: Any, state: Array) -> Array:
         now = self._now(t, state)
@@ -94,9 +95,9 @@ class TowRates:
         rates = np.empty((len(state), *core.shape[1:]))
         at = self._first
         rates[:at] = core
-        for late in self._lates:
+        for late, pace in zip(self._lates, self._paces, strict=True):
             held = slice(at, at + late.size)
-            for k, rate in enumerate(late.rates(state[held], state[2], state[3]), at):
+            for k, rate in enumerate(late.rates(state[held], state[2], state[3], *pace), at):
                 rates[k] = rate
             at = held.stop
         return rates
@@ -315,6 +316,18 @@ def line_rates(t_s: Any, state: Sequence[Array], tow: Tow) -> tuple[Array, Any]:
     alpha, beta, v, r = state
     cosine = np.clip(np.cos(alpha + beta), SMALLEST_COSINE, None)
     return line_angle_rate(tow, beta, v, r, cosine, tow.post_motion(t_s)[1]), 0.0
+
+
+def _pace(late: Late, numbers: Numbers) -> Array:
+    """By how much faster and more damped velocities follow, (2, columns), where that is fitted; (0,) where it is not."""
+    if not late.fitted:
+        return np.empty(0)
+    pace = np.zeros((2, numbers.width))
+    for a in numbers.active:
+        if a.effect.late == late:
+            own = a.numbers[len(a.numbers) - a.effect.lagging :]
+            pace[: len(own), a.columns] = own
+    return pace
 
 
 def _hull_of(fields: Fields, numbers: Numbers) -> Hull:

@@ -129,8 +129,7 @@ class TowSimulator(TowModel):
         """
         if not self._fields.surge.all() or not self._asks_for_laws(base):
             return []
-        laws = [law for law in LAWS if law.name not in self._without]
-        pulleys = [law for law in PULLEYS if law.name not in self._without]
+        laws, pulleys = self._with(LAWS), self._with(PULLEYS)
         usual, here = lawful_hypotheses(self.runs, [*laws, *pulleys], [self.starts()[-1], base.hypothesis])
         found = [by_motion(self, h, self.shared_prior) for h in usual]
         found, turning = found[: len(laws)], found[len(laws) :]
@@ -141,6 +140,13 @@ class TowSimulator(TowModel):
             without, *each = missed(self, [plain[0], *turning])
             found += [turning[k] for k in np.argsort(each)[:TURNING] if each[k] < without - TURNS_GAIN]
         return found
+
+    def forms(self, effect: Effect) -> list[Effect]:
+        """Of a line with a law of its own, other laws of its name."""
+        return [law for law in self._with((*LAWS, *PULLEYS)) if law.name == effect.name]
+
+    def _with(self, laws: Sequence[Effect]) -> list[Effect]:
+        return [law for law in laws if law.name not in self._without]
 
     def _asks_for_laws(self, base: Fitted) -> bool:
         if any(np.isfinite(run.values[:, LINE]).sum() < LEAST_BLOCKS for run in self.runs):

@@ -183,7 +183,7 @@ def only_pushes(effect: Effect) -> bool:
     effect : of a hypothesis
     """
     works = (effect.coupling, effect.keeps, effect.law, effect.speed, effect.length, effect.offset)
-    return all(work is None for work in works)
+    return all(work is None for work in works) and not effect.lagging
 
 
 def _absent(effect: Effect, numbers: Array) -> bool:

@@ -225,7 +225,7 @@ class UsersSimulator:
         """Itself: the measurement's noise is as it was told."""
         return self
 
-    def unlike(self, base: Fitted) -> list[Hypothesis]:
+    def unlike(self, base: Fitted, best: Effect | None = None) -> list[Hypothesis]:
         """None: a user's effects begin absent."""
         return []
 

@@ -310,6 +310,17 @@ def test_a_hanging_line_is_a_catenary(share: float) -> None:
     assert ROUNDS >= 10
 
 
+def test_a_heavy_line_weighs_the_same_a_metre_in_all_runs() -> None:
+    """Its sag, (w L/R)^2/24 of it, is another where it is shorter, or a slower tow pulls it less."""
+    case = case_of("case-x", "effect", ["elastic_line"], [3, 1], False, forms={"elastic_line": "hanging"})
+    lanes = [lane_of(case, index) for index in range(len(case.runs))]
+    assert len({lane["line"] for lane in lanes}) > 1
+    weights = [np.sqrt(24 * lane["elastic_line.sag"]) * lane["tension"] / lane["line"] for lane in lanes]
+    hull = case.hull
+    wanted = np.sqrt(24 * case.numbers["elastic_line.sag"]) * hull["tension"] / hull["line"]
+    assert weights == pytest.approx([wanted] * len(lanes), rel=1e-12)
+
+
 @pytest.mark.slow
 def test_soft_lines_end_where_their_pull_holds_them() -> None:
     """A straight tow, let go at its own length: what is left when it has come to rest."""

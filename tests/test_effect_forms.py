@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -168,11 +169,25 @@ def test_a_heavy_line_pulls_as_a_catenary_does() -> None:
     a = pull_n / weight_n_m
     shorter = length_m - 2 * a * np.arcsinh(length_m / (2 * a))
     longer = (pull_n - rest_n) * STIFFEST_M_N - shorter
-    found = hanging.law(situation(longer_m=longer, longer_rate_m_s=0.0 * pull_n), shorter[2], 0.0)
+    s = situation(line_length_m=length_m + longer, longer_m=longer, longer_rate_m_s=0.0 * pull_n)
+    found = hanging.law(s, weight_n_m, 0.0, 1.0)
     # a catenary is a parabola to the square of its weight over its pull
     assert (np.abs(found / pull_n - 1) < 0.1 * (weight_n_m * length_m / pull_n.min()) ** 2).all()
-    quick = hanging.law(situation(longer_m=longer, longer_rate_m_s=0.01 + 0.0 * pull_n), shorter[2], 15.0)
-    assert quick - found == pytest.approx(15.0 * 0.01 * np.minimum(found / rest_n, 1.0))
+    quick = replace(s, longer_rate_m_s=0.01 + 0.0 * pull_n)
+    for tighter in (0.0, 1.0, 1.5):
+        damped = hanging.law(quick, weight_n_m, 15.0, tighter) - found
+        assert damped == pytest.approx(15.0 * 0.01 * (found / rest_n) ** tighter)
+
+
+def test_a_heavy_line_hangs_the_deeper_the_longer_it_is_whatever_the_speed() -> None:
+    """L (w L/T)^2/24: of twice the length eight times as much at one pull, of a slower tow as much."""
+    hanging = next(law for law in LAWS if law.variant.startswith("hanging"))
+    assert hanging.law is not None
+    for length_m, rest_n, shorter_m in ((0.6, 3.96, 1e-3), (1.2, 3.96, 8e-3), (1.2, 1.98, 8e-3)):
+        weight_n_m = 3.96 / 0.6 * np.sqrt(24e-3 / 0.6)
+        longer_m = (3.96 - rest_n) * STIFFEST_M_N - shorter_m
+        s = situation(tension_n=rest_n, line_length_m=length_m + longer_m, longer_m=longer_m, longer_rate_m_s=0.0)
+        assert float(hanging.law(s, weight_n_m, 0.0, 1.0)) == pytest.approx(3.96, rel=1e-6)
 
 
 def test_an_eccentric_pulley_pulls_by_the_ratio_of_its_arms() -> None:

@@ -146,6 +146,9 @@ def lane_of(case: Case, index: int, effects: bool = True) -> dict[str, float]:
     lane |= run_numbers(case.told, index)
     if effects:
         lane |= run_numbers(case.numbers, index)
+        if "elastic_line.sag" in lane:
+            # of the hull's own tow; a metre of the line weighs the same in all: (w L/R)^2/24 of its length
+            lane["elastic_line.sag"] *= (lane["line"] / case.hull["line"] * case.hull["tension"] / lane["tension"]) ** 2
     return lane
 
 

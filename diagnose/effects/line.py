@@ -14,6 +14,8 @@ from ...simulate.model import RESISTANCE_EXPONENT
 from .base import SMALLEST_COSINE, Effect, Parameter, Seen, Situation
 from .members import any_of, with_some
 
+SLACK = "slack_line"
+"""Name of the effect whose windows or courses are found in the runs."""
 GIVES = 0.15
 """Share of the way at which a line that a wave slackens has lost most of its pull."""
 SLACK_FORM = 0.01
@@ -291,6 +293,8 @@ SLIDES_M_S = 0.002
 """A pulley that rubs has turned over at this speed of the line (its friction is smoothed there)."""
 STIFFEST_M_N = 1e-4
 """No line, with its load cell and knots, gives less."""
+MOST_TIGHT, MOST_TIGHTER = 10.0, 3.0
+"""Of a hanging line's pull, over a straight tow's, beyond which it is damped no more, and of the power with which that grows."""
 CATENARY_STEPS, LEAST_SLOPE = 12, 1e-12
 """Newton's steps to a hanging line's pull, and the least slope, m N, that they divide by."""
 
@@ -303,18 +307,19 @@ def _spring(s: Situation, compliance, damper, stiffens):
     return held * np.maximum(1 + 0.5 * stiffens * (share - 1), 0.1) + taut * damper * s.longer_rate_m_s
 
 
-def _hanging(s: Situation, sag, damper):
-    """A heavy line hangs: its chord is shorter than the line by sag (R/T)^2, the parabola of a shallow catenary.
+def _hanging(s: Situation, weight, damper, tighter):
+    """A heavy line hangs: its chord is shorter than the line by L (w L/T)^2/24, the parabola of a shallow catenary.
 
-    It hardly stretches: x = -sag (R/T)^2 + (T - R) c, solved for T from above.
+    It hardly stretches: x = -L (w L/T)^2/24 + (T - R) c, solved for T from above.
     """
-    rest, give = s.tension_n, STIFFEST_M_N
-    room, deep = s.longer_m + give * rest, np.maximum(sag, 0.0) * rest**2
+    rest, give, length = s.tension_n, STIFFEST_M_N, s.line_length_m - s.longer_m
+    room, deep = s.longer_m + give * rest, length * (np.maximum(weight, 0.0) * length) ** 2 / 24
     held = np.maximum(room, 0.0) / give + np.cbrt(deep / give)
     for _ in range(CATENARY_STEPS):
         slope = np.maximum(held * (3 * give * held - 2 * room), LEAST_SLOPE)
         held = np.maximum(held - (held**2 * (give * held - room) - deep) / slope, 0.0)
-    return held + np.clip(held / rest, 0.0, 1.0) * damper * s.longer_rate_m_s
+    tight = np.minimum(held / rest, MOST_TIGHT) ** np.clip(tighter, 0.0, MOST_TIGHTER)
+    return held + tight * damper * s.longer_rate_m_s
 
 
 _HEAVIER = Parameter("heavier", "", 0.005)
@@ -366,8 +371,8 @@ LAWS = (
     _surging(
         ELASTIC,
         _hanging,
-        [Parameter("sag_m", "m", 0.015, one_sided=True)],
-        [Parameter("damper_n_s_m", "N s/m", 20.0, one_sided=True)],
+        [Parameter("weight_n_m", "N/m", 2.0, one_sided=True)],
+        [Parameter("damper_n_s_m", "N s/m", 20.0, one_sided=True), Parameter("tighter", "", 0.5, none=1.0)],
         "hanging, ",
         "The line is heavy and hangs: its ends come the nearer together the less it is pulled, and the model surges on it.",
     ),
@@ -577,7 +582,7 @@ def slack(windows: Sequence[tuple[float, float] | None], wave: bool = False) -> 
 
     found = [f"run {i + 1} {w[0]:.1f}-{w[1]:.1f} s" for i, w in enumerate(windows) if w is not None]
     return Effect(
-        "slack_line",
+        SLACK,
         "line",
         (
             Parameter("loss", "", 0.7, one_sided=True),

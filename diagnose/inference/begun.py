@@ -79,7 +79,7 @@ def first_fit(simulator: Simulator, spread: Spread) -> End:
     return max(found, key=lambda end: end.log_evidence)
 
 
-def ends_unlike(simulator: Diagnosable, base: Fitted, spread: Spread) -> list[End]:
+def ends_unlike(simulator: Diagnosable, base: Fitted, spread: Spread, best_yet: Effect | None = None) -> list[End]:
     """The best end of every effect that no step from the base leads to, the best first.
 
     Parameters
@@ -87,8 +87,9 @@ def ends_unlike(simulator: Diagnosable, base: Fitted, spread: Spread) -> list[En
     simulator : with its runs
     base : the fit without effects
     spread : does what is independent
+    best_yet : the best effect that was found, which may ask for them; None: the base alone does
     """
-    opened = [f for f in spread(partial(_opened_alone, simulator), simulator.unlike(base)) if f is not None]
+    opened = [f for f in spread(partial(_opened_alone, simulator), simulator.unlike(base, best_yet)) if f is not None]
     best = max([base.log_evidence, *(f.log_evidence for f in opened)])
     going = [f.log_evidence > best - FAR_BEHIND for f in opened]
     found = [_end_of(f) for f, on in zip(opened, going, strict=True) if not on]

@@ -18,8 +18,10 @@ class Diagnosable(Simulator, Protocol):
         """The same simulator, its runs' measurement granted no more error than they show beside the base."""
         ...
 
-    def unlike(self, base: Fitted) -> Sequence[Hypothesis]:
-        """Starts of hypotheses that no step from the base leads to (a line that pays out), where its residual asks for them."""
+    def unlike(self, base: Fitted, best: Effect | None = None) -> Sequence[Hypothesis]:
+        """Starts of hypotheses that no step from the base leads to (a line that pays out), where its residual asks for them, or
+        where the best effect that was found does.
+        """
         ...
 
     def forms(self, effect: Effect) -> Sequence[Effect]:

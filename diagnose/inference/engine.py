@@ -55,6 +55,8 @@ RUNS_AWAY = "no motion with it follows these runs"
 """Of an effect that was begun from the measured motion and is far behind, or whose motion runs off where it is begun."""
 WORTH_REFINING = 0.3
 """A free form is refined only if its log evidence is at least this share of the best effect's."""
+WORTH_UNLIKE = 50.0
+"""An effect with more log evidence than this may ask for what no step from the base leads to: a choice, for time."""
 TWINS = 3.0
 """Effects within this log evidence of the best are not told from it."""
 Progress = Callable[[str], None]
@@ -126,6 +128,10 @@ def ranked(
     ]
     candidates += _siblings(inference, simulator, base, candidates, usable, scores, gross)
     candidates.sort(key=lambda c: -c.log_evidence)
+    if not unlike and candidates and candidates[0].log_evidence > WORTH_UNLIKE:
+        asked = ends_unlike(simulator, base, spread, candidates[0].effects[0])
+        candidates += _as_candidates(inference, base, asked, single_prior)
+        candidates.sort(key=lambda c: -c.log_evidence)
     candidates = converged(inference, candidates, base)
     pairs = pairs_on(inference, candidates, base, usable, simulator.suggested, len(names), say, gross, forms)
     candidates += _alone_after_all(inference, base, candidates, pairs, single_prior, forms)

@@ -12,7 +12,7 @@ import numpy as np
 from ...geometry.normal import inverse_of_normal
 from ...record.priors import LINE_LENGTH_SD_M
 from ...simulate.model import Array
-from ..effects import KEPT, LAWS, PULLEYS, SMALLEST_COSINE, Effect, offset_each
+from ..effects import KEPT, LAWS, PULLEYS, SLACK, SMALLEST_COSINE, Effect, offset_each
 from ..inference.apart import Apart
 from ..inference.grams import reduced
 from ..inference.hypothesis import FREE, Hypothesis
@@ -122,14 +122,16 @@ class TowSimulator(TowModel):
             self._starts = [replace(h, shared=self._shared.start(h.shared)) for h in found]
         return self._starts
 
-    def unlike(self, base: Fitted) -> list[Hypothesis]:
-        """Lines with a law of their own, along the measured motion, where the line's radius or the random forces ask for them.
+    def unlike(self, base: Fitted, best: Effect | None = None) -> list[Hypothesis]:
+        """Lines with a law of their own, along the measured motion, where the line's radius or the random forces ask for them, or
+        the best effect that was found: what a line does for a while, or as it stretches, may be a law of its own.
 
         Each from a hull like others, all its numbers by the motion, and from the base's hull with the law's first number so.
         """
-        if not self._fields.surge.all() or not self._asks_for_laws(base):
-            return []
         laws, pulleys = self._with(LAWS), self._with(PULLEYS)
+        asked = self._asks_for_laws(base) if best is None else best.name in {SLACK, *(law.name for law in laws)}
+        if not self._fields.surge.all() or not asked:
+            return []
         usual, here = lawful_hypotheses(self.runs, [*laws, *pulleys], [self.starts()[-1], base.hypothesis])
         found = [by_motion(self, h, self.shared_prior) for h in usual]
         found, turning = found[: len(laws)], found[len(laws) :]

@@ -110,14 +110,14 @@ def test_a_fin_that_stalls_loses_its_lift_where_the_water_comes_from_aside() -> 
     """Straight ahead it pushes as any crooked hull does, beyond its angle by no more than a hundredth."""
     plain, fin = form("hull_asymmetry", ""), form("hull_asymmetry", "a fin aft, stalling")
     straight = situation(v_m_s=0.0, r_rad_s=0.0)
-    assert pushes(fin, straight, 0.05, 0.03, 0.0, 0.0) == pytest.approx(pushes(plain, straight, 0.05, 0.03))
+    assert pushes(fin, straight, 0.05, 0.03, 0.0, 0.3) == pytest.approx(pushes(plain, straight, 0.05, 0.03))
     # the hull turns about its fin: no water comes at that from aside
     about = situation(v_m_s=0.4 * 2.66 * 0.1, r_rad_s=0.1)
-    assert pushes(fin, about, 0.05, 0.03, 0.0, 0.0) == pytest.approx(pushes(plain, about, 0.05, 0.03))
+    assert pushes(fin, about, 0.05, 0.03, 0.0, 0.3) == pytest.approx(pushes(plain, about, 0.05, 0.03))
     aside = situation(v_m_s=1.28 * np.tan(0.3), r_rad_s=0.0)
     flow = 1.28**2 / np.cos(0.3) ** 2
-    assert pushes(fin, aside, 0.05, 0.03, 0.0, 0.0) == pytest.approx((0.05 * flow / np.e, 0.03 * flow / np.e))
-    assert abs(pushes(fin, aside, 0.05, 0.03, 0.0, -1.0)[0]) < 0.01 * 0.05 * flow
+    assert pushes(fin, aside, 0.05, 0.03, 0.0, 0.3) == pytest.approx((0.05 * flow / np.e, 0.03 * flow / np.e))
+    assert abs(pushes(fin, aside, 0.05, 0.03, 0.0, 0.12)[0]) < 0.01 * 0.05 * flow
 
 
 @pytest.mark.parametrize("rate", [0.13, -0.13])

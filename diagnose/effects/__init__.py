@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .base import (
+    MOST_FASTER,
     SMALLEST_COSINE,
     STAGES,
     Effect,
@@ -125,6 +126,7 @@ __all__ = [
     "KEPT",
     "LAWS",
     "LIBRARY",
+    "MOST_FASTER",
     "PULLEYS",
     "SLACK",
     "SMALLEST_COSINE",

@@ -17,8 +17,8 @@ STRIPS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 SWINGS = 0.3
 """Damping of a memory that swings: a kernel that is lost after two swings or so. A choice."""
-STALLS_RAD, MOST_LATER = 0.3, 1.5
-"""Angle to the water at which a fin has lost most of its lift, where a fit begins, and how far it goes from there (a logarithm)."""
+STALLS_RAD, LEAST_STALL_RAD = 0.3, 0.05
+"""Angle to the water at which a fin has lost most of its lift, where a fit begins, and how small it is at least: choices."""
 NEAREST_WALL = 0.9
 """Of the way to the wall: no hull's middle comes nearer, and no force grows beyond that of this place."""
 
@@ -64,9 +64,9 @@ def _asymmetry(s: Situation, side, moment):
 def _fin(place: float) -> Callable[..., tuple[Any, Any]]:
     """A crooked fin, ``place`` + ``ahead`` in lengths ahead of midship: its lift falls as the water there comes from aside."""
 
-    def force(s: Situation, side, moment, ahead, later):
+    def force(s: Situation, side, moment, ahead, stalls):
         across = s.v_m_s + (place + ahead) * s.length_pp_m * s.r_rad_s
-        aside = np.arctan2(across, s.speed_m_s) / (STALLS_RAD * np.exp(np.clip(later, -MOST_LATER, MOST_LATER)))
+        aside = np.arctan2(across, s.speed_m_s) / np.maximum(stalls, LEAST_STALL_RAD)
         flow = (s.speed_m_s**2 + across**2) * np.exp(-(aside**2))
         return side * flow, moment * flow
 
@@ -272,10 +272,14 @@ CABLE = replace(
 FINS = tuple(
     replace(
         ASYMMETRY,
-        parameters=(*ASYMMETRY.parameters, Parameter("ahead", "", 0.1), Parameter("stalls_later", "", 0.5)),
+        parameters=(
+            *ASYMMETRY.parameters,
+            Parameter("ahead", "", 0.1),
+            Parameter("stalls_rad", "rad", 0.12, none=STALLS_RAD),
+        ),
         physics="A crooked fin or rudder pushes aside, the less the more the water comes at it from aside.",
         force=_fin(place),
-        members=with_some(["ahead", "stalls_later"], ["y_star_n_s2_m2", "n_star_n_m_s2_m2"], 1),
+        members=with_some(["ahead", "stalls_rad"], ["y_star_n_s2_m2", "n_star_n_m_s2_m2"], 1),
         variant=f"a fin {where}, stalling",
     )
     for place, where in ((-0.4, "aft"), (0.4, "forward"))

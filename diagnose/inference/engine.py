@@ -15,30 +15,19 @@ from ..effects import Effect
 from .begun import FAR_BEHIND, End, ends_from, ends_unlike, first_fit
 from .diagnosable import Diagnosable
 from .evidence import CONVERGED_GAIN, Fitted, Inference
-from .hypothesis import Hypothesis, in_form, only
+from .forms import alone_after_all, from_the_best, siblings
+from .hypothesis import Hypothesis
 from .inexact import shared_out
 from .pairs import WORTH_PAIRS, pairs_on
 from .ranking import P_NO_GAP, P_SINGLE, P_UNKNOWN, Candidate, Ranking
-from .refining import (
-    CLEAR,
-    GROSS,
-    REFIT_STEPS,
-    WORTH_PAIRS_BELOW,
-    converged,
-    fit_all,
-    fit_on,
-    hoped,
-    refined,
-    settled,
-)
+from .refining import CLEAR, GROSS, REFIT_STEPS, converged, fit_all, hoped, refined, settled
 from .scan import Leftover, leftover, standing_out
-from .screen import Screened, best_variants, of_forms, screened
+from .screen import best_variants, of_forms, screened
 from .simulator import Simulator
 from .spread import Spread, one_by_one
 
-TRIED_SINGLE, TRIED_PAID, SIBLINGS, RIVALS = 6, 4, 3, 2
-"""How many are fitted in full, the best by their scores: single effects, as they are seen and as they are paid, and further
-variants of each of so many best effects. Choices, for time."""
+TRIED_SINGLE, TRIED_PAID = 6, 4
+"""How many single effects are fitted in full, the best by their scores, as seen and as paid. Choices, for time."""
 AT_MOST = 0.9
 """A fit whose random forces exceed this share of the largest that counts as noise explains nothing."""
 SCANNED, SCANNED_BELOW = 4, 12.0
@@ -126,7 +115,8 @@ def ranked(
         for effects, f in fitted
         if effects[0] in free
     ]
-    candidates += _siblings(inference, simulator, base, candidates, usable, scores, gross)
+    candidates += siblings(inference, base, candidates, usable, scores, gross)
+    candidates += from_the_best(inference, simulator, base, candidates, usable)
     candidates.sort(key=lambda c: -c.log_evidence)
     if not unlike and candidates and candidates[0].log_evidence > WORTH_UNLIKE:
         asked = ends_unlike(simulator, base, spread, candidates[0].effects[0])
@@ -134,7 +124,7 @@ def ranked(
         candidates.sort(key=lambda c: -c.log_evidence)
     candidates = converged(inference, candidates, base)
     pairs = pairs_on(inference, candidates, base, usable, simulator.suggested, len(names), say, gross, forms)
-    candidates += _alone_after_all(inference, base, candidates, pairs, single_prior, forms)
+    candidates += alone_after_all(inference, base, candidates, pairs, single_prior, forms)
     candidates += pairs
     free_form = _best_free(inference, base, free_found, candidates[0].log_evidence if candidates else 0.0)
     beside = _beside(inference, candidates, base, simulator.free_beside(), say)
@@ -204,72 +194,6 @@ def _begun_anew(inference: Inference, base: Fitted) -> tuple[Inference, Fitted]:
     if end is None or end.worth < base.worth + CONVERGED_GAIN:
         return inference, base
     return _based_anew(simulator, end.hypothesis, end, inference.spread)
-
-
-def _siblings(
-    inference: Inference,
-    simulator: Diagnosable,
-    base: Fitted,
-    candidates: Sequence[Candidate],
-    usable: Sequence[Effect],
-    scores: Screened,
-    gross: bool,
-) -> list[Candidate]:
-    """Other variants of the best effects: a score is one step's, and they are near to one another; where two effects are near to
-    one another, neither is told by the form that happened to be fitted.
-    """
-    order = sorted(candidates, key=lambda c: -c.log_evidence)
-    near = [c for c in order[:RIVALS] if c.log_evidence > max(CLEAR, order[0].log_evidence - WORTH_PAIRS_BELOW)]
-    others: dict[str, tuple[Effect, float]] = {}
-    done = {c.effects[0].label for c in candidates}
-    for best in near:
-        alike = [e for e in usable if e.name == best.names[0] and e.label not in done]
-        for by_label in (scores.seen, scores.paid):
-            for effect in sorted(alike, key=lambda e: -by_label[e.label])[:SIBLINGS]:
-                others[effect.label] = effect, best.log_prior
-    fitted = fit_all(inference, base, [(e,) for e, _ in others.values()], gross) if others else []
-    found = [Candidate(effects, f, f.worth - base.log_evidence, others[effects[0].label][1]) for effects, f in fitted]
-    # beside a large gap the base's scores say little of what tells forms apart: they are fitted from the best one's numbers, too
-    for best in near[:1] if order[0].log_evidence > GROSS else ():
-        starts = [
-            in_form(best.fitted.hypothesis, e)
-            for e in _forms_like(best.effects[0], [*usable, *simulator.forms(best.effects[0])])
-        ]
-        for one in fit_on(inference, starts, best.fitted.forces, SIBLINGS):
-            found.append(Candidate(one.hypothesis.effects, one, one.worth - base.log_evidence, best.log_prior))
-    return found
-
-
-def _forms_like(told: Effect, every: Sequence[Effect]) -> list[Effect]:
-    """Other forms of an effect that share numbers with it, and its states: a line with a law of its own has more."""
-    known = {p.name for p in told.parameters}
-    alike = [e for e in every if e.name == told.name and e.label != told.label]
-    alike = [e for e in alike if e.rules_line == told.rules_line and (e.law is None) == (told.law is None)]
-    return [e for e in alike if known.intersection(p.name for p in e.parameters)]
-
-
-def _alone_after_all(
-    inference: Inference,
-    base: Fitted,
-    singles: Sequence[Candidate],
-    pairs: Sequence[Candidate],
-    single_prior: float,
-    forms: dict[str, float],
-) -> list[Candidate]:
-    """Each effect of the best pair by itself, from the pair's numbers: a fit that another effect helped past a bend of its way may
-    do without it.
-    """
-    best = max(pairs, key=lambda c: c.weight, default=None)
-    if best is None or best.log_evidence < max(c.log_evidence for c in singles) + CLEAR:
-        return []
-    alone = [
-        only(best.fitted.hypothesis, e) for e in best.effects if e.law is not None or not best.fitted.hypothesis.lawful
-    ]
-    found = []
-    for one in fit_on(inference, alone, best.fitted.forces, len(alone)):
-        own = single_prior + forms.get(one.hypothesis.effects[0].name, 0.0)
-        found.append(Candidate(one.hypothesis.effects, one, one.worth - base.log_evidence, own))
-    return converged(inference, sorted(found, key=lambda c: -c.log_evidence), base) if found else []
 
 
 def _at_their_limit(inference: Inference, fitted: Fitted) -> bool:

@@ -479,8 +479,10 @@ class OwnSimulator(UsersSimulator):
         """Itself: the measurement's noise is as it was told."""
         return self
 
-    def unlike(self, base: Fitted) -> list[Hypothesis]:
-        """Effects that have hardly a slope where they are absent, begun where they are there."""
+    def unlike(self, base: Fitted, best: Effect | None = None) -> list[Hypothesis]:
+        """Effects that have hardly a slope where they are absent, begun where they are there; all of them at first."""
+        if best is not None:
+            return []
         found = []
         for effect in self.library:
             for numbers in self.missing[effect.name].begins:

@@ -15,7 +15,7 @@ from ..record.threads import one_thread
 from .effects import MOST_FASTER, Effect
 from .inference.apart import Apart, measurement
 from .inference.diagnosable import Diagnosable
-from .inference.engine import TWINS, Progress, ranked
+from .inference.engine import RUNS_AWAY, TWINS, Progress, ranked
 from .inference.evidence import CONVERGED_GAIN, Fitted, Inference
 from .inference.held_out import Shrink, none_left, shrink
 from .inference.noise import TIMES_S
@@ -148,7 +148,7 @@ def concluded(
     best = ranking.candidates[0] if verdict in NAMED else None
     say("where it lies, and how far it shrinks")
     place = where(inference, ranking, best)
-    rows, headline = _rows(inference, ranking, held, rng, best)
+    rows, headline, lost = _rows(inference, ranking, held, rng, best)
     twins = twins_of(ranking, best, simulator.symmetries(inference, ranking.base))
     names = [run.name for run in simulator.runs]
     say("the run that would tell most")
@@ -181,7 +181,7 @@ def concluded(
         noise=_noise(best.fitted if best is not None else ranking.base, simulator.force_scale),
         noise_without=_noise(ranking.base, simulator.force_scale),
         runs=names,
-        excluded=ranking.excluded,
+        excluded=ranking.excluded | lost,
         sentences=[],
     )
     nearest = ranking.for_unknown
@@ -243,18 +243,30 @@ def _rows(
     held: Sequence[int] | None,
     rng: np.random.Generator,
     best: Candidate | None,
-) -> tuple[list[RankedEffects], Shrink | None]:
+) -> tuple[list[RankedEffects], Shrink | None, dict[str, str]]:
+    """Rows, what the best does to the gap, and which effects' motions have run off: without one of the runs nothing holds them."""
     shown = ranking.candidates[:SHOWN]
     # one measure for all rows: the random forces that the first of them leaves
     forces = (best or shown[0]).fitted.forces if shown else None
-    gaps = inference.spread(
-        lambda pair: shrink(inference, ranking.base, pair[0].fitted, held, pair[1], forces),
-        list(zip(shown, rng.spawn(len(shown)), strict=True)),
-    )
+
+    def measured(pair: tuple[Candidate, np.random.Generator]) -> Shrink | None:
+        candidate, own_rng = pair
+        try:
+            return shrink(inference, ranking.base, candidate.fitted, held, own_rng, forces)
+        except np.linalg.LinAlgError:
+            if candidate is best:
+                raise
+            return None
+
+    gaps = inference.spread(measured, list(zip(shown, rng.spawn(len(shown)), strict=True)))
     rows: list[RankedEffects] = []
     headline: Shrink | None = None
+    lost: dict[str, str] = {}
     shares = zip(ranking.probabilities, ranking.named, strict=True)
     for candidate, (probability, named), gap in zip(shown, shares, gaps, strict=False):
+        if gap is None:
+            lost |= dict.fromkeys(candidate.names if len(candidate.names) == 1 else (), RUNS_AWAY)
+            continue
         if candidate is best:
             headline = gap
         rows.append(
@@ -275,7 +287,7 @@ def _rows(
                 cure=" ".join(e.cure for e in candidate.effects),
             )
         )
-    return rows, headline
+    return rows, headline, lost
 
 
 def _forms(ranking: Ranking, candidate: Candidate) -> dict[str, float]:

@@ -20,7 +20,7 @@ from towline.diagnose.gap import NAMED, Diagnosis, best_measurement, called, dia
 from towline.diagnose.inference.apart import Apart
 from towline.diagnose.inference.engine import RUNS_AWAY, extended
 from towline.diagnose.inference.evidence import LARGEST_SD, LARGEST_SHARE, Fitted, Inference, within
-from towline.diagnose.inference.held_out import removed_share, shrink, taken
+from towline.diagnose.inference.held_out import Shrink, removed_share, shrink, taken
 from towline.diagnose.inference.hypothesis import with_effects
 from towline.diagnose.inference.noise import TIMES_S
 from towline.diagnose.inference.ranking import P_UNKNOWN, Candidate, Ranking
@@ -249,6 +249,23 @@ def test_an_effect_whose_motion_runs_off_ends_no_diagnosis() -> None:
         assert (found.verdict, found.excluded["runaway"]) == (verdict, RUNS_AWAY)
         assert all("runaway" not in row.effects for row in found.ranking)
         assert verdict == "unknown" or found.ranking[0].effects == ["push"]
+
+
+def test_an_effect_whose_equations_have_no_solution_without_a_run_ends_no_diagnosis(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A motion that is about to run off: slopes cancel beyond all digits as soon as one run less holds it."""
+
+    def measured(inference: Inference, base: Fitted, best: Fitted, *others: Any) -> Shrink:
+        if best.hypothesis.effects[0].name == "bend":
+            raise np.linalg.LinAlgError("Singular matrix")
+        return shrink(inference, base, best, *others)
+
+    monkeypatch.setattr("towline.diagnose.gap.shrink", measured)
+    data = [n + SIZE_M * shape("push", f"run-{k}") for k, n in enumerate(white(4))]
+    found = diagnosed(campaign(data), [OTHER, PUSH], "test", {}, rng=np.random.default_rng(0)).file
+    assert (found.verdict, found.excluded) == ("effect", {"bend": RUNS_AWAY})
+    assert [row.effects for row in found.ranking] == [["push"]]
 
 
 def test_an_effect_in_another_form_is_named_and_something_else_is_not() -> None:

@@ -280,4 +280,4 @@ def _ranking(
     )
 
 
-__all__ = ["extended", "ranked"]
+__all__ = ["RUNS_AWAY", "extended", "ranked"]

@@ -35,6 +35,8 @@ NAMED: tuple[Verdict, ...] = ("effect", "form_not_exact")
 """Verdicts that say which effect is there."""
 SHOWN = 8
 """Rows of the ranking that are worked out in full."""
+RUN_OFF = 1e3
+"""What makes a gap so many times larger on runs kept aside follows none of them: its motion has run off."""
 HARDLY_D = 2.0
 """A next tow that is expected to tell less moves the odds by less than a factor of e: that is said."""
 LARGEST_D = 1000.0
@@ -252,11 +254,12 @@ def _rows(
     def measured(pair: tuple[Candidate, np.random.Generator]) -> Shrink | None:
         candidate, own_rng = pair
         try:
-            return shrink(inference, ranking.base, candidate.fitted, held, own_rng, forces)
+            found = shrink(inference, ranking.base, candidate.fitted, held, own_rng, forces)
         except np.linalg.LinAlgError:
             if candidate is best:
                 raise
             return None
+        return found if candidate is best or found.after < RUN_OFF * max(found.before, 1.0) else None
 
     gaps = inference.spread(measured, list(zip(shown, rng.spawn(len(shown)), strict=True)))
     rows: list[RankedEffects] = []

@@ -77,11 +77,13 @@ def from_the_best(
 
 
 def _forms_like(told: Effect, every: Sequence[Effect]) -> list[Effect]:
-    """Other forms of an effect that share numbers with it, and its states: a line with a law of its own has more."""
-    known = {p.name for p in told.parameters}
+    """Other forms of an effect that share numbers with it, and its states: a line with a law of its own has more. Numbers of what
+    was read off these runs (when an event came) are about that very event.
+    """
+    known = set[str]() if told.bound else {p.name for p in told.parameters}
     alike = [e for e in every if e.name == told.name and e.label != told.label]
     alike = [e for e in alike if e.rules_line == told.rules_line and (e.law is None) == (told.law is None)]
-    return [e for e in alike if known.intersection(p.name for p in e.parameters)]
+    return [e for e in alike if not e.bound and known.intersection(p.name for p in e.parameters)]
 
 
 def alone_after_all(

@@ -129,8 +129,9 @@ class TowSimulator(TowModel):
         Each from a hull like others, all its numbers by the motion, and from the base's hull with the law's first number so.
         """
         laws, pulleys = self._with(LAWS), self._with(PULLEYS)
-        asked = self._asks_for_laws(base) if best is None else best.name in {SLACK, *(law.name for law in laws)}
-        if not self._fields.surge.all() or not asked:
+        if not self._fields.surge.all() or any(np.isfinite(r.values[:, LINE]).sum() < LEAST_BLOCKS for r in self.runs):
+            return []  # nothing says how long the line is
+        if not (self._asks_for_laws(base) if best is None else best.name in {SLACK, *(law.name for law in laws)}):
             return []
         usual, here = lawful_hypotheses(self.runs, [*laws, *pulleys], [self.starts()[-1], base.hypothesis])
         found = [by_motion(self, h, self.shared_prior) for h in usual]
@@ -151,8 +152,6 @@ class TowSimulator(TowModel):
         return [law for law in laws if law.name not in self._without]
 
     def _asks_for_laws(self, base: Fitted) -> bool:
-        if any(np.isfinite(run.values[:, LINE]).sum() < LEAST_BLOCKS for run in self.runs):
-            return False  # nothing says how long the line is
         if not base.forces.follow(self.most_force):
             return True
         radii = [residual[:, LINE] for residual, _ in base.linear.rows]

@@ -12,7 +12,7 @@ from ..record.gap_file import GapFile, NextMeasurement, NextRun, RankedEffects, 
 from ..record.results import Measured
 from ..record.run import Run
 from ..record.threads import one_thread
-from .effects import MOST_FASTER, Effect
+from .effects import Effect, paced
 from .inference.apart import Apart, measurement
 from .inference.diagnosable import Diagnosable
 from .inference.engine import RUNS_AWAY, TWINS, Progress, ranked
@@ -323,7 +323,7 @@ def _lag_time(effect: Effect, found: dict[str, Measured]) -> Measured:
     faster = found.get(f"{effect.name}.faster")
     if faster is None:
         return Measured(value=effect.lag_s, std=0.4 * effect.lag_s)
-    pace = float(1 + np.clip(faster.value, -MOST_FASTER, MOST_FASTER))
+    pace = float(paced(faster.value))
     return Measured(value=effect.lag_s / pace, std=effect.lag_s * faster.std / pace**2)
 
 

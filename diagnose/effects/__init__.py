@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from .base import (
-    MOST_FASTER,
     SMALLEST_COSINE,
     STAGES,
     Effect,
@@ -14,6 +13,7 @@ from .base import (
     installed_effects,
     load_effects,
     on_line,
+    paced,
 )
 from .camera import (
     DECK,
@@ -126,7 +126,6 @@ __all__ = [
     "KEPT",
     "LAWS",
     "LIBRARY",
-    "MOST_FASTER",
     "PULLEYS",
     "SLACK",
     "SMALLEST_COSINE",
@@ -144,6 +143,7 @@ __all__ = [
     "load_effects",
     "offset_each",
     "on_line",
+    "paced",
     "rolled",
     "slack",
 ]

@@ -213,6 +213,16 @@ def along_the_run(s: Situation, straight: Any, bent: Any, twice: Any) -> Any:
     return straight * at + bent * (1.5 * at**2 - 0.5) + twice * (2.5 * at**3 - 1.5 * at)
 
 
+def paced(faster: Any) -> Any:
+    """By what a frequency is multiplied.
+
+    Parameters
+    ----------
+    faster : by how much it is higher, as a share, MOST_FASTER at most
+    """
+    return 1 + np.clip(faster, -MOST_FASTER, MOST_FASTER)
+
+
 def swinging(s: Situation, period_s: float, sine: Any, cosine: Any, faster: Any) -> Any:
     """What goes to and fro over a run, about once in a period.
 
@@ -223,7 +233,7 @@ def swinging(s: Situation, period_s: float, sine: Any, cosine: Any, faster: Any)
     sine, cosine : sizes
     faster : by how much its frequency is higher, as a share
     """
-    phase = 2 * np.pi / period_s * (1 + np.clip(faster, -MOST_FASTER, MOST_FASTER)) * s.t_s
+    phase = 2 * np.pi / period_s * paced(faster) * s.t_s
     return sine * np.sin(phase) + cosine * np.cos(phase)
 
 
@@ -255,7 +265,7 @@ class Late:
         held, v, r : states, sway velocity and yaw rate
         faster, damped : of the columns, by how much it is faster, as a share, and more damped
         """
-        pace = 1 + np.clip(faster, -MOST_FASTER, MOST_FASTER)
+        pace = paced(faster)
         if not self.damping:
             return [(v - held[0]) * pace / self.time_s, (r - held[1]) * pace / self.time_s]
         w = 2 * np.pi / self.time_s * pace

@@ -138,37 +138,27 @@ def fit_on(inference: Inference, starts: Sequence[Hypothesis], forces: Forces, c
     forces : random forces that each begins with
     count : how many are fitted in full
     """
-    begun = [one for h in starts for one in _fits(inference, [h], [forces], 0, None)]
-    best = sorted(begun, key=lambda f: -f.log_evidence)[:count]
-    ends = [one for f in best for one in _fits(inference, [f.hypothesis], [forces], REFIT_STEPS, (1,), f)]
-    return [end for end in ends if np.isfinite(end.worth)]
-
-
-def _fits(
-    inference: Inference,
-    hypotheses: Sequence[Hypothesis],
-    forces: Sequence[Forces],
-    steps: int,
-    turns: Sequence[int] | None,
-    begun: Fitted | None = None,
-) -> list[Fitted]:
-    """The fit, or none where it cannot even begin."""
-    try:
-        return list(inference.fit(hypotheses, forces, steps, turns, begun=() if begun is None else (begun,)))
-    except EstimationError:
-        return []
+    begun = [_each_fit(inference, [h], forces, 0, None)[0] for h in starts]
+    best = sorted((f for f in begun if f is not None), key=lambda f: -f.log_evidence)[:count]
+    ends = [_each_fit(inference, [f.hypothesis], forces, REFIT_STEPS, (1,), [f])[0] for f in best]
+    return [end for end in ends if end is not None and np.isfinite(end.worth)]
 
 
 def _each_fit(
-    inference: Inference, hypotheses: Sequence[Hypothesis], forces: Forces, steps: int, turns: Sequence[int]
+    inference: Inference,
+    hypotheses: Sequence[Hypothesis],
+    forces: Forces,
+    steps: int,
+    turns: Sequence[int] | None,
+    begun: Sequence[Fitted] = (),
 ) -> list[Fitted | None]:
     """Fits side by side; where one cannot even begin, each by itself, and None for such a one: it ends no diagnosis."""
     try:
-        return list(inference.fit(hypotheses, [forces] * len(hypotheses), steps, turns))
+        return list(inference.fit(hypotheses, [forces] * len(hypotheses), steps, turns, begun=begun))
     except EstimationError:
         if len(hypotheses) == 1:
             return [None]
-    return [_each_fit(inference, [h], forces, steps, turns)[0] for h in hypotheses]
+    return [_each_fit(inference, [h], forces, steps, turns, begun[k : k + 1])[0] for k, h in enumerate(hypotheses)]
 
 
 __all__ = [

@@ -148,8 +148,8 @@ class TowSimulator(TowModel):
         """Of a line with a law of its own, other laws of its name."""
         return [law for law in self._with((*LAWS, *PULLEYS)) if law.name == effect.name]
 
-    def _with(self, laws: Sequence[Effect]) -> list[Effect]:
-        return [law for law in laws if law.name not in self._without]
+    def _with(self, effects: Sequence[Effect]) -> list[Effect]:
+        return [effect for effect in effects if effect.name not in self._without]
 
     def _asks_for_laws(self, base: Fitted) -> bool:
         if not base.forces.follow(self.most_force):
@@ -238,7 +238,7 @@ class TowSimulator(TowModel):
             *((offset_each(len(self.runs)),) if len(self.runs) > 1 else ()),
             *(delay_effects(self.runs, self.node_s, self._taut(base.hypothesis)[0]) if self.celled else ()),
         )
-        return [effect for effect in found if effect.name not in self._without]
+        return self._with(found)
 
     def _swinging(self, h: Hypothesis) -> list[Swinging]:
         """How the runs swing as they were measured, on lines that keep their lengths."""

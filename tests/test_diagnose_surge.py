@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 from towline.blind.one_case import case_of
 from towline.blind.truth.folders import write_case
 from towline.diagnose.effects import LAWS, LIBRARY
-from towline.diagnose.effects.line import springing
+from towline.diagnose.effects.slack_line import springing
 from towline.diagnose.gap import Diagnosis, diagnosed
 from towline.diagnose.inference.evidence import CONVERGED_GAIN
 from towline.diagnose.inference.hypothesis import Hypothesis

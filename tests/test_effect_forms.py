@@ -10,7 +10,7 @@ import pytest
 
 from towline.diagnose.effects import LAWS, LIBRARY, Effect, Seen, Situation
 from towline.diagnose.effects.base import SWINGS_S, along_the_run, swinging
-from towline.diagnose.effects.line import STIFFEST_M_N, out_of_round
+from towline.diagnose.effects.line_laws import STIFFEST_M_N, out_of_round
 from towline.simulate import Hull, Start, Tow, simulate_full
 
 HULL, TOW = Hull(149.19, 62.11, -52.87, -66.33, -48.51, -57.60, speed_m_s=1.28), Tow(1.28, 0.91, 1.6, 3.96)

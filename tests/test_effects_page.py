@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from towline.diagnose.effects import LIBRARY, Effect, Parameter, slack
-from towline.diagnose.effects.line import springing
 from towline.diagnose.effects.page import effects_page, whole_library
+from towline.diagnose.effects.slack_line import springing
 
 SAGGING = Effect(
     "sagging_line",

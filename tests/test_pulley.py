@@ -11,7 +11,7 @@ from towline.blind.one_case import case_of
 from towline.blind.truth.cases import Case
 from towline.blind.truth.folders import write_case
 from towline.diagnose.effects import KEPT, LAWS, PULLEYS
-from towline.diagnose.effects.line import PULLEYS_M
+from towline.diagnose.effects.line_laws import PULLEYS_M
 from towline.diagnose.inference.evidence import Inference
 from towline.diagnose.inference.noise import Forces
 from towline.diagnose.tow.start import lawful_hypotheses

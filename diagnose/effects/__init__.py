@@ -61,17 +61,13 @@ from .line import (
     FRICTION_FORMS,
     KEPT,
     LAW,
-    LAWS,
     OFFSET,
     OFFSET_FORMS,
-    PULLEYS,
-    SLACK,
     TENSION,
-    Jerks,
-    jerked,
     offset_each,
-    slack,
 )
+from .line_laws import LAWS, PULLEYS
+from .slack_line import SLACK, Jerks, jerked, slack
 from .swing import rolled
 
 LIBRARY: tuple[Effect, ...] = (

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 from . import LAWS, LIBRARY, PULLEYS, slack
 from .base import Effect, Parameter
-from .line import PULLEYS_M, SURGING, springing
+from .line_laws import PULLEYS_M, SURGING
+from .slack_line import springing
 
 HEAD = """\
 # The library of effects

@@ -19,7 +19,8 @@ from scipy.optimize import minimize
 
 from ...simulate.model import Array
 from ..effects import Effect
-from ..effects.line import ELASTIC, springing
+from ..effects.line import ELASTIC
+from ..effects.slack_line import springing
 from .courses import by_run
 from .tow_run import TowRun
 

@@ -23,6 +23,7 @@ from ...record.tables import SEEN
 from ...simulate.model import Array
 from .cell import cell_means
 from .channels import LINE, PULL
+from .evened import evened
 from .lasting import as_distances_show
 from .slow import LINE_SD_M, SLOW_PX, SLOW_UNSEEN_PX, SlowErrors, lag_of
 from .still import StillNoise, still_noise
@@ -167,6 +168,7 @@ def _tow_run(recorded: Recorded, still: Sequence[StillNoise | None], step_s: flo
     data = run_data(run, motion, recorded.common)
     marks = None
     if tracks is not None and fit is not None:
+        tracks = evened(tracks)
         few = framed(run, without_lags(_few(tracks, step_s)), fit)
         marks = Marks(run, tracks, fit, few, _places_of(run, poses_of(run, few, fit.mapping.exact()))[0])
     series = _from_pixels(run, marks.tracks, marks.fit) if marks is not None else _from_motion(run, data, motion)

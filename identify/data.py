@@ -343,9 +343,13 @@ def stated_covariance(rows: pd.DataFrame) -> tuple[Array, bool]:
 
 
 def common_key(run: Run) -> str:
-    """The same for runs that share camera, datum and markers, and with them the camera's common errors."""
+    """The same for runs that share camera, datum and marks, and with them the camera's common errors.
+
+    Where a mark is first seen, and how it looks, is the recording's own: it changes no place in the tank.
+    """
     file = run.file
-    return sha256_of_texts(repr(file.camera), repr(file.datum), repr(file.marker), *_second_camera(run))
+    marks = [(m.name, m.body_m, m.depth_m, m.on) for m in file.marker]
+    return sha256_of_texts(repr(file.camera), repr(file.datum), repr(marks), *_second_camera(run))
 
 
 def lag_key(run: Run) -> str:

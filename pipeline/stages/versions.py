@@ -13,7 +13,7 @@ from ...__version__ import __version__
 from ...record.run import Run
 
 Stage = Literal["tracks", "static", "motion", "cameras", "fit"]
-VERSIONS: dict[Stage, int] = {"tracks": 8, "static": 1, "motion": 4, "cameras": 8, "fit": 1}
+VERSIONS: dict[Stage, int] = {"tracks": 8, "static": 1, "motion": 4, "cameras": 8, "fit": 2}
 """Raised by one where a stage's results change. What a stage rests on is in its stamp: motion holds the version of tracks too."""
 RESTS_ON: dict[Stage, tuple[Stage, ...]] = {
     "tracks": ("tracks",),

@@ -57,18 +57,27 @@ def test_a_fault_moves_means_as_it_moves_their_frames(cases: ModuleType, seed: i
 
 
 def test_only_what_changes_from_frame_to_frame_is_taken_out() -> None:
-    """A mark that fades counts less and less, one that was hardly seen in a frame hardly counts there, a lost one stays lost."""
+    """A mark that fades counts less and less, one that was hardly seen in a frame hardly counts there, a lost one stays lost, and
+    how noisy a frame is as a whole stays its own.
+    """
     n = 500
-    fading = np.linspace(0.03, 0.12, n)
-    rows = pd.DataFrame({"frame": np.arange(n), "t_s": np.arange(n) / 25, "marker": "bow", "status": "measured"})
-    rows["sigma_u_px"] = rows["sigma_v_px"] = fading
+    level, fading = np.exp(0.3 * np.random.default_rng(45).normal(size=n)), np.linspace(1.0, 3.0, n)
+    marks = {"bow": 0.03 * level * fading, "stern": 0.03 * level}
+    rows = pd.concat(
+        pd.DataFrame({"frame": np.arange(n), "t_s": np.arange(n) / 25, "marker": name, "status": "measured"}).assign(
+            sigma_u_px=sigma, sigma_v_px=sigma
+        )
+        for name, sigma in marks.items()
+    ).reset_index(drop=True)
     rows.loc[100, ["sigma_u_px", "sigma_v_px"]] = 1.0
     rows.loc[200, "status"], rows.loc[200, ["sigma_u_px", "sigma_v_px"]] = "lost", np.nan
     even = evened(rows.sample(frac=1, random_state=1)).sort_index()
-    assert even.loc[100, "sigma_u_px"] == 1.0
+    assert even.loc[100, "sigma_u_px"] == pytest.approx(1.0, rel=1e-12)
     assert np.isnan(even.loc[200, "sigma_u_px"])
-    usual = even.drop(index=[100, 200])
-    half_s = 50 * (fading[1] - fading[0])  # at the ends half a median is there
-    assert np.abs(usual["sigma_u_px"] - fading[usual.index]).max() <= half_s
+    bow, stern = (even[even["marker"] == name]["sigma_u_px"].to_numpy() for name in marks)
+    usual = np.delete(np.arange(n), [100, 200])
+    np.testing.assert_allclose((bow * stern)[usual], (marks["bow"] * marks["stern"])[usual], rtol=1e-12)
+    half = 51 * (fading[1] - fading[0])  # at the ends half a median is there
+    assert np.abs(bow / stern - fading)[usual].max() <= half
     kept = [name for name in rows if name not in ("sigma_u_px", "sigma_v_px")]
     pd.testing.assert_frame_equal(even[kept], rows[kept])

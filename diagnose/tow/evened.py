@@ -1,4 +1,4 @@
-"""Marks' sigmas that change evenly: how much each of two marks counts is then the same in the frames of a mean.
+"""Marks' sigmas whose shares change evenly: how much each mark counts beside the others is then the same in the frames of a mean.
 
 Where a camera's fault puts the marks millimetres nearer together or further apart than they are, that difference goes to one or the
 other as their sigmas say. A film's sigmas change from frame to frame by a tenth; in a few frames to a mean, by which faults are
@@ -15,12 +15,12 @@ from ...record.tables import SEEN
 EVEN_S = 4.0
 """A running median of so long: of 100 frames it is even to half a percent."""
 UNUSUAL = 2.0
-"""A frame whose sigma is so many times the usual one keeps it: there the mark was hardly seen."""
+"""A frame in which a mark's share is so many times the usual one, or less by as much, stays as it is: a mark was hardly seen."""
 SIGMAS = ["sigma_u_px", "sigma_v_px"]
 
 
 def evened(tracks: pd.DataFrame) -> pd.DataFrame:
-    """Tracks whose sigmas are the running median of each mark's.
+    """Tracks whose marks have in every frame the shares of its sigmas that they usually have about then.
 
     Parameters
     ----------
@@ -28,21 +28,31 @@ def evened(tracks: pd.DataFrame) -> pd.DataFrame:
 
     Returns
     -------
-    the same rows; nothing but the sigmas (px) is changed, and only of marks that were seen, where there is one
+    the same rows; nothing but the sigmas (px) is changed, their geometric mean in a frame is not
 
     Examples
     --------
-    >>> rows = pd.DataFrame({"frame": range(5), "t_s": 0.04 * np.arange(5), "marker": "bow", "status": "measured"})
-    >>> rows["sigma_u_px"] = rows["sigma_v_px"] = [0.031, 0.028, 0.5, 0.03, 0.029]
-    >>> evened(rows)["sigma_u_px"].tolist()
-    [0.03, 0.03, 0.5, 0.03, 0.03]
+    >>> rows = pd.DataFrame({"frame": [0, 0, 1, 1, 2, 2], "t_s": [0, 0, 0.04, 0.04, 0.08, 0.08], "status": "measured"})
+    >>> rows["marker"] = ["bow", "stern"] * 3
+    >>> rows["sigma_u_px"] = rows["sigma_v_px"] = [0.03, 0.03, 0.033, 0.027, 0.06, 0.06]
+    >>> evened(rows)["sigma_u_px"].round(4).tolist()
+    [0.03, 0.03, 0.0298, 0.0298, 0.06, 0.06]
     """
+    seen = tracks["status"].isin(SEEN) & (tracks[SIGMAS] > 0).all(axis=1)
+    rows = tracks[seen].set_index(["frame", "marker"])
+    own = np.log(rows[SIGMAS]).unstack("marker").sort_index()
+    if len(own) < 2:
+        return tracks.copy()
+    level = own.mean(axis=1)
+    share = own.sub(level, axis=0)
+    apart_s = float(np.median(np.diff(rows["t_s"].groupby("frame").first().sort_index())))
+    frames = max(int(EVEN_S / apart_s), 1) if apart_s > 0 else 1
+    usual = share.rolling(frames, center=True, min_periods=1).median().where(own.notna())
+    usual = usual.sub(usual.mean(axis=1), axis=0)
+    as_usual = (share - usual).abs().max(axis=1) <= np.log(UNUSUAL)
+    even = np.exp(own.where(~as_usual, usual.add(level, axis=0))).stack("marker", future_stack=True)
     answer = tracks.copy()
-    for _, rows in tracks[tracks["status"].isin(SEEN)].sort_values("frame").groupby("marker"):
-        apart_s = float(np.median(np.diff(rows["t_s"]))) if len(rows) > 1 else 0.0
-        frames = max(int(EVEN_S / apart_s), 1) if apart_s > 0 else 1
-        usual = rows[SIGMAS].rolling(frames, center=True, min_periods=1).median()
-        answer.loc[rows.index, SIGMAS] = usual.where(rows[SIGMAS] <= UNUSUAL * usual, rows[SIGMAS])
+    answer.loc[seen, SIGMAS] = even.loc[rows.index, SIGMAS].to_numpy()
     return answer
 
 

@@ -7,6 +7,8 @@ tried, that is tenths of a millimetre of the model's place, as large as what tel
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 
@@ -40,12 +42,13 @@ def evened(tracks: pd.DataFrame) -> pd.DataFrame:
     """
     seen = tracks["status"].isin(SEEN) & (tracks[SIGMAS] > 0).all(axis=1)
     rows = tracks[seen].set_index(["frame", "marker"])
-    own = np.log(rows[SIGMAS]).unstack("marker").sort_index()
+    own: Any = pd.DataFrame(np.log(rows[SIGMAS].to_numpy()), rows.index, SIGMAS).unstack("marker").sort_index()
     if len(own) < 2:
         return tracks.copy()
     level = own.mean(axis=1)
     share = own.sub(level, axis=0)
-    apart_s = float(np.median(np.diff(rows["t_s"].groupby("frame").first().sort_index())))
+    times_s: Any = np.unique(rows["t_s"])
+    apart_s = float(np.median(np.diff(times_s)))
     frames = max(int(EVEN_S / apart_s), 1) if apart_s > 0 else 1
     usual = share.rolling(frames, center=True, min_periods=1).median().where(own.notna())
     usual = usual.sub(usual.mean(axis=1), axis=0)

@@ -23,13 +23,12 @@ from typing import Any
 
 from towline.blind.judge import TOLD_APART
 from towline.blind.scores import interval
+from towline.diagnose.gap import NAMED
 from towline.pipeline.diagnosing import diagnose_folders
 from towline.pipeline.executor.processes import THREADS, in_parallel
 from towline.record.errors import TowlineError
 from towline.record.files import write_text
 
-NAMED = ("effect", "form_not_exact")
-"""Verdicts that name something."""
 ROUNDS = 3
 """So many more effects (or pairs of them) are left out for leaving nothing over."""
 MOST = 0.5

@@ -184,6 +184,18 @@ def test_a_next_runs_distance_grows_with_the_square_and_falls_with_what_is_not_k
     assert vague > nothing > 0.01 * sure  # the square of a velocity is no straight line, whatever its slope
 
 
+def test_a_fit_that_ran_off_proposes_no_next_run(model) -> None:
+    """A weight that pays out, without the weight: what its last step says of the derivatives is no spread, and had ended it all."""
+    tow_model, hypothesis = model
+    engine: Any = SimpleNamespace(simulator=TowSimulator(tow_model.runs))
+    spread = np.diag((0.01 * hypothesis.shared) ** 2)
+    spread[0, 0] *= -1
+    ran_off: Any = SimpleNamespace(
+        hypothesis=hypothesis, forces=Forces(1e-6, 1e-6, 1), solved=SimpleNamespace(covariance=spread)
+    )
+    assert next_run(engine, ran_off, ran_off) is None
+
+
 def test_noise_is_whitened(model) -> None:
     """Draws from the stated covariance come out white: mean square 1 within 5 standard errors."""
     tow_model, hypothesis = model

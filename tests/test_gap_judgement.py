@@ -15,6 +15,7 @@ from linear_fits import NONE, fitted
 from scipy.optimize import minimize
 
 from towline.diagnose.effects import LIBRARY, Effect, Parameter
+from towline.diagnose.effects.camera import EXACT
 from towline.diagnose.effects.hull import CURRENT
 from towline.diagnose.gap import NAMED, Diagnosis, best_measurement, called, diagnosed, rests_on, rival_of, twins_of
 from towline.diagnose.inference.apart import Apart
@@ -288,14 +289,24 @@ def test_an_effect_in_another_form_is_named_and_something_else_is_not() -> None:
     assert found.verdict == "unknown"
 
 
-@pytest.mark.parametrize(("pushed", "named"), [(0.0, {"bend"}), (1.0, {"bend", "push"}), (3.0, {"bend", "push"})])
-def test_two_effects_are_named_though_one_has_another_form(pushed: float, named: set[str]) -> None:
+@pytest.mark.parametrize(
+    ("pushed", "form", "named"),
+    [
+        (0.0, PUSH.form, {"bend"}),
+        (1.0, PUSH.form, {"bend", "push"}),
+        (3.0, PUSH.form, {"bend", "push"}),
+        (0.0, EXACT, {"bend"}),
+        (3.0, EXACT, {"bend", "push"}),
+    ],
+)
+def test_two_effects_are_named_though_one_has_another_form(pushed: float, form: float, named: set[str]) -> None:
     """Beside a bend with a ripple something is left whatever else there is: a push of one run is named where there was one, with
-    most of the probability, and is not where the ripple alone is left.
+    most of the probability, and is not where the ripple alone is left. Nor need both be of a kind that comes in other forms.
     """
     both = [n + SIZE_M * (3 * shape("bend", "") + 0.5 * np.sin(3.1 * T_S)) for n in white(5)]
     both[1] = both[1] + pushed * SIZE_M * WAVE
-    found = diagnosed(campaign(both), [PUSH, OTHER], "test", {}, rng=np.random.default_rng(0)).file
+    push = replace(PUSH, form=form)
+    found = diagnosed(campaign(both), [push, OTHER], "test", {}, rng=np.random.default_rng(0)).file
     assert (found.verdict, set(found.ranking[0].effects)) == ("form_not_exact", named)
     assert found.ranking[0].probability + found.ranking[0].probability_inexact > 0.5
 

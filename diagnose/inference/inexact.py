@@ -32,7 +32,7 @@ UNSURE = 0.1
 """Share to which static records of some seconds tell the noise's variance: a choice."""
 LEAST_FORM = 0.01
 """Effects whose own form leaves less than this over are in no other form: geometry is exact, and a course that was read off the
-residual takes whatever there is.
+residual takes whatever there is. (A pair may be, if one of its effects may.)
 """
 STILL_MOVING = 0.01
 """Of its log evidence: a fit whose next step promises more is not at its end, and what it takes of a gap is not known."""
@@ -171,6 +171,15 @@ def share_of(inference: Inference, ranking: Ranking, candidate: Candidate) -> fl
     return 0.5 * (taken(before, after, min(least, 1.0)) + candidate.log_evidence / whole)
 
 
+def _may_differ(candidate: Candidate) -> bool:
+    """Whether a candidate may be in another form: of a pair one effect may be exact, as a height of a mark beside a tow point that
+    slips; but what was read off the residual, and leaves something over, is not what is there.
+    """
+    forms = [e.form for e in candidate.effects]
+    read_off = [e.form for e in candidate.effects if e.bound]
+    return max(forms) >= LEAST_FORM and min(read_off, default=1.0) >= LEAST_FORM
+
+
 def _looked_at(candidates: tuple[Candidate, ...]) -> list[tuple[float, list[list[int]]]]:
     """Orders in which candidates take their parts, with their probabilities; those that share a part stand together.
 
@@ -180,7 +189,7 @@ def _looked_at(candidates: tuple[Candidate, ...]) -> list[tuple[float, list[list
     formed = [
         k
         for k, c in enumerate(candidates)
-        if min(e.form for e in c.effects) >= LEAST_FORM and c.fitted.promised < STILL_MOVING * max(c.log_evidence, 0.0)
+        if _may_differ(c) and c.fitted.promised < STILL_MOVING * max(c.log_evidence, 0.0)
     ]
     order = sorted(formed, key=lambda k: -candidates[k].log_evidence)
     first, *others = [[k] for k in order if len(candidates[k].effects) == 1] or [[]]

@@ -23,10 +23,12 @@ class Screened:
 
     Attributes
     ----------
+    beside : over the base with the first share, which is all of them if not said otherwise
     seen : over the base with the same share: what is large stands out, noise taken for an effect, too
     paid : over the base as it is: what a smaller share costs the base is taken off
     """
 
+    beside: dict[str, float]
     seen: dict[str, float]
     paid: dict[str, float]
 
@@ -50,8 +52,9 @@ def screened(
         alike.setdefault(form_of(effect), []).append(effect)
     groups = list(alike.values())
     halves = [groups[k::2] for k in range(min(2, len(groups)))]
-    answer = Screened({}, {})
+    answer = Screened({}, {}, {})
     for part in inference.spread(lambda half: _scores(inference, base, half, shares), halves):
+        answer.beside.update(part.beside)
         answer.seen.update(part.seen)
         answer.paid.update(part.paid)
     return answer
@@ -65,6 +68,7 @@ def _scores(
     linear = inference.linear([with_effects(here, firsts)])[0]
     grams = Grams(linear.columns, inference.noise)
     fixed = inference.fixed(here) + here.size
+    beside: dict[str, float] = {}
     seen: dict[str, float] = {}
     paid: dict[str, float] = {}
     # an effect's own prior stands in its score; what was measured of it is data
@@ -85,9 +89,10 @@ def _scores(
             pull = right[own] - cross @ right[:fixed]
             for effect in group:
                 value = _score(effect, left, pull)
+                beside.setdefault(effect.label, value)
                 seen[effect.label] = max(seen.get(effect.label, -np.inf), value)
                 paid[effect.label] = max(paid.get(effect.label, -np.inf), value + cost)
-    return Screened(seen, paid)
+    return Screened(beside, seen, paid)
 
 
 def _alone(inference: Inference, base: Fitted, share: float) -> float:

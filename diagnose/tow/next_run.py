@@ -60,6 +60,10 @@ def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | No
     inference : of the runs made
     first : the best hypothesis, fitted
     second : the next one
+
+    Returns
+    -------
+    design : or None, where none of them is a tow, or where the first has run off: what it says of the derivatives is no spread
     """
     model = inference.simulator
     if not isinstance(model, TowSimulator):
@@ -69,7 +73,9 @@ def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | No
     trial = TowModel(runs, model.speed_m_s, model.shared_names, model.hull)
     count = len(model.shared_names)
     one, two = (_taken_over(f.hypothesis, settings) for f in (first, second))
+    spread = first.solved.covariance[:count, :count]
     try:
+        known = np.linalg.cholesky(spread + 1e-12 * np.diag(np.diag(spread)))
         begun = [trial.begun(_without_camera(h)) for h in (one, two)]
         linear = trial.linear(begun)
     except (FloatingPointError, np.linalg.LinAlgError):
@@ -91,8 +97,6 @@ def next_run(inference: Inference, first: Fitted, second: Fitted) -> Design | No
         n = 2 * len(pattern.centre_s)
         white, own, shared = white[:n], j[:n, count : count + len(OWN)], j[:n, :count]
         # the new run's own numbers are fitted to it, the derivatives as far as they are not known
-        spread = first.solved.covariance[:count, :count]
-        known = np.linalg.cholesky(spread + 1e-12 * np.diag(np.diag(spread)))
         columns = np.concatenate([own * own_sd[index], shared @ known], axis=1)
         distance = distance_left(white, columns)
         if best is None or distance > best.distance:

@@ -22,6 +22,7 @@ from ..geometry.mapping import ProjectiveMapping
 from ..geometry.motion import invariants, motion_from_tracks
 from ..geometry.poses import Poses, poses_from_tracks, without_lags
 from ..identify import RunData, fit_runs, run_data
+from ..identify.data import common_key
 from ..identify.joint.begin import knows_full_only
 from ..identify.tension import GaugeCheck, tension_from_motion
 from ..record.cameras_file import CamerasFile
@@ -109,9 +110,7 @@ def set_ups(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[tuple[s
     """
     groups: dict[str, list[int]] = {}
     for index, run in enumerate(runs):
-        file = run.file
-        key = repr((file.camera, file.datum, [m.model_copy(update={"seen_at_px": None}) for m in file.marker]))
-        groups.setdefault(key, []).append(index)
+        groups.setdefault(common_key(run), []).append(index)
     return [
         ("check" if len(groups) == 1 else f"check-{number}", [runs[i] for i in group], [tables[i] for i in group])
         for number, group in enumerate(groups.values(), 1)

@@ -6,9 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from towline.identify import fit_runs, run_data
+from towline.pipeline.checking import set_ups
 from towline.pipeline.stages import RunMotion, compute_run_motion
 from towline.record import Run, read_run
 
@@ -39,6 +41,16 @@ def test_where_marks_are_first_seen_and_how_they_look_is_no_other_camera(tows: l
         for k, ((run, m), look) in enumerate(zip(tows, ("led", "disc"), strict=True))
     ]
     np.testing.assert_array_equal(variances(hinted), variances(tows))
+
+
+def test_runs_of_one_camera_are_checked_together(tows: list[tuple[Run, RunMotion]]) -> None:
+    """However their marks look: what is wrong with the camera shows in all of them."""
+    first, other = (run for run, _ in tows)
+    tables = [pd.DataFrame(), pd.DataFrame()]
+    (together,) = set_ups([first, marked(other, look="disc", seen_at_px=(400.0, 30.0))], tables)
+    assert (together[0], len(together[1]), len(together[2])) == ("check", 2, 2)
+    apart = set_ups([first, marked(other, depth_m=first.file.marker[0].depth_m + 0.01)], tables)
+    assert [stem for stem, *_ in apart] == ["check-1", "check-2"]
 
 
 def test_marks_at_another_depth_are_another_mapping(tows: list[tuple[Run, RunMotion]]) -> None:

@@ -23,7 +23,7 @@ class Screened:
 
     Attributes
     ----------
-    beside : over the base with the first share, which is all of them if not said otherwise
+    beside : over the base with the first share of them: all of its random forces, if not said otherwise
     seen : over the base with the same share: what is large stands out, noise taken for an effect, too
     paid : over the base as it is: what a smaller share costs the base is taken off
     """

@@ -11,10 +11,10 @@ from typing import Any, NoReturn
 
 from ..__version__ import __version__
 from ..pipeline.executor.memory import reserve, too_little
-from ..record.names import take_any_name
+from ..record.names import lines_joined, take_any_name
 from .commands import modules
 from .common import EXIT_ERROR, EXIT_INTERRUPTED, EXIT_USAGE
-from .outcome import Outcome, no_memory, one_line
+from .outcome import Outcome, no_memory
 
 JSON_HELP = "say the result as one JSON object on standard output, and nothing else there (docs/commands.md)"
 LONGEST = 300
@@ -96,7 +96,7 @@ def _main(arguments: Sequence[str] | None) -> int:
         with outcome.speaking():
             code, error = _called(parser, options)
     except Exception as fault:  # the program's own; its traceback follows
-        outcome.close(EXIT_ERROR, f"{type(fault).__name__}: {one_line(str(fault))}")
+        outcome.close(EXIT_ERROR, f"{type(fault).__name__}: {lines_joined(str(fault))}")
         raise
     if error:
         print(f"towline: {'' if code == EXIT_INTERRUPTED else 'error: '}{error}", file=sys.stderr)
@@ -118,7 +118,7 @@ def _called(parser: argparse.ArgumentParser, options: argparse.Namespace) -> tup
     except ImportError as error:
         if options.debug:
             raise
-        return EXIT_ERROR, f"a package cannot be loaded: {one_line(str(_first_cause(error)))[:LONGEST]}"
+        return EXIT_ERROR, f"a package cannot be loaded: {lines_joined(str(_first_cause(error)))[:LONGEST]}"
     except (MemoryError, SystemError) as error:  # the second is what a library makes of the first
         if options.debug:
             raise
@@ -154,7 +154,7 @@ def _without_faults(options: argparse.Namespace) -> tuple[int, str | None]:
     except TowlineError as error:
         if options.debug:
             raise
-        return EXIT_ERROR, one_line(str(error))
+        return EXIT_ERROR, lines_joined(str(error))
 
 
 def command_parser() -> argparse.ArgumentParser:

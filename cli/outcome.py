@@ -12,7 +12,7 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from ..record.names import shown
+from ..record.names import lines_joined, shown
 
 
 class Outcome:
@@ -43,8 +43,8 @@ class Outcome:
     def fail(self, failed: Mapping[str, str]) -> None:
         """One line on standard error for each run that failed: folder or name -> why."""
         for name, why in failed.items():
-            self._failed[name] = one_line(why)
-            print(f"towline: failed: {name}: {one_line(why)}", file=sys.stderr)
+            self._failed[name] = lines_joined(why)
+            print(f"towline: failed: {name}: {lines_joined(why)}", file=sys.stderr)
 
     @contextmanager
     def speaking(self) -> Iterator[None]:
@@ -69,14 +69,9 @@ class Outcome:
         print(json.dumps(plain(found), allow_nan=False))
 
 
-def one_line(text: str) -> str:
-    """``text`` without its line breaks."""
-    return " ".join(text.split())
-
-
 def no_memory(error: Exception) -> str:
     """What a user reads where memory ran out."""
-    said = one_line(str(error))
+    said = lines_joined(str(error))
     return f"out of memory{f' ({said})' if said else ''}: fewer or shorter runs at once, or fewer --workers, take less"
 
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ..record.names import lines_joined
 from .common import (
     EXIT_ERROR,
     add_fit,
@@ -19,7 +20,6 @@ from .common import (
 )
 from .identify import fit_and_write, fit_free_and_write
 from .motion import motion_found, motion_line
-from .outcome import one_line
 from .steady import steady_and_write
 
 NAME = "run"
@@ -66,14 +66,14 @@ def call(options: argparse.Namespace) -> int:
             failed |= identified.result.failed
             fitted = identified.fitted
         except TowlineError as error:
-            problems.append(f"no derivatives: {one_line(str(error))}")
+            problems.append(f"no derivatives: {lines_joined(str(error))}")
     if len({m.run.tow.tow_point_m for m in settled}) > 1:
         try:
             steady = steady_and_write(options, Batch(settled, batch.failed), out)
             # a tow that is not steady may have served the derivatives
             failed |= {name: why for name, why in steady.failed.items() if name not in fitted}
         except TowlineError as error:
-            (remarks if identified is not None else problems).append(f"no neutral point: {one_line(str(error))}")
+            (remarks if identified is not None else problems).append(f"no neutral point: {lines_joined(str(error))}")
     elif settled and not tensioned:
         why = "the tows were at rest from their first frame" if has_tension(settled[0]) else "no tension is given"
         problems.append(f"no derivatives: {why}; no neutral point: steady tows at two or more tow points are needed")
@@ -85,7 +85,7 @@ def call(options: argparse.Namespace) -> int:
             failed |= free.result.failed
             fitted |= free.fitted
         except TowlineError as error:
-            problems.append(f"no derivatives from the free runs: {one_line(str(error))}")
+            problems.append(f"no derivatives from the free runs: {lines_joined(str(error))}")
     silent = [m.run.name for m in batch.runs if m.run.file.kind == "free" and not has_rudder(m)]
     if silent:
         remarks.append(

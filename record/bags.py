@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from .errors import InputError
 from .files import refusal
+from .names import lines_joined
 
 Array = NDArray[np.float64]
 Meant = Literal["output", "linear", "step"]
@@ -93,7 +94,7 @@ def bag_columns(path: Path, meant: Mapping[str, Meant], clock: str = "") -> dict
     except InputError:
         raise
     except Exception as error:  # of damaged bytes: whatever came of it
-        told = " ".join(str(error).split())[:120]
+        told = lines_joined(str(error))[:120]
         raise InputError(
             path, "", f"cannot be read as a recording of messages ({told or type(error).__name__})"
         ) from None

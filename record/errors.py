@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from .names import in_one_line
+from .names import in_one_line, lines_joined
 
 
 class TowlineError(Exception):
@@ -64,4 +64,4 @@ def solvable(error: type[TowlineError], words: str = "the record does not fix wh
     try:
         yield
     except (LinAlgError, ArithmeticError) as fault:
-        raise error(f"{words} ({' '.join(str(fault).split()) or type(fault).__name__})") from None
+        raise error(f"{words} ({lines_joined(str(fault)) or type(fault).__name__})") from None

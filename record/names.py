@@ -9,6 +9,8 @@ BYTES_SHOWN = "towline_bytes_shown"
 """The error handler (``errors=``) that does it."""
 UNSEEN = ("Cc", "Zl", "Zp")
 """Unicode's categories of control letters (a terminal obeys them) and of what ends a line."""
+TURNING = ("LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI")
+"""Its directions of letters that turn what follows around: with one in a name the rest of the line reads backwards."""
 
 
 def _shown_bytes(error: UnicodeError) -> tuple[str, int]:
@@ -34,13 +36,26 @@ def shown(text: str) -> str:
 
 
 def in_one_line(text: str) -> str:
-    """``text`` as ``shown``, with every control letter and line break written out as well: a name may hold any, and a message that
-    quotes it stays one line that steers no terminal.
+    """``text`` as ``shown``, with every control letter, line break and turn of direction written out as well: a name may hold any,
+    and a message that quotes it stays one line that steers no terminal and reads as it is.
 
     >>> print(in_one_line("t\\x0bow\\n"))
     t\\x0bow\\n
     """
-    return shown("".join(ascii(c)[1:-1] if unicodedata.category(c) in UNSEEN else c for c in text))
+    return shown("".join(ascii(c)[1:-1] if _unseen(c) else c for c in text))
+
+
+def lines_joined(text: str) -> str:
+    """``text`` ``in_one_line``, its line breaks and runs of blanks a blank each: a message in words.
+
+    >>> print(lines_joined("no space\\n  left"))
+    no space left
+    """
+    return in_one_line(" ".join(text.split()))
+
+
+def _unseen(letter: str) -> bool:
+    return unicodedata.category(letter) in UNSEEN or unicodedata.bidirectional(letter) in TURNING
 
 
 def take_any_name(*streams: object) -> None:
@@ -51,4 +66,4 @@ def take_any_name(*streams: object) -> None:
             reconfigure(errors=BYTES_SHOWN)
 
 
-__all__ = ["BYTES_SHOWN", "in_one_line", "shown", "take_any_name"]
+__all__ = ["BYTES_SHOWN", "in_one_line", "lines_joined", "shown", "take_any_name"]

@@ -349,6 +349,7 @@ def test_only_what_cannot_be_said_is_written_out() -> None:
     assert shown("\ud800") == r"\ud800"
     assert str(TowlineError(os.fsdecode(b"a\xff"))) == r"a\xff"
     assert str(TowlineError("Größe\x1b[2J\n船")) == r"Größe\x1b[2J\n船"
+    assert str(TowlineError("tow\u202efdp.\u2069 سفينة")) == r"tow\u202efdp.\u2069 سفينة"
 
 
 FORMULAS = ("=HYPERLINK(1)", "+1", "-2+3", "@SUM(A1)", "'=1", "''=1", "x;=1+1", "\t=1")

@@ -15,7 +15,7 @@ from ...record.campaigns import TRIM, Answer, Number
 from ...record.each import Each, in_turn
 from ...record.errors import TowlineError
 from ...record.files import JSON_BYTES, read_text, sha256_of_texts, write_text
-from ...record.names import shown
+from ...record.names import lines_joined
 from ...record.schema import Line
 
 if TYPE_CHECKING:
@@ -95,9 +95,9 @@ def _answered(job: str, name: str, work: Callable[[], Answer]) -> dict[str, Any]
     try:
         answer = work()
     except TowlineError as error:
-        answer = Answer(job, name, reason=_one_line(error))
+        answer = Answer(job, name, reason=lines_joined(str(error)))
     except Exception as error:  # a defect here must not cost the other runs
-        answer = Answer(job, name, reason=f"{type(error).__name__}: {_one_line(error)}")
+        answer = Answer(job, name, reason=f"{type(error).__name__}: {lines_joined(str(error))}")
     return asdict(answer)
 
 
@@ -283,10 +283,6 @@ def restored(plain: dict[str, Any]) -> Answer:
     """An answer from its plain form."""
     numbers = tuple((q, v, s, u) for q, v, s, u in plain["numbers"])
     return Answer(**{**plain, "numbers": numbers, "hull": tuple(plain["hull"]), "wrote": tuple(plain["wrote"])})
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(shown(str(error)).split())
 
 
 __all__ = ["Options", "fit_job", "restored", "run_job"]

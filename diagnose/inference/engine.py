@@ -94,10 +94,9 @@ def ranked(
     names = {e.name for e in usable}
     free = [*simulator.free_forms(standing_out(inference, base)), *simulator.one_off(inference, base)]
     scores = screened(inference, base, [*usable, *free])
-    singles = best_variants(scores.seen, usable, TRIED_SINGLE)
     # beside random forces most of what stands out is noise: what does not, may lie behind six that do
-    singles += [e for e in best_variants(scores.paid, usable, TRIED_PAID) if all(e is not one for one in singles)]
-    best_free = best_variants(scores.seen, free, 2)
+    singles = best_variants(usable, (scores.seen, TRIED_SINGLE), (scores.paid, TRIED_PAID))
+    best_free = best_variants(free, (scores.seen, 2))
     say("fitting " + ", ".join(dict.fromkeys(e.name for e in singles)))
     gross = max(scores.seen.values(), default=0.0) > GROSS
     starts = [] if base.forces.follow(simulator.most_force) else simulator.starts()
@@ -213,7 +212,7 @@ def _beside(
         if c.log_evidence < max(CLEAR, order[0].log_evidence - SCANNED_BELOW):
             continue
         scores = screened(inference, c.fitted, free).seen
-        best = [e for e in best_variants(scores, free, TRIED_FREE) if scores[e.label] > WORTH_PAIRS]
+        best = best_variants(free, (scores, TRIED_FREE), least=WORTH_PAIRS)
         if best:
             say(f"what {' and '.join(c.names)} leaves")
         gross = max((scores[e.label] for e in best), default=0.0) > GROSS

@@ -68,10 +68,9 @@ def pairs_on(
         rest = [e for e in seen.values() if e.name not in first.names and not (ruled and e.rules_line)]
         scores = screened(inference, first.fitted, rest)
         forms = of_forms(scores.beside, rest) | forms
-        second = [e for e in best_variants(scores.beside, rest, TRIED_PAIR) if scores.beside[e.label] > WORTH_PAIRS]
         # the first one's random forces have taken up part of what the second does
-        beneath = [e for e in best_variants(scores.seen, rest, TRIED_BENEATH) if scores.seen[e.label] > WORTH_PAIRS]
-        second += [e for e in beneath if all(e is not one for one in second)]
+        asked = (scores.beside, TRIED_PAIR), (scores.seen, TRIED_BENEATH)
+        second = best_variants(rest, *asked, least=WORTH_PAIRS)
         second = [e for e in second if frozenset((*first.names, e.name)) not in done]
         if not second:
             continue

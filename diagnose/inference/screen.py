@@ -132,21 +132,27 @@ def of_forms(scores: dict[str, float], effects: Sequence[Effect]) -> dict[str, f
     }
 
 
-def best_variants(scores: dict[str, float], effects: Sequence[Effect], count: int) -> list[Effect]:
-    """The best variant of each name, the best ``count`` names.
+def best_variants(
+    effects: Sequence[Effect], *asked: tuple[dict[str, float], int], least: float = -np.inf
+) -> list[Effect]:
+    """The best variant of each name, the best names of each that is ``asked``, none twice.
 
     Parameters
     ----------
-    scores : by the variants' labels
     effects : all variants
-    count : of names
+    asked : scores, by the variants' labels, and how many names
+    least : score that a variant must have
     """
-    best: dict[str, Effect] = {}
-    for effect in effects:
-        old = best.get(effect.name)
-        if old is None or scores[effect.label] > scores[old.label]:
-            best[effect.name] = effect
-    return sorted(best.values(), key=lambda e: -scores[e.label])[:count]
+    found: list[Effect] = []
+    for scores, count in asked:
+        best: dict[str, Effect] = {}
+        for effect in effects:
+            old = best.get(effect.name)
+            if old is None or scores[effect.label] > scores[old.label]:
+                best[effect.name] = effect
+        first = sorted(best.values(), key=lambda e: -scores[e.label])[:count]
+        found += [e for e in first if scores[e.label] >= least and all(e is not one for one in found)]
+    return found
 
 
 __all__ = ["Screened", "best_variants", "of_forms", "screened"]

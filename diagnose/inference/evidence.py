@@ -34,6 +34,8 @@ WIDE, NARROW = 0.7, 0.1
 """Its first steps, in logarithms of the sizes: of a search, and of one about what was found already."""
 SMALLER_TRIED, LEAST_TRIED = (1.0, 0.25, 0.06, 0.015), 3e-4
 """Where that search may begin: at these shares of the forces given, those below the second number (N or N m) left out."""
+UNSOLVED = 1e12
+"""What random forces cost beside which the normal equations have no solution, or one whose squares sum to less than nothing."""
 ALL_TIMES = tuple(range(len(TIMES_S)))
 GROUPS = 2
 """Hypotheses are fitted in so many groups, which may run at the same time."""
@@ -308,9 +310,11 @@ class Inference:
         def cost(logs: Array, time: int) -> float:
             forces = Forces(max(np.exp(logs[0]), SMALLEST), max(np.exp(logs[1]), SMALLEST), time)
             try:
-                return -self.solve(grams, h, forces).log_evidence - forces.log_prior(self.simulator.most_force)
+                solved = self.solve(grams, h, forces)
             except np.linalg.LinAlgError:
-                return 1e12
+                return UNSOLVED
+            cost = -solved.log_evidence - forces.log_prior(self.simulator.most_force)
+            return cost if solved.chi_square >= 0 and np.isfinite(cost) else UNSOLVED
 
         begun = np.log(np.minimum([first.side_n, first.moment_n_m], self.simulator.most_force))
         # an effect that explains much leaves far smaller forces than those it began with
@@ -407,7 +411,9 @@ class Inference:
                     estimate, fitted = True, self._one_fitted(linear, sizes[index], True, all_times, fitted.grams)
                 estimated[index] |= estimate
                 free = turn <= open_turns or estimate
-                if fitted is not None and (old is None or free or fitted.solved.here >= old.solved.here):
+                if fitted is not None and (
+                    old is None or (_as_sound(fitted, old) and (free or fitted.solved.here >= old.solved.here))
+                ):
                     answers[index], shares[index] = fitted, 1.0
                     sizes[index] = fitted.forces
                 else:
@@ -439,7 +445,8 @@ class Inference:
         answers = list(found)
         for k, noise in zip(near, self.spread(again, near), strict=True):
             if noise is not None:
-                answers[k] = self._fitted(found[k].linear, found[k].grams, *noise)
+                fitted = self._fitted(found[k].linear, found[k].grams, *noise)
+                answers[k] = fitted if _as_sound(fitted, found[k]) else found[k]
         return answers
 
     def _one_fitted(
@@ -504,6 +511,11 @@ class Inference:
             at += len(n)
         path = fitted.linear.slopes.moved(shared, own, effects)
         return replace(h, shared=h.shared + shared, own=h.own + own, numbers=tuple(numbers), path=path)
+
+
+def _as_sound(fitted: Fitted, old: Fitted) -> bool:
+    """Whether a fit has a log evidence, or the one before it had none either."""
+    return bool(np.isfinite(fitted.log_evidence) or not np.isfinite(old.log_evidence))
 
 
 def within(step: Array, covariance: Array, least: Array, most: Array) -> tuple[Array, float]:

@@ -118,9 +118,9 @@ def fit_all(
     found = [end for end in ends if end is not None]
     # an effect can be as good as none: a fit that ends far below the base has lost its way beside forces that are too small
     astray = [k for k, f in enumerate(found) if gross and f.worth < base.log_evidence - CONVERGED_GAIN]
-    again = inference.fit([hypotheses[k] for k in astray], [base.forces] * len(astray), REFIT_STEPS, (1,))
+    again = _each_fit(inference, [hypotheses[k] for k in astray], base.forces, REFIT_STEPS, (1,))
     for k, end in zip(astray, again, strict=True):
-        found[k] = max(found[k], end, key=lambda f: f.worth)
+        found[k] = found[k] if end is None else max(found[k], end, key=lambda f: f.worth)
     # a base that does not follow its runs has numbers that make up for what is missing: no place to begin from
     best = max([ahead, *(f.log_evidence for f in found)])
     for k, end in enumerate(ends_from(inference, starts, sets, best) if starts else ()):

@@ -115,7 +115,10 @@ def beside_smaller(inference: Inference, fitted: Fitted) -> Iterator[Beside]:
     alone = inference.solve(fitted.grams, fitted.hypothesis, fitted.forces).log_evidence
     for share in SHARES:
         forces = fitted.forces.scaled(share)
-        solved = inference.solve(fitted.grams, fitted.hypothesis, forces)
+        try:
+            solved = inference.solve(fitted.grams, fitted.hypothesis, forces)
+        except np.linalg.LinAlgError:
+            continue
         if not (np.diag(solved.covariance) > 0).all():
             continue
         yield Beside(inference, fitted, forces, solved, solved.log_evidence - alone)

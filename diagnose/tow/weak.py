@@ -38,7 +38,7 @@ FORCED = [2, 3, STATES + 1]
 def by_motion(
     model: TowModel, h: Hypothesis, prior: tuple[Array, Array] | None, first_only: bool = False
 ) -> Hypothesis:
-    """The hypothesis with shared and effects' numbers by which its path moves as it does.
+    """The hypothesis with shared and effects' numbers by which its path moves as it does; as it stands where they have no size.
 
     Parameters
     ----------
@@ -56,6 +56,8 @@ def by_motion(
     for _ in range(TURNS):
         # (windows, runs, states), and with every number
         left, change, width = _windows(model, h)
+        if not (np.isfinite(left).all() and np.isfinite(change).all()):
+            break
         change = np.concatenate([change[..., :count], change[..., change.shape[-1] - len(sd) :]], axis=-1)
         scale = MAD_TO_SD * np.median(np.abs(left), axis=(0, 1)) + SMALLEST
         rows, left = change / scale[:, None], left / scale

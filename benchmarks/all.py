@@ -90,7 +90,7 @@ TABLES = {
         "verdicts on their kept tracks",
     ),
     "blind": Table(
-        "-m towline blind {out}/blind --cases 600 --nulls 300 --seed 271144 --workers 2 --html", "blind/score.txt", 100,
+        "-m towline blind {out}/blind --cases 600 --nulls 300 --seed 271148 --workers 2 --html", "blind/score.txt", 100,
         "600 campaigns whose truth is sealed",
     ),
     "live": Table("benchmarks/live.py --seconds 60", "live.txt", 40, "towline live: sources, values, faults, when it is enough"),

@@ -1,4 +1,4 @@
-"""Runs that the simulator without effects follows by no motion of finite size: what is missing is named all the same."""
+"""Runs in which a fit or a start runs off beyond all numbers on the way: what is missing is named all the same."""
 
 from __future__ import annotations
 

@@ -1,3 +1,3 @@
 """The version: everybody's, so it stands by itself and imports nothing."""
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"

@@ -93,7 +93,8 @@ def test_the_thesis_needs_more_tension_at_low_speed(root: Path, shared: Path) ->
     """Frequencies at 0.5 m/s are 26-62 % above the simulator's with T falling as U^2 (theory.md 3).
 
     Near w^2 ~ T/L (8.9) that asks for 1.26^2 to 1.5^2 times the tension against derivatives that were fitted free; beside
-    derivatives held to 5 %, and a damping that goes with the frequency, the least of those.
+    derivatives held to 5 %, and a damping that goes with the frequency, the least of those. Whether anything is missing beside it
+    is not known of these records: every explanation that is left has to hold it.
     """
     fits, runs = (shared / "thesis" / name for name in ("table_8_6_mariner_fits.csv", "table_7_1_mariner_runs.csv"))
     if not fits.is_file():
@@ -101,7 +102,7 @@ def test_the_thesis_needs_more_tension_at_low_speed(root: Path, shared: Path) ->
     thesis = example(root, "thesis_gap")
     found = thesis.diagnose(fits, runs, thesis.mariner()).file
     assert found.ranking[0].effects == ["tension_at_low_speed"]
-    assert found.ranking[0].probability > 0.95
+    assert sum(row.probability for row in found.ranking if "tension_at_low_speed" in row.effects) > 0.95
     more = found.ranking[0].parameters["tension_at_low_speed.share"]
     assert 0.2 < more.value < 1.3
     # what no frequency can show is not named

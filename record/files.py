@@ -270,8 +270,9 @@ def write_array(path: str | Path, array: NDArray[Any]) -> None:
 
     content = io.BytesIO()
     np.save(content, array, allow_pickle=False)
+    # bytes, not a view of them: where an error held that, early versions of Python 3.12 crashed as they ended
     with replacing(path) as temporary:
-        temporary.write_bytes(content.getbuffer())
+        temporary.write_bytes(content.getvalue())
 
 
 # hashes --------------------------------------------------------------------------------------------------------------

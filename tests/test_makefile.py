@@ -15,8 +15,9 @@ pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="make is no
 
 
 def asked(root: Path, tmp_path: Path, *arguments: str) -> str:
-    """The commands that make would run, in an environment that is not there yet."""
-    clean = {name: value for name, value in os.environ.items() if not name.startswith("MAKE") and name != "TESTS"}
+    """The commands that make would run, in an environment that is not there yet; what another make was told is not for this one."""
+    told = ("TESTS", "KORNIA", "PYTHON", "VENV")
+    clean = {name: value for name, value in os.environ.items() if not name.startswith("MAKE") and name not in told}
     done = subprocess.run(
         ["make", "-n", f"VENV={tmp_path / 'venv'}", *arguments],
         cwd=root, env=clean, capture_output=True, text=True, check=True,

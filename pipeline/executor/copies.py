@@ -117,7 +117,7 @@ def _answer(there: Connection, work: Callable[[Item], Answer], items: Sequence[I
         answer = error
     buffer = io.BytesIO()
     _Pickler(buffer, known).dump(answer)
-    there.send_bytes(buffer.getbuffer())
+    there.send_bytes(buffer.getvalue())
 
 
 class _Pickler(pickle.Pickler):
